@@ -16,7 +16,7 @@ use oviduct::jobs::{Database, Store, open};
 use queue::{Costs, costs, fill_postgres, fill_sqlite, options};
 
 /// Measures a store in several rounds, and prints a row of the table.
-async fn measure(name: &str, rows: u64, rounds: usize, store: &dyn Store) {
+async fn measure(name: &str, rows: u64, rounds: usize, store: &Store) {
     let mut all: Vec<Costs> = Vec::new();
     for _ in 0..rounds {
         all.push(costs(store).await);
@@ -45,7 +45,7 @@ async fn run(longest: u64, rounds: usize) {
         database.migrate().await.expect("tables");
         fill_sqlite(&path, rows + taken).await;
         let store = database.open(options()).await.expect("a store");
-        measure("SQLite", rows, rounds, &*store).await;
+        measure("SQLite", rows, rounds, &store).await;
         store.close().await;
     }
     let cluster = Cluster::shared();
@@ -54,7 +54,7 @@ async fn run(longest: u64, rounds: usize) {
         let store = open(&url, options()).await.expect("a store");
         cluster.psql(&url, &fill_postgres(rows + taken));
         cluster.psql(&url, "ANALYZE");
-        measure("PostgreSQL", rows, rounds, &*store).await;
+        measure("PostgreSQL", rows, rounds, &store).await;
         store.close().await;
     }
 }

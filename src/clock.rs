@@ -4,8 +4,9 @@
 
 pub use oviduct_engine::clock::Stopwatch;
 
+use crate::lock::Mutex;
 use jiff::Timestamp;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::Duration;
 
 /// A source of wall-clock time.
@@ -31,14 +32,14 @@ impl Clock {
         match self {
             #[expect(clippy::disallowed_methods, reason = "the one place that reads the wall clock")]
             Self::System => Timestamp::now(),
-            Self::Manual(at) => *at.lock().unwrap_or_else(std::sync::PoisonError::into_inner),
+            Self::Manual(at) => *at.lock(),
         }
     }
 
     /// Advances a manual clock; has no effect on the system clock.
     pub fn advance(&self, by: Duration) {
         if let Self::Manual(at) = self {
-            let mut at = at.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            let mut at = at.lock();
             *at = at.saturating_add(by).unwrap_or(Timestamp::MAX);
         }
     }

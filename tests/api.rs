@@ -7,8 +7,6 @@ mod api {
     mod app;
     mod bad_input;
     mod batches;
-    #[path = "../common/between.rs"]
-    mod between;
     mod browser;
     mod bulk;
     mod course;

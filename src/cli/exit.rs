@@ -1,5 +1,6 @@
 //! Results of commands: exit codes, and messages on stderr.
 
+use crate::jobs::with_causes;
 use std::process::ExitCode;
 
 /// Why a command failed.
@@ -29,7 +30,7 @@ impl Failure {
         match self {
             Self::Usage(lines) => (2, lines.iter().map(|line| format!("error: {line}")).collect()),
             Self::Failed(error) if is_broken_pipe(error) => (0, Vec::new()),
-            Self::Failed(error) => (1, vec![format!("error: {error:#}")]),
+            Self::Failed(error) => (1, vec![format!("error: {}", with_causes(&**error))]),
             Self::Negative => (1, Vec::new()),
             Self::Interrupted => (130, vec!["interrupted".to_owned()]),
         }

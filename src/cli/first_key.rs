@@ -8,7 +8,7 @@ use anyhow::Context;
 ///
 /// # Errors
 /// If the store fails.
-pub(super) async fn make(store: &dyn Store) -> anyhow::Result<Option<Secret>> {
+pub(super) async fn make(store: &Store) -> anyhow::Result<Option<Secret>> {
     let secret = Secret::generate();
     let new = NewKey {
         prefix: secret.prefix().to_owned(),

@@ -11,7 +11,6 @@ use crate::jobs::{Quota, Store, StoreError};
 use anyhow::Context;
 use jiff::{SignedDuration, Timestamp};
 use serde_json::{Value, json};
-use std::sync::Arc;
 use std::time::Duration;
 
 pub(super) async fn run(keys: Keys) -> Ended {
@@ -23,19 +22,19 @@ pub(super) async fn run(keys: Keys) -> Ended {
     }
 }
 
-async fn open(args: &DatabaseArgs) -> Result<Arc<dyn Store>, Failure> {
+async fn open(args: &DatabaseArgs) -> Result<Store, Failure> {
     let database = database(args)?;
     let opened = database.open_for_keys().await;
     Ok(opened.with_context(|| format!("the job store {} could not be opened", location(&database)))?)
 }
 
-async fn read(store: &dyn Store) -> Result<(Timestamp, Vec<Key>), Failure> {
+async fn read(store: &Store) -> Result<(Timestamp, Vec<Key>), Failure> {
     Ok(store.keys().await.context("the keys could not be read")?)
 }
 
 async fn add(args: KeysAddArgs) -> Ended {
     let store = open(&args.database).await?;
-    let (now, _) = read(&*store).await?;
+    let (now, _) = read(&store).await?;
     let secret = Secret::generate();
     let life = args.expires.map(|life| SignedDuration::try_from(life).ok().and_then(|life| now.checked_add(life).ok()));
     if life == Some(None) {
@@ -73,7 +72,7 @@ fn show(secret: &Secret, key: &Key, as_json: bool) -> Ended {
 
 async fn list(args: KeysListArgs) -> Ended {
     let store = open(&args.database).await?;
-    let (now, keys) = read(&*store).await?;
+    let (now, keys) = read(&store).await?;
     store.close().await;
     if args.json {
         let keys: Vec<Value> = keys.iter().map(|key| described(key, state(key, now))).collect();
@@ -127,7 +126,7 @@ fn described(key: &Key, state: &str) -> Value {
 }
 
 /// The key of this prefix. A whole key is accepted too, since that is what people have at hand.
-async fn find(store: &dyn Store, text: &str) -> Result<(Timestamp, Key), Failure> {
+async fn find(store: &Store, text: &str) -> Result<(Timestamp, Key), Failure> {
     let (now, keys) = read(store).await?;
     let secret = Secret::parse(text).ok();
     let prefix = secret.as_ref().map_or(text, Secret::prefix);
@@ -138,16 +137,16 @@ async fn find(store: &dyn Store, text: &str) -> Result<(Timestamp, Key), Failure
 
 async fn revoke(args: KeysRevokeArgs) -> Ended {
     let store = open(&args.database).await?;
-    let (now, key) = find(&*store, &args.prefix).await?;
+    let (now, key) = find(&store, &args.prefix).await?;
     if !key.works_at(now) {
         term::note(&format!("the key {} had ended before", key.prefix));
     }
-    end(&*store, &key, Duration::ZERO).await?;
+    end(&store, &key, Duration::ZERO).await?;
     store.close().await;
     Ok(())
 }
 
-async fn end(store: &dyn Store, key: &Key, after: Duration) -> Result<(), Failure> {
+async fn end(store: &Store, key: &Key, after: Duration) -> Result<(), Failure> {
     store.revoke_key(&key.prefix, after).await.context("the key could not be revoked")?;
     key.audit_revoked();
     Ok(())
@@ -155,7 +154,7 @@ async fn end(store: &dyn Store, key: &Key, after: Duration) -> Result<(), Failur
 
 async fn rotate(args: KeysRotateArgs) -> Ended {
     let store = open(&args.database).await?;
-    let (now, old) = find(&*store, &args.prefix).await?;
+    let (now, old) = find(&store, &args.prefix).await?;
     if !old.works_at(now) {
         return Err(Failure::usage(format!("the key {} has ended; `oviduct keys add` makes another", old.prefix)));
     }
@@ -171,7 +170,7 @@ async fn rotate(args: KeysRotateArgs) -> Ended {
     // First the new one: if the second step fails, both work, and the old one can be revoked again.
     let key = stored(store.add_key(new).await)?;
     show(&secret, &key, args.json)?;
-    end(&*store, &old, args.overlap).await?;
+    end(&store, &old, args.overlap).await?;
     store.close().await;
     Ok(())
 }

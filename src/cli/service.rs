@@ -31,7 +31,7 @@ const LAST_ANSWERS: Duration = Duration::from_secs(5);
 
 /// The stores, and the workers of this process.
 pub(super) struct Runtime {
-    store: Arc<dyn Store>,
+    store: Store,
     artifacts: Artifacts,
     pool: WorkerPool,
     metrics: Metrics,
@@ -50,7 +50,7 @@ pub(super) enum WorkerRequirement {
 
 /// The stores of a process, open, without workers.
 struct Stores {
-    jobs: Arc<dyn Store>,
+    jobs: Store,
     artifacts: Artifacts,
     /// Whether other processes may use them at the same time.
     shared: bool,
@@ -149,7 +149,7 @@ impl Runtime {
             ..defaults
         };
         let pool = WorkerPool::start_with_gpus(
-            Arc::clone(&stores.jobs),
+            stores.jobs.clone(),
             stores.artifacts.clone(),
             Arc::new(generate_on_cpu),
             gpus.generators,
@@ -162,7 +162,7 @@ impl Runtime {
 
     /// The state that handlers of a router share.
     pub(super) fn state(&self, limits: Limits, shutdown: &CancellationToken) -> AppState {
-        AppState::new(Arc::clone(&self.store), self.artifacts.clone(), limits, shutdown.clone())
+        AppState::new(self.store.clone(), self.artifacts.clone(), limits, shutdown.clone())
             .with_metrics(self.metrics.clone())
             .with_status(self.status.clone())
     }
@@ -225,7 +225,7 @@ impl Service {
         let stores = Stores::open(&args.process, Some(args.queue_limit)).await?;
         let metrics = Metrics::default();
         let context = UpkeepContext {
-            store: Arc::clone(&stores.jobs),
+            store: stores.jobs.clone(),
             artifacts: stores.artifacts.clone(),
             clock: Clock::System,
             metrics: metrics.clone(),
@@ -233,7 +233,7 @@ impl Service {
         };
         // Before the workers: it deletes what is older than its start.
         let upkeep = Upkeep::start(context, Retention { age: args.keep, bytes: args.keep_bytes });
-        let access = access(args, address, &*stores.jobs).await?;
+        let access = access(args, address, &stores.jobs).await?;
         let runtime = Runtime::over(stores, &args.process, gpus, metrics)?;
 
         let connections = connections(&args.process);
@@ -291,7 +291,7 @@ pub(super) fn serve_probes(listener: TcpListener, router: Router, shutdown: &Can
 }
 
 /// How requests are admitted at this address. Makes the first key, if there must be one, and prints it.
-async fn access(args: &ServeArgs, address: SocketAddr, store: &dyn Store) -> Result<AccessOptions, Failure> {
+async fn access(args: &ServeArgs, address: SocketAddr, store: &Store) -> Result<AccessOptions, Failure> {
     let without_keys = match (args.insecure_no_auth, address.ip().is_loopback()) {
         (true, _) => WithoutKeys::Anyone,
         (false, true) => WithoutKeys::Loopback,

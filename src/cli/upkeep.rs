@@ -30,7 +30,7 @@ pub(super) struct Upkeep {
 /// The stores to maintain and the metrics to report to.
 #[derive(Clone)]
 pub(super) struct UpkeepContext {
-    pub(super) store: Arc<dyn Store>,
+    pub(super) store: Store,
     pub(super) artifacts: Artifacts,
     pub(super) clock: Clock,
     pub(super) metrics: Metrics,
@@ -44,7 +44,7 @@ impl Upkeep {
     pub(super) fn start(context: UpkeepContext, retention: Retention) -> Self {
         let mut tasks = JoinSet::new();
         let owner = uuid::Uuid::now_v7().to_string();
-        let sweeper = Arc::new(Sweeper::new(Arc::clone(&context.store), context.artifacts.clone(), owner));
+        let sweeper = Arc::new(Sweeper::new(context.store.clone(), context.artifacts.clone(), owner));
         let start = context.clock.now();
         let first_age = if context.shared { ORPHAN_AGE } else { Duration::ZERO };
         let (clock, orphans) = (context.clock.clone(), Arc::clone(&sweeper));
@@ -55,7 +55,7 @@ impl Upkeep {
                 sweep_orphans(&orphans, clock.now(), ORPHAN_AGE).await;
             }
         });
-        let store = Arc::clone(&context.store);
+        let store = context.store.clone();
         tasks.spawn(async move {
             loop {
                 match store.queue_stranded().await {

@@ -28,7 +28,6 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use serde_json::Value;
 use sha2::{Digest, Sha256};
-use std::sync::Arc;
 use std::time::Duration;
 use utoipa::ToSchema;
 
@@ -103,7 +102,8 @@ pub(super) async fn check_backend(state: &AppState, request: &ModelRequest) -> R
     if request.backend != Backend::Gpu || state.limits.gpu_expected {
         return Ok(());
     }
-    let alive = async || Ok::<_, StoreError>(state.store.alive(Backend::Gpu, state.limits.gpu_memory).await? > 0);
+    let alive =
+        async || Ok::<_, StoreError>(state.store.count_live_workers(Backend::Gpu, state.limits.gpu_memory).await? > 0);
     if alive().await? {
         return Ok(());
     }
@@ -237,9 +237,9 @@ pub(super) fn new_job(caller: &Caller, request: ModelRequest, spec: &ModelSpec) 
 
 /// Queues a job, or reuses a finished model that has all its files.
 pub(super) async fn queue(state: &AppState, caller: &Caller, mut new: NewJob) -> Result<Submitted, StoreError> {
-    exclude_missing_files(&*state.store, &state.artifacts, std::slice::from_mut(&mut new)).await?;
+    exclude_missing_files(&state.store, &state.artifacts, std::slice::from_mut(&mut new)).await?;
     let action = if new.retry_of.is_some() { "model retried" } else { "model created" };
-    let (store, caller) = (Arc::clone(&state.store), caller.clone());
+    let (store, caller) = (state.store.clone(), caller.clone());
     run_to_completion(async move {
         let submitted = store.submit(new).await?;
         if !matches!(submitted, Submitted::Replayed(_)) {

@@ -42,7 +42,7 @@ pub(super) struct Pace {
 /// The states of models as they change.
 pub(super) struct Feed {
     name: String,
-    pub(super) store: Arc<dyn Store>,
+    pub(super) store: Store,
     pub(super) pace: Pace,
     /// Times of the feed are counted from its start.
     pub(super) age: Stopwatch,
@@ -361,7 +361,7 @@ impl Drop for AllReader {
 
 impl Feed {
     /// A feed that nothing is published in.
-    pub(super) fn new(store: Arc<dyn Store>, pace: Pace) -> Self {
+    pub(super) fn new(store: Store, pace: Pace) -> Self {
         let state = State {
             log: Log::new(MOST_BYTES),
             tracks: BTreeMap::new(),

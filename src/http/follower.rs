@@ -22,7 +22,7 @@ const LEAST: usize = 4;
 const SEARCH: usize = 8;
 
 /// A feed that a task keeps up to date until `shutdown` is cancelled.
-pub(super) fn start(store: Arc<dyn Store>, pace: Pace, shutdown: CancellationToken) -> Arc<Feed> {
+pub(super) fn start(store: Store, pace: Pace, shutdown: CancellationToken) -> Arc<Feed> {
     let changes = Some(store.changes());
     let feed = Arc::new(Feed::new(store, pace));
     tokio::spawn(Follower { feed: Arc::clone(&feed), changes, polls: Polls::default() }.run(shutdown));

@@ -3,7 +3,7 @@
 use super::AppState;
 use super::problem::{Kind, Problem};
 use super::responses::{Unhealthy, Unready};
-use crate::jobs::StoreError;
+use crate::jobs::{StoreError, with_causes};
 use crate::status::Condition;
 use axum::Json;
 use axum::extract::State;
@@ -57,7 +57,11 @@ pub(super) async fn ready(State(state): State<AppState>) -> Result<Json<Health>,
         (Err(store), artifacts) => {
             let both = "The job store and the artifact store are unavailable. Try again later.";
             let one = "The job store is unavailable. Try again later.";
-            Err(Problem::from(StoreError::Database(store)).with_detail(if artifacts.is_err() { both } else { one }))
+            Err(Problem::from(StoreError::Database(store.into())).with_detail(if artifacts.is_err() {
+                both
+            } else {
+                one
+            }))
         }
         // The message is logged, not sent: it may contain names of hosts and paths.
         (Ok(()), Err(error)) => {
@@ -73,7 +77,7 @@ async fn check_jobs(state: &AppState) -> Result<(), String> {
     let check = async move {
         let read = async {
             store.ready().await.map_err(|error| match error {
-                StoreError::Database(detail) => detail,
+                StoreError::Database(cause) => with_causes(&*cause),
                 other => other.to_string(),
             })
         };

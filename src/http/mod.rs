@@ -168,7 +168,7 @@ impl Default for Limits {
 /// What handlers share. Cloning shares everything.
 #[derive(Clone)]
 pub struct AppState {
-    pub(crate) store: Arc<dyn Store>,
+    pub(crate) store: Store,
     pub(crate) artifacts: Artifacts,
     pub(crate) limits: Arc<Limits>,
     pub(crate) shutdown: CancellationToken,
@@ -190,12 +190,12 @@ impl AppState {
     /// server can drain; other requests go on. Must be called within a Tokio runtime: it starts a task that
     /// follows the store's changes until `shutdown`.
     #[must_use]
-    pub fn new(store: Arc<dyn Store>, artifacts: Artifacts, limits: Limits, shutdown: CancellationToken) -> Self {
+    pub fn new(store: Store, artifacts: Artifacts, limits: Limits, shutdown: CancellationToken) -> Self {
         let pace = Pace { interval: limits.event_interval, poll: limits.event_poll, keep: limits.keep };
-        let feed = follower::start(Arc::clone(&store), pace, shutdown.clone());
+        let feed = follower::start(store.clone(), pace, shutdown.clone());
         let [streams, held, downloads] =
             [limits.streams, limits.held, limits.downloads].map(|most| Arc::new(Semaphore::new(most)));
-        let access = Arc::new(Access::new(Arc::clone(&store), AccessOptions::default(), limits.cors_origins.clone()));
+        let access = Arc::new(Access::new(store.clone(), AccessOptions::default(), limits.cors_origins.clone()));
         let pictures = Arc::new(Pictures::new(limits.pictures));
         Self {
             store,
@@ -218,7 +218,7 @@ impl AppState {
     /// Admits requests by these options.
     #[must_use]
     pub fn with_access(self, options: AccessOptions) -> Self {
-        let access = Access::new(Arc::clone(&self.store), options, self.limits.cors_origins.clone());
+        let access = Access::new(self.store.clone(), options, self.limits.cors_origins.clone());
         Self { access: Arc::new(access), ..self }
     }
 

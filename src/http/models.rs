@@ -15,7 +15,6 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use std::sync::Arc;
 
 /// The tag of a model's state: its version, and its position in the queue, which changes without a new version.
 pub(super) fn tag(job: &Job) -> ETag {
@@ -129,7 +128,7 @@ pub(super) async fn cancel(
 ) -> Result<Response, Problem> {
     // The owner of a job never changes.
     caller.model(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
-    let store = Arc::clone(&state.store);
+    let store = state.store.clone();
     let cancelled = audited(&caller, "model cancelled", id, async move { store.cancel(id).await });
     let job = cancelled.await?.ok_or_else(|| no_model(id))?;
     if let Some(checkpoint) = job.checkpoint.clone().filter(|_| job.status.is_ended()) {
@@ -152,7 +151,7 @@ pub(super) async fn delete(
     ModelId(id): ModelId,
 ) -> Result<StatusCode, Problem> {
     caller.model(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
-    let store = Arc::clone(&state.store);
+    let store = state.store.clone();
     let deleted = audited(&caller, "model deleted", id, async move { store.delete(id).await });
     let keys = deleted.await?.ok_or_else(|| no_model(id))?;
     state.forget(keys).await;

@@ -9,7 +9,6 @@ use super::responses::{StoreAway, WorkerMissing};
 use crate::jobs::{Instruction, JobId};
 use axum::Json;
 use axum::extract::State;
-use std::sync::Arc;
 
 /// List the workers that sent a heartbeat within the last minutes.
 ///
@@ -115,7 +114,7 @@ pub(super) async fn drain(
 
 /// Pauses or resumes all workers.
 async fn set_paused(state: &AppState, caller: &Caller, paused: bool) -> Result<(), Problem> {
-    let (store, by) = (Arc::clone(&state.store), caller.owner().map(str::to_owned));
+    let (store, by) = (state.store.clone(), caller.owner().map(str::to_owned));
     let action = if paused { "workers paused" } else { "workers resumed" };
     let change = async move { store.set_paused(paused, by.as_deref()).await.map(Some) };
     audited(caller, action, "*", change).await?;
@@ -140,7 +139,7 @@ async fn instruct(
         Instruction::Resume => "worker resumed",
         Instruction::Drain => "worker drained",
     };
-    let (store, worker, by) = (Arc::clone(&state.store), name.to_owned(), caller.owner().map(str::to_owned));
+    let (store, worker, by) = (state.store.clone(), name.to_owned(), caller.owner().map(str::to_owned));
     let change = async move {
         let instructed = store.instruct(&worker, instruction, by.as_deref()).await?;
         Ok(instructed.then_some(()))

@@ -1,10 +1,13 @@
-//! Faults injected by name at each step of a job's life, so that tests can kill a worker or break a step exactly there.
+//! Fault injection: named points in the life of a job at which tests kill a worker, make a step
+//! fail, or delay it.
 //!
-//! Only builds with the cargo feature `fault-injection` can inject faults. The package depends on itself with that feature
-//! for its tests, so `cargo test` always has it and `cargo build` never has it. Without the feature, every point is a
-//! no-op, and [`Faults::from_env`] refuses to start with the variable set.
+//! Only builds with the cargo feature `fault-injection` can inject faults. The package depends on
+//! itself with that feature for its tests, so `cargo test` always has it and `cargo build` never
+//! has it. Without the feature, every point is a no-op, and [`Faults::from_env`] fails if the
+//! variable is set.
 //!
-//! `OVIDUCT_FAULT=<point>[:kill|error|stall][:<n>]` arms one fault, at the n-th passage of the point (counted from 1).
+//! `OVIDUCT_FAULT=<point>[:kill|error|stall][:<n>]` arms one fault, at the n-th passage of the
+//! point (counted from 1).
 
 #[cfg(feature = "fault-injection")]
 mod armed;
@@ -16,10 +19,11 @@ pub use armed::Faults;
 #[cfg(not(feature = "fault-injection"))]
 pub use disabled::Faults;
 
-/// The environment variable that arms a fault.
+/// Name of the environment variable that arms a fault.
 pub const VARIABLE: &str = "OVIDUCT_FAULT";
 
-/// The points, in the order of a job's life. `simulate` to `store` are passed at each progress of that stage.
+/// Points, in the order of a job's life. Each report of progress passes the point of its stage,
+/// `simulate` to `store`.
 pub const POINTS: [&str; 11] = [
     "after-claim",
     "simulate",
@@ -39,7 +43,7 @@ pub const POINTS: [&str; 11] = [
 #[error("a fault was injected at {0}")]
 pub struct Injected(pub &'static str);
 
-/// A fault that cannot be armed.
+/// Reason why a fault cannot be armed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BadFault {
     /// The text does not name a fault.

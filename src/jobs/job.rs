@@ -2,6 +2,7 @@
 
 use crate::fit::FitProgress;
 use crate::generate::{Backend, Outputs, Progress};
+use crate::lock::Mutex;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -12,14 +13,15 @@ use std::collections::BTreeMap;
 pub struct JobId(pub uuid::Uuid);
 
 impl JobId {
-    /// The least id of the millisecond of `at`. Ids begin with the time of the record in milliseconds; if the clock is set
-    /// back, with the last time before that, so that they still ascend.
+    /// The smallest id of the millisecond of `at`. Ids begin with the time of the submission in
+    /// milliseconds. If the clock is set back, they keep the last time before that, so they still
+    /// ascend.
     #[must_use]
     pub fn least_at(at: Timestamp) -> Self {
         Self::of_millisecond(at.as_millisecond())
     }
 
-    /// The least id of the millisecond after that of `at`.
+    /// The smallest id of the millisecond after that of `at`.
     #[must_use]
     pub fn least_after(at: Timestamp) -> Self {
         Self::of_millisecond(at.as_millisecond() + 1)
@@ -33,6 +35,24 @@ impl JobId {
 impl std::fmt::Display for JobId {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         self.0.hyphenated().fmt(f)
+    }
+}
+
+/// Generates ids of jobs and batches. Each id is larger than all earlier ones of this process, even
+/// within one millisecond.
+#[derive(Debug)]
+pub(super) struct IdGenerator(Mutex<uuid::ContextV7>);
+
+impl IdGenerator {
+    pub(super) fn new() -> Self {
+        Self(Mutex::new(uuid::ContextV7::new()))
+    }
+
+    /// A new id of the time `now`.
+    pub(super) fn next(&self, now: Timestamp) -> JobId {
+        let seconds = u64::try_from(now.as_second()).unwrap_or_default();
+        let nanos = u32::try_from(now.subsec_nanosecond()).unwrap_or_default();
+        JobId(uuid::Uuid::new_v7(uuid::Timestamp::from_unix(&*self.0.lock(), seconds, nanos)))
     }
 }
 
@@ -64,7 +84,7 @@ pub enum Status {
 }
 
 impl Status {
-    /// Its name in records and answers.
+    /// Name in records and responses.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -76,7 +96,7 @@ impl Status {
         }
     }
 
-    /// Whether it is final: the job never changes again.
+    /// True if the status is final: the job never changes again.
     #[must_use]
     pub fn is_ended(self) -> bool {
         !matches!(self, Self::Queued | Self::Running)
@@ -86,11 +106,11 @@ impl Status {
 /// Why a job failed; becomes an RFC 9457 problem over HTTP.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Problem {
-    /// Short kebab-case kind: `certificate`, `panic`, `memory`, `attempts-exhausted`, `storage`, …
+    /// Kind in kebab-case: `certificate`, `panic`, `memory`, `attempts-exhausted`, `storage`, …
     pub kind: String,
-    /// One line.
+    /// Title of one line.
     pub title: String,
-    /// What happened, and where.
+    /// Description of the error and its place.
     pub detail: String,
 }
 
@@ -118,7 +138,8 @@ pub struct File {
     pub bytes: u64,
     /// SHA-256, lower-case hex.
     pub sha256: String,
-    /// Key in the artifact store (never shown to clients). Several jobs may name the same key (reuse).
+    /// Key in the artifact store (never shown to clients). Several jobs may name the same key
+    /// (reuse).
     pub key: String,
 }
 
@@ -137,25 +158,26 @@ pub struct LiveSection {
     pub outer: Vec<[f32; 2]>,
 }
 
-/// How urgent a job is, from −100 to 100: the higher is claimed first. The default is 0.
+/// Priority of a job, from −100 to 100. Workers claim jobs of higher priority first. The default is
+/// 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(transparent)]
 pub struct Priority(i8);
 
 impl Priority {
-    /// The lowest.
+    /// The lowest priority.
     pub const MIN: i64 = -100;
-    /// The highest.
+    /// The highest priority.
     pub const MAX: i64 = 100;
 
-    /// As a number.
+    /// The priority as a number.
     #[must_use]
     pub fn get(self) -> i64 {
         self.0.into()
     }
 }
 
-/// A number outside the range of priorities.
+/// Error of a number outside the range of priorities.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("a priority is an integer from {} to {}, not {}", Priority::MIN, Priority::MAX, .0)]
 pub struct NoPriority(i64);
@@ -169,24 +191,25 @@ impl TryFrom<i64> for Priority {
     }
 }
 
-/// What one owner may have at a time. `None`: no limit.
+/// Limits of one owner. `None` means no limit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Quota {
     /// Queued and running jobs.
     pub unfinished: Option<u64>,
-    /// Bytes of files that the records of its jobs name. A file that several jobs share counts for each of them. Checked
-    /// before a job is queued, when its own files are not known yet.
+    /// Bytes of files that the jobs of the owner name. A file that several jobs share counts for
+    /// each of them. The store checks the limit before it queues a job, when the files of this job
+    /// are not known yet.
     pub bytes: Option<u64>,
 }
 
-/// Progress of a job, by its kind.
+/// Progress of a job, by the kind of the job.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum JobProgress {
-    /// Of a model.
+    /// Progress of a model.
     Model(Progress),
-    /// Of a fit.
+    /// Progress of a fit.
     Fit(FitProgress),
 }
 
@@ -203,7 +226,7 @@ impl JobProgress {
         if let Self::Fit(progress) = self { Some(progress) } else { None }
     }
 
-    /// Fraction of the whole, 0 to 1.
+    /// Completed fraction, 0 to 1.
     #[must_use]
     pub fn fraction(self) -> f64 {
         match self {
@@ -212,7 +235,7 @@ impl JobProgress {
         }
     }
 
-    /// The same with at least this fraction.
+    /// This progress with at least this fraction.
     #[must_use]
     pub fn at_least(self, fraction: f64) -> Self {
         let fraction = fraction.max(self.fraction());
@@ -222,7 +245,7 @@ impl JobProgress {
         }
     }
 
-    /// Estimated seconds to the end.
+    /// Estimated time to the end, seconds.
     #[must_use]
     pub fn eta_seconds(self) -> Option<f64> {
         match self {
@@ -232,21 +255,21 @@ impl JobProgress {
     }
 }
 
-/// What a job makes.
+/// Kind of a job.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum JobKind {
     /// A model: `spec` is its specification.
     #[default]
     Model,
-    /// A fit of parameters to measures: `spec` is its request with everything that it leaves open.
+    /// A fit of parameters to measures: `spec` is its request with all defaults filled in.
     Fit,
 }
 
 /// A job to be queued.
 #[derive(Clone, Debug)]
 pub struct NewJob {
-    /// What it makes.
+    /// Kind.
     pub kind: JobKind,
     /// Preset name.
     pub preset: String,
@@ -254,42 +277,65 @@ pub struct NewJob {
     pub seed: u64,
     /// The resolved spec in canonical form.
     pub spec: serde_json::Value,
-    /// What to write.
+    /// Files to write.
     pub outputs: Outputs,
-    /// Backend asked for.
+    /// Requested backend.
     pub backend: Backend,
     /// Labels.
     pub labels: BTreeMap<String, String>,
-    /// How urgent it is. Not part of the digest: a finished model is reused whatever its priority was.
+    /// Priority. Not part of the digest, so models of any priority are reused.
     pub priority: Priority,
     /// Digest of spec, seed and engine version.
     pub digest: String,
-    /// The engine version of the digest.
+    /// Engine version of the digest.
     pub engine: String,
-    /// Whether a model with the same digest may be reused, now or when it has finished (it must have all `outputs`, and have been
-    /// made by the backend asked for: `cpu` and `cpu-single` give the same bytes; `auto` accepts any).
+    /// True if a model with the same digest may be reused, immediately or when its growth ends.
+    /// That model must have all `outputs`, and the requested backend must have grown it: `cpu` and
+    /// `cpu-single` produce the same bytes, and `auto` accepts any backend.
     pub reuse: bool,
-    /// Keys of files that were found missing in the artifact store: no model that names one of them is reused. See
-    /// [`exclude_missing_files`](super::reuse::exclude_missing_files).
+    /// Keys of files that the artifact store does not have. No model that names one of them is
+    /// reused; see [`exclude_missing_files`](super::reuse::exclude_missing_files).
     pub missing: Vec<String>,
-    /// Which jobs a GPU may run together with it: those of the same key, see [`crate::spec::batch_key`]. `None`: a GPU runs
-    /// it alone.
+    /// Key of the jobs that a GPU may simulate together with this one, see
+    /// [`crate::spec::batch_key`]. With `None`, a GPU simulates the job alone.
     pub batch_key: Option<String>,
-    /// Idempotency key, with a hash of the canonical request body.
+    /// Idempotency key and a hash of the canonical request body.
     pub idempotency: Option<(String, String)>,
-    /// Who submits it: whose it is, and whose turn it takes in the queue. `None` without keys; all such jobs share one turn.
+    /// Submitter: the owner of the job, whose turn it takes in the queue. `None` without keys; all
+    /// such jobs share one turn.
     pub owner: Option<String>,
-    /// What its owner may have, this job included.
+    /// Quota of the owner, this job included.
     pub quota: Quota,
-    /// The trace that its attempts belong to, as W3C `traceparent`.
+    /// Trace of its attempts, as W3C `traceparent`.
     pub trace: Option<String>,
-    /// The failed job that it repeats, into whose batch it goes.
+    /// The failed job that this one repeats. It joins the batch of that job.
     pub retry_of: Option<JobId>,
+}
+
+/// Result of [`Store::submit`](super::Store::submit).
+#[derive(Clone, Debug, PartialEq)]
+pub enum Submitted {
+    /// The job was queued.
+    Queued(Job),
+    /// The job succeeded immediately, with the files of a finished model of the same digest.
+    Reused(Job),
+    /// An earlier request with the same idempotency key and body created this job.
+    Replayed(Job),
+}
+
+impl Submitted {
+    /// The job, new or not.
+    #[must_use]
+    pub fn job(&self) -> &Job {
+        match self {
+            Self::Queued(job) | Self::Reused(job) | Self::Replayed(job) => job,
+        }
+    }
 }
 
 #[cfg(test)]
 impl NewJob {
-    /// A job for tests, with a digest of its own for each seed.
+    /// A job for tests, with a separate digest for each seed.
     pub(super) fn sample(seed: u64) -> Self {
         Self {
             kind: JobKind::Model,
@@ -314,18 +360,18 @@ impl NewJob {
     }
 }
 
-/// The whole record of a job.
+/// The record of a job.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Job {
     /// Identity.
     pub id: JobId,
-    /// What it makes.
+    /// Kind.
     pub kind: JobKind,
-    /// Who submitted it; `None` if that was done without a key.
+    /// Submitter; `None` if the request had no key.
     pub owner: Option<String>,
-    /// State.
+    /// Status.
     pub status: Status,
-    /// Grows by at least one with every change of the record.
+    /// Version, which grows by at least one with every change of the record.
     pub version: u64,
     /// Preset name.
     pub preset: String,
@@ -333,52 +379,52 @@ pub struct Job {
     pub seed: u64,
     /// The resolved spec in canonical form.
     pub spec: serde_json::Value,
-    /// The files asked for.
+    /// Requested files.
     pub outputs: Outputs,
     /// Labels.
     pub labels: BTreeMap<String, String>,
-    /// How urgent it is.
+    /// Priority.
     pub priority: Priority,
-    /// The trace that its attempts belong to, as W3C `traceparent`.
+    /// Trace of its attempts, as W3C `traceparent`.
     pub trace: Option<String>,
-    /// What computes it.
+    /// Backend and device that compute it.
     pub backend: BackendReport,
-    /// Position in the queue from 0, while queued, among the jobs that ask for the same backend. Exact up to 1000; jobs
-    /// further back report 1000.
+    /// Position in the queue from 0, among the jobs with the same requested backend; `None` unless
+    /// queued. Exact up to 1000; jobs further back report 1000.
     pub queue_position: Option<u64>,
-    /// Last progress, once it has started.
+    /// Latest progress of the present attempt.
     pub progress: Option<JobProgress>,
-    /// Last live section.
+    /// Latest live section.
     pub section: Option<LiveSection>,
-    /// Attempts so far.
+    /// Number of attempts so far.
     pub attempts: u32,
-    /// The worker of the last attempt: the one that holds the lease, while it runs.
+    /// Worker of the last attempt. It holds the lease while the job runs.
     pub worker: Option<String>,
-    /// Whether a client has cancelled it while it was running.
+    /// True if a client has cancelled the job while it was running.
     pub cancel_requested: bool,
-    /// When it was accepted.
+    /// Time of the submission.
     pub created_at: Timestamp,
-    /// When the first attempt began.
+    /// Time of the first claim.
     pub started_at: Option<Timestamp>,
-    /// When it ended.
+    /// End of the job.
     pub finished_at: Option<Timestamp>,
-    /// Its files, once succeeded.
+    /// Files of a job that succeeded.
     pub files: Vec<File>,
-    /// Counts and measures in short, with the figures of the certificate, once succeeded.
+    /// Counts, main measures and figures of the certificate of a job that succeeded.
     pub summary: Option<serde_json::Value>,
-    /// Why it failed.
+    /// Problem of a job that failed.
     pub problem: Option<Problem>,
     /// Digest of spec, seed and engine version.
     pub digest: String,
-    /// The engine version of the digest. If a worker of another version runs the job, its files are not reused for
-    /// other jobs of this digest.
+    /// Engine version of the digest. If a worker of another version runs the job, its files are not
+    /// reused for other jobs of this digest.
     pub engine: String,
-    /// The batch that it belongs to.
+    /// Batch of the job.
     pub batch: Option<BatchId>,
     /// Key of the newest checkpoint in the artifact store, until the job ends.
     pub checkpoint: Option<String>,
-    /// The model whose files it reuses.
+    /// The model whose files this one reuses.
     pub reused_from: Option<JobId>,
-    /// The failed job that it repeats.
+    /// The failed job that this one repeats.
     pub retry_of: Option<JobId>,
 }

@@ -1,33 +1,39 @@
-//! Jobs: the record of each request for a model, the queue, the job stores, and the artifact store.
+//! Jobs: the record of each request for a model or a fit, the queue, the job store, and the
+//! artifact store.
 //!
-//! HTTP and workers communicate only through this module. A job's states are `queued → running → succeeded | failed |
-//! cancelled`; an ended job never changes. Every write of a worker is fenced with the number of the attempt that
-//! it claimed, so that a worker that lost its lease cannot change a job that another worker holds.
+//! HTTP and workers communicate only through this module. The states of a job are `queued → running
+//! → succeeded | failed | cancelled`; an ended job never changes. Every write of a worker carries
+//! the number of the attempt that it claimed, so a worker that lost its lease cannot change a job
+//! that another worker holds.
 
 pub mod artifacts;
+mod attempt;
+mod batch;
 mod error;
 pub mod fault;
 mod job;
 pub mod keys;
+mod list;
 mod open;
 mod operators;
-pub mod postgres;
+mod options;
+mod postgres;
 pub mod reuse;
 pub mod scratch;
 mod sql;
-pub mod sqlite;
+mod sqlite;
 pub mod state;
-mod store;
 pub mod sweep;
 
+pub use attempt::{Attempt, ClaimedJob, Directive, Finished};
+pub use batch::{Batch, BatchFilter, BatchPage, NewBatch, SubmittedBatch};
+pub use error::{Quantity, StoreError, with_causes};
 pub use job::{
     BackendReport, BatchId, File, Job, JobId, JobKind, JobProgress, LiveSection, NewJob, NoPriority, Priority, Problem,
-    Quota, Status,
+    Quota, Status, Submitted,
 };
+pub use list::{BulkResult, Change, Counts, ListFilter, Page};
 pub use open::{Database, open};
 pub use operators::{Instruction, Pause, PoolUse, WorkerInfo, WorkerState};
-pub use sql::SqlStore;
-pub use store::{
-    Applied, Attempt, Batch, BatchFilter, BatchPage, Change, ClaimedJob, Counts, Directive, Finished, ListFilter,
-    NewBatch, Page, Quantity, Store, StoreError, StoreOptions, Submitted, SubmittedBatch, UpkeepTask,
-};
+pub use options::StoreOptions;
+pub use sql::{Hook, Store, UpkeepTask};

@@ -1,34 +1,35 @@
-//! What operators see of an installation and ask of it: its workers, their pauses, the use of connections.
+//! What operators see and control of an installation: its workers, their pauses, the use of
+//! connections.
 
 use super::job::JobId;
 use crate::generate::Backend;
 use jiff::Timestamp;
 use serde::Serialize;
 
-/// A worker, as listed.
+/// A worker in the list of workers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WorkerInfo {
     /// Name, unique in the installation: host, process and ordinal.
     pub id: String,
     /// Host name.
     pub host: String,
-    /// Its backend.
+    /// Backend.
     pub backend: Backend,
     /// Name of the device.
     pub device: String,
-    /// The jobs whose leases it holds, the oldest first. Filled in by the store; ignored by
+    /// Jobs whose leases it holds, the oldest first. The store fills them in, and ignores them in
     /// [`Store::worker_seen`](super::Store::worker_seen).
     pub jobs: Vec<JobId>,
-    /// Jobs it has ended.
+    /// Number of jobs that it has ended.
     pub jobs_done: u64,
-    /// Last heartbeat.
+    /// Time of the last heartbeat.
     pub heartbeat_at: Timestamp,
-    /// Its own pause, if it has one. Filled in by the store, like `jobs`.
+    /// Pause of this worker alone. The store fills it in, like `jobs`.
     pub pause: Option<Pause>,
 }
 
 impl WorkerInfo {
-    /// Whether it claims, leaving aside a pause of all workers.
+    /// State of the worker, without a pause of all workers.
     #[must_use]
     pub fn state(&self) -> WorkerState {
         match &self.pause {
@@ -40,14 +41,14 @@ impl WorkerInfo {
     }
 }
 
-/// Since when workers claim nothing. Jobs that run go on.
+/// A pause of one or all workers: they claim no jobs, and running jobs continue.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pause {
-    /// Whether the end of the last job is awaited, so that the worker can be removed.
+    /// True if the operator waits for the last job to end, to remove the worker.
     pub drain: bool,
-    /// When it began.
+    /// Start of the pause.
     pub since: Timestamp,
-    /// Who asked for it, if known.
+    /// Person who requested the pause, if known.
     pub by: Option<String>,
 }
 
@@ -66,7 +67,7 @@ pub enum WorkerState {
 }
 
 impl WorkerState {
-    /// Every state.
+    /// All states.
     pub const ALL: [Self; 4] = [Self::Active, Self::Paused, Self::Draining, Self::Drained];
 
     /// The name in JSON and metrics.
@@ -81,26 +82,26 @@ impl WorkerState {
     }
 }
 
-/// What a worker is told to do.
+/// Instruction of an operator to workers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Instruction {
-    /// Claim again.
+    /// Claim jobs again.
     Resume,
-    /// Claim nothing.
+    /// Claim no jobs.
     Pause,
-    /// Claim nothing, and be drained once nothing runs.
+    /// Claim no jobs; the worker counts as drained once it runs none.
     Drain,
 }
 
-/// The use of a pool of connections to the database.
+/// Use of a pool of connections to the database.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PoolUse {
-    /// Which pool: `readers` and `writer` of SQLite, `postgres`.
+    /// Name of the pool: `readers` and `writer` for SQLite, `postgres`.
     pub name: &'static str,
-    /// Connections that are open.
+    /// Number of open connections.
     pub open: u32,
-    /// Those of them that nobody uses.
+    /// Number of open connections that are not in use.
     pub idle: u32,
-    /// Most that may be open.
+    /// Maximum number of open connections.
     pub most: u32,
 }

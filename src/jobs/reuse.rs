@@ -1,44 +1,45 @@
-//! Reuse of finished models, only if their files still exist.
+//! Reuse of finished models whose files still exist.
 //!
-//! The job store cannot ask the artifact store within a transaction. So files are looked for before the submission, and
-//! keys without a file are passed to it. A model deleted after the look is no candidate any more: its record is deleted
-//! before its files.
+//! The job store cannot ask the artifact store within a transaction. Therefore a submission is
+//! preceded by a search for missing files, and receives their keys. A model that is deleted after
+//! the search is not reused, because its record is deleted before its files.
 
 use super::artifacts::Artifacts;
+use super::error::StoreError;
 use super::job::NewJob;
-use super::store::{Store, StoreError};
+use super::sql::Store;
 use futures_util::future::BoxFuture;
 use futures_util::{FutureExt, StreamExt, TryStreamExt};
 
-/// Jobs looked for at a time.
-const AT_A_TIME: usize = 16;
+/// Number of jobs whose files are searched for concurrently.
+const CONCURRENT: usize = 16;
 
-/// Sees to it that none of `jobs` reuses a model whose files are missing: fills [`NewJob::missing`]. If the artifact store
-/// does not answer, clears [`NewJob::reuse`].
+/// Prevents `jobs` from reusing models with missing files: fills in [`NewJob::missing`], or clears
+/// [`NewJob::reuse`] if the artifact store does not respond.
 ///
 /// # Errors
 /// [`StoreError`].
 pub async fn exclude_missing_files(
-    store: &dyn Store,
+    store: &Store,
     artifacts: &Artifacts,
     jobs: &mut [NewJob],
 ) -> Result<(), StoreError> {
     let each: Vec<BoxFuture<'_, _>> = jobs.iter_mut().map(|new| exclude(store, artifacts, new).boxed()).collect();
-    futures_util::stream::iter(each).buffer_unordered(AT_A_TIME).try_collect().await
+    futures_util::stream::iter(each).buffer_unordered(CONCURRENT).try_collect().await
 }
 
-async fn exclude(store: &dyn Store, artifacts: &Artifacts, new: &mut NewJob) -> Result<(), StoreError> {
-    // Each round excludes the model that it found, with all that share the missing file.
+async fn exclude(store: &Store, artifacts: &Artifacts, new: &mut NewJob) -> Result<(), StoreError> {
+    // Each round excludes the model that it found, and all models that share the missing file.
     while let Some(model) = store.reusable(new).await? {
         let keys: Vec<String> = model.files.into_iter().map(|file| file.key).collect();
         match artifacts.missing(&keys).await {
             Ok(missing) if missing.is_empty() => break,
             Ok(missing) => {
-                tracing::warn!(job = %model.id, ?missing, "files of a finished model are missing; it is not reused");
+                tracing::warn!(job = %model.id, ?missing, "files of a finished model are missing; the model is not reused");
                 new.missing.extend(missing);
             }
             Err(error) => {
-                tracing::warn!(job = %model.id, %error, "the files of a finished model could not be checked; it is not reused");
+                tracing::warn!(job = %model.id, %error, "could not check the files of a finished model; the model is not reused");
                 new.reuse = false;
             }
         }

@@ -1,41 +1,46 @@
-//! Directories that attempts write to before their files go to the artifact store: `<root>/<process>/<job>-<attempt>`.
+//! Scratch directories, which attempts write to before their files go to the artifact store:
+//! `<root>/<process>/<job>-<attempt>`.
 //!
-//! Each process locks its directory while it runs. The next start removes directories that are not locked: their processes
-//! have ended.
+//! Each process locks its directory while it runs. The next start removes directories that are not
+//! locked, because their processes have ended.
 
 use super::job::JobId;
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 const LOCK: &str = ".lock";
 
-/// The scratch directory of this process; removed when dropped.
+/// The scratch directory of this process. Dropping it removes the directory; in async code, call
+/// [`Scratch::remove`].
 #[derive(Debug)]
 pub struct Scratch {
     folder: PathBuf,
     _lock: File,
 }
 
-/// The scratch directory of an attempt; removed when dropped.
+/// The scratch directory of an attempt. Dropping it removes the directory; in async code, call
+/// [`AttemptDir::remove`].
 #[derive(Debug)]
 pub struct AttemptDir(PathBuf);
 
 impl Scratch {
-    /// Creates a directory for this process under `root`, and removes those of processes that have ended.
+    /// Creates a directory for this process under `root`, and removes those of processes that have
+    /// ended.
     ///
     /// # Errors
     /// If `root` cannot be created or written to.
     pub fn open(root: &Path) -> io::Result<Self> {
         std::fs::create_dir_all(root)?;
-        // One process at a time, so that none removes a directory that another has created but not locked yet. On a file
-        // system without locks, directories of ended processes may stay.
+        // One process at a time, so that none removes a directory that another has created but not
+        // locked yet. On a file system without locks, directories of ended processes may stay.
         let root_lock = File::create(root.join(LOCK))?;
         let _ = root_lock.lock();
         for entry in std::fs::read_dir(root)?.flatten() {
             let folder = entry.path();
             let lock = File::open(folder.join(LOCK));
-            // A directory without a lock file was removed in part.
+            // A directory without a lock file was removed partially.
             if folder.is_dir() && !matches!(&lock, Ok(file) if file.try_lock().is_err()) {
                 remove(&folder);
             }
@@ -47,28 +52,29 @@ impl Scratch {
         Ok(Self { folder, _lock: lock })
     }
 
-    /// A new, empty directory for an attempt.
+    /// Creates the directory of an attempt.
     ///
     /// # Errors
-    /// If it cannot be created.
+    /// The error of creating it.
     pub fn attempt(&self, job: JobId, attempt: u32) -> io::Result<AttemptDir> {
         let folder = self.folder.join(format!("{job}-{attempt}"));
         std::fs::create_dir(&folder)?;
         Ok(AttemptDir(folder))
     }
 
-    /// Checks that a directory for an attempt can be created.
+    /// Checks that the directory of an attempt can be created.
     ///
     /// # Errors
-    /// If it cannot.
+    /// The error of creating a directory.
     pub fn probe(&self) -> io::Result<()> {
         let folder = self.folder.join(format!("probe-{}", uuid::Uuid::now_v7()));
         std::fs::create_dir(&folder)?;
         std::fs::remove_dir(&folder)
     }
 
-    /// Fails if a file of a megabyte cannot be written and synced, or if less than `space` bytes are free (where the system
-    /// reports that). A disk that is smaller than `space` passes when nine tenths of it are free. Blocks.
+    /// Checks that a file of one mebibyte can be written and synced, and that `space` bytes are
+    /// free (if the system reports this). A disk that is smaller than `space` passes if nine tenths
+    /// of it are free. Blocks.
     ///
     /// # Errors
     /// The error of the write, or [`io::ErrorKind::StorageFull`].
@@ -92,10 +98,11 @@ impl Scratch {
     }
 }
 
-/// Bytes of the file that [`Scratch::check`] writes.
+/// Size of the file that [`Scratch::check`] writes, bytes.
 const PROBE: usize = 1 << 20;
 
-/// Bytes that this process may still write to the file system of `path`, and its size.
+/// Bytes that this process may still write to the file system of `path`, and the size of the file
+/// system, bytes.
 #[cfg(unix)]
 fn free_and_total(path: &Path) -> Option<(u64, u64)> {
     let system = rustix::fs::statvfs(path).ok()?;
@@ -107,27 +114,41 @@ fn free_and_total(_: &Path) -> Option<(u64, u64)> {
     None
 }
 
+impl Scratch {
+    /// Removes the directory on a thread that may block, unless other clones of `scratch` keep it.
+    pub async fn remove(scratch: Arc<Self>) {
+        drop_blocking(scratch).await;
+    }
+}
+
 impl Drop for Scratch {
     fn drop(&mut self) {
         remove(&self.folder);
     }
 }
 
-/// Removes a directory, which another process may be removing too. What cannot be removed stays until the next start.
+/// Removes a directory, which another process may be removing too. Files that cannot be removed
+/// stay until the next start.
 fn remove(folder: &Path) {
     match std::fs::remove_dir_all(folder) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => {
-            tracing::warn!(folder = %folder.display(), %error, "scratch files stay until the next start");
+            tracing::warn!(folder = %folder.display(), %error, "could not remove scratch files; the next start will remove them");
         }
         _ => {}
     }
 }
 
 impl AttemptDir {
-    /// Where it is.
+    /// Path of the directory.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.0
+    }
+
+    /// Removes the directory on a thread that may block. If a generation still uses `dir`, its
+    /// thread removes the directory at its end.
+    pub async fn remove(dir: Arc<Self>) {
+        drop_blocking(dir).await;
     }
 }
 
@@ -135,6 +156,12 @@ impl Drop for AttemptDir {
     fn drop(&mut self) {
         let _ = std::fs::remove_dir_all(&self.0);
     }
+}
+
+/// Drops a value on a thread that may block.
+async fn drop_blocking(value: impl Send + 'static) {
+    // Fails if the runtime is shutting down; the value is dropped even then.
+    let _ = tokio::task::spawn_blocking(move || drop(value)).await;
 }
 
 #[cfg(test)]

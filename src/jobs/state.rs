@@ -1,9 +1,13 @@
-//! The state machine of a job, as a pure function: what each event does in each state.
+//! The state machine of a job, as a pure function of state and event.
 //!
-//! Every store applies [`State::on`] inside its transaction and writes the result, so that all
-//! stores agree. Invariants, property-tested below: an ended job never changes; an event of a worker is
-//! refused unless it carries the number and the holder of the current attempt; attempt numbers only grow;
-//! a job that is not cancelled ends after at most `max_attempts` counted attempts.
+//! Both databases apply [`State::on`] inside the transaction and write the result, so they agree.
+//! Invariants, tested as properties below:
+//!
+//! - A job that has ended never changes.
+//! - An event of a worker is refused unless it carries the number and the holder of the current
+//!   attempt.
+//! - Attempt numbers only grow.
+//! - A job that is not cancelled ends after at most `max_attempts` counted attempts.
 
 use super::job::Status;
 use crate::generate::Backend;
@@ -16,98 +20,99 @@ pub struct State {
     pub status: Status,
     /// Number of the last attempt, from 1; 0 before the first.
     pub attempts: u32,
-    /// Attempts that count against the limit: those whose worker vanished, or that ended with a fault that may pass.
-    /// Released attempts do not count.
+    /// Number of counted attempts: attempts whose worker vanished, or that ended with a transient
+    /// error. Released attempts do not count.
     pub spent: u32,
-    /// Whether it was cancelled while running.
+    /// True if a client cancelled the job while it was running.
     pub cancel_requested: bool,
-    /// The worker that holds the lease, while running.
+    /// Worker that holds the lease; `None` unless running.
     pub holder: Option<String>,
 }
 
-/// What each write of a worker carries, to prove that it still holds the lease.
+/// Worker name and attempt number that every write of a worker carries; outdated writes are
+/// refused.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Fence {
-    /// Number of the attempt that it claimed.
+    /// Number of the attempt.
     pub attempt: u32,
     /// Name of the worker.
     pub worker: String,
 }
 
-/// Something that happens to a job.
+/// An event in the life of a job.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Event {
     /// A client cancels the job.
     Cancel,
-    /// This worker claims it.
+    /// This worker claims the job.
     Claim(String),
-    /// Its lease has expired.
+    /// The lease has expired.
     Expire,
     /// The holder renews its lease.
     Renew(Fence),
     /// The holder has finished the model.
     Finish(Fence),
-    /// The holder met a fault that would occur in every attempt.
+    /// The holder met an error that would occur in every attempt.
     Fail(Fence),
     /// The holder stopped because the job was cancelled.
     Stopped(Fence),
     /// The holder releases the job; the attempt does not count.
     Release(Fence),
-    /// The holder met a fault that may pass; the attempt counts.
+    /// The holder met a transient error; the attempt counts.
     Retry(Fence),
 }
 
-/// How an attempt ended.
+/// Attempt end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum AttemptEnd {
-    /// With a model.
+    /// The attempt finished the model.
     Succeeded,
-    /// With a fault that would occur in every attempt.
+    /// The attempt met an error that would occur in every attempt.
     Failed,
-    /// By cancelling.
+    /// A client cancelled the job.
     Cancelled,
-    /// The job was released; not counted.
+    /// The worker released the job; not counted.
     Released,
-    /// With a fault that may pass; counted.
+    /// The attempt met a transient error; counted.
     Retried,
-    /// By the expiry of its lease; counted.
+    /// The lease expired; counted.
     Vanished,
 }
 
-/// The result of an event.
+/// Result of an event.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Next {
-    /// The state after it.
+    /// State after the event.
     pub state: State,
-    /// How the attempt ended, if one did.
+    /// Attempt end, if the event ended an attempt.
     pub ended: Option<AttemptEnd>,
-    /// Whether the job failed because no attempts are left.
+    /// True if the job failed because no attempts are left.
     pub exhausted: bool,
 }
 
-/// Why an event changes nothing.
+/// Reason why an event changes nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refused {
     /// The job has ended.
     Ended,
-    /// Not in this state: a claim of a running job, an expiry of a queued one.
+    /// The state does not allow the event: a claim of a running job, an expiry of a queued job.
     NotNow,
     /// The writer does not hold the current attempt.
     Fenced,
 }
 
 impl State {
-    /// A job just queued.
+    /// The state of a new job.
     #[must_use]
     pub fn queued() -> Self {
         Self { status: Status::Queued, attempts: 0, spent: 0, cancel_requested: false, holder: None }
     }
 
-    /// The result of `event`, or why it is refused.
+    /// The result of `event`.
     ///
     /// # Errors
-    /// [`Refused`]; the state stays as it was.
+    /// [`Refused`] with the reason; the state stays unchanged.
     pub fn on(&self, event: &Event, max_attempts: u32) -> Result<Next, Refused> {
         if self.status.is_ended() {
             return Err(match event {
@@ -151,7 +156,8 @@ impl State {
         Next { state: Self { status, holder: None, ..self.clone() }, ended: Some(how), exhausted: false }
     }
 
-    /// The attempt ended without a result: back to the queue, unless the job was cancelled or no attempts are left.
+    /// The attempt ended without a result: the job returns to the queue, unless it was cancelled or
+    /// no attempts are left.
     fn again(&self, how: AttemptEnd, max_attempts: u32) -> Next {
         let spent = self.spent + u32::from(how != AttemptEnd::Released);
         let exhausted = !self.cancel_requested && spent >= max_attempts && how != AttemptEnd::Released;
@@ -166,15 +172,16 @@ impl State {
     }
 }
 
-/// How long a job waits after a fault that may pass before it can be claimed again, by the number of counted attempts:
-/// 1 s, doubled each time, at most a minute.
+/// Delay before a job can be claimed again after a transient error, by the number of counted
+/// attempts: 1 s, doubled for each further attempt, at most 60 s.
 #[must_use]
 pub fn retry_delay(spent: u32) -> Duration {
     Duration::from_secs(1 << spent.saturating_sub(1).min(6)).min(Duration::from_secs(60))
 }
 
-/// Which requests a worker may run, by its backend. `Auto` is a worker that can run everything, `Cpu` a CPU worker without
-/// a GPU worker beside it, `CpuSingle` a CPU worker that leaves `auto` to a GPU worker.
+/// Requested backends of the jobs that a worker may run, by the backend of its claim. `Auto` claims
+/// everything. `Cpu` is the claim of a CPU worker without a live GPU worker, `CpuSingle` of a CPU
+/// worker that leaves `auto` to a GPU worker.
 #[must_use]
 pub fn accepted(worker: Backend) -> &'static [Backend] {
     match worker {
@@ -185,7 +192,8 @@ pub fn accepted(worker: Backend) -> &'static [Backend] {
     }
 }
 
-/// Whether a model made by `used` may be reused for a request of `requested`: `cpu` and `cpu-single` give the same bytes.
+/// True if a model grown on `used` may be reused for a request of `requested`. `cpu` and
+/// `cpu-single` produce the same bytes.
 #[must_use]
 pub fn same_bytes(requested: Backend, used: Backend) -> bool {
     match requested {

@@ -1,71 +1,76 @@
-//! Removes models by age and total size, and files that no record names.
+//! Retention: deletes models by age and total size. Orphan sweep: removes files that no record
+//! names.
 //!
-//! Only ended jobs are ever removed. The record is deleted before the files, so a reader sees a whole model or
-//! none; a file whose removal fails is an orphan, and the next sweep of orphans removes it.
+//! Retention deletes only jobs that have ended. It deletes the record before the files, so a reader
+//! sees a whole model or none. A file whose removal fails becomes an orphan, and the next orphan
+//! sweep removes it.
 //!
-//! Of all processes that share the stores, one at a time sweeps: [`Sweeper`] holds a lock in the job store meanwhile.
+//! One process at a time sweeps, of all processes that share the stores: [`Sweeper`] holds a lock
+//! in the job store.
 
 use super::JobId;
 use super::artifacts::{ArtifactError, Artifacts, MODELS, PROBES};
-use super::store::{Store, StoreError, UpkeepTask};
+use super::error::StoreError;
+use super::sql::{Store, UpkeepTask};
 use jiff::Timestamp;
-use std::sync::Arc;
 use std::time::Duration;
 
-/// Jobs read at a time.
+/// Number of jobs that one query reads.
 const PAGE: u32 = 100;
-/// How long the lock on retention is kept after each page and each round. Rounds are a minute apart, so one process does
-/// them all until it ends.
+/// Duration of the lock on retention after each page and each round. Rounds are a minute apart, so
+/// one process does them all until it ends.
 const RETENTION_LOCK: Duration = Duration::from_secs(3 * 60);
-/// How long the lock on the sweep of orphans is kept after each page.
+/// Duration of the lock on the orphan sweep after each page.
 const ORPHANS_LOCK: Duration = Duration::from_secs(10 * 60);
-/// Age from which a file left by a check of the artifact store is removed.
+/// Minimum age of a file to remove that a check of the artifact store left.
 const PROBE_AGE: Duration = Duration::from_secs(60 * 60);
 
-/// How much is kept. `None` and zero are no limit.
+/// Limits of retention. `None` and zero mean no limit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Retention {
-    /// Time after its end that a job is kept.
+    /// Maximum time for which a job is kept after its end.
     pub age: Option<Duration>,
-    /// Bytes of all files together. Beyond it, the models that ended first are removed.
+    /// Maximum bytes of all files together. Above it, the models that ended first are deleted.
     pub bytes: Option<u64>,
 }
 
-/// The result of a sweep.
+/// Result of a round of retention.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Swept {
-    /// Jobs removed.
+    /// Number of deleted jobs.
     pub removed: u64,
     /// Bytes of the files of all remaining jobs, if [`Retention::bytes`] limits them.
     pub stored_bytes: Option<u64>,
 }
 
-/// Sweeps the stores of a service, if no other process is doing so.
+/// Sweeps the stores of a service, unless another process does so.
 #[derive(Clone)]
 pub struct Sweeper {
-    store: Arc<dyn Store>,
+    store: Store,
     artifacts: Artifacts,
-    /// Identifies this process.
+    /// Name of this process.
     owner: String,
 }
 
 impl Sweeper {
-    /// A sweeper of the process that `owner` identifies.
+    /// A sweeper of the process named `owner`.
     #[must_use]
-    pub fn new(store: Arc<dyn Store>, artifacts: Artifacts, owner: impl Into<String>) -> Self {
+    pub fn new(store: Store, artifacts: Artifacts, owner: impl Into<String>) -> Self {
         Self { store, artifacts, owner: owner.into() }
     }
 
-    /// Takes or renews the lock on a task; `false` if another process has it.
+    /// Takes or renews the lock on a task; false if another process holds it.
     async fn lock(&self, task: UpkeepTask, lease: Duration) -> Result<bool, StoreError> {
         self.store.acquire_upkeep(task, &self.owner, lease).await
     }
 
-    /// One round of retention, to be done every minute: removes models that are too old by the store's clock, then models
-    /// beyond the limit of bytes. `None` if another process does the rounds.
+    /// Does one round of retention, to be called every minute: deletes models that are too old by
+    /// the clock of the store, then models above the limit of bytes. `None` if another process does
+    /// the rounds.
     ///
     /// # Errors
-    /// [`StoreError`]; models removed before it stay removed. Files that could not be removed are only logged.
+    /// [`StoreError`]; models deleted before the error stay deleted. Files that could not be
+    /// removed are only logged.
     pub async fn retain(&self, retention: Retention) -> Result<Option<Swept>, StoreError> {
         if !self.lock(UpkeepTask::Retention, RETENTION_LOCK).await? {
             return Ok(None);
@@ -95,7 +100,7 @@ impl Sweeper {
 
     async fn remove_excess(&self, most: u64, swept: &mut Swept) -> Result<(), StoreError> {
         while self.lock(UpkeepTask::Retention, RETENTION_LOCK).await? {
-            // Read again for each page: clients delete models too, and workers add some.
+            // Read again for each page, because clients delete models and workers add some.
             let mut stored = self.store.stored_bytes().await?;
             swept.stored_bytes = Some(stored);
             let oldest = if stored > most { self.store.ended(None, PAGE).await? } else { Vec::new() };
@@ -103,7 +108,7 @@ impl Sweeper {
                 break;
             }
             for id in oldest {
-                // Removed by someone else: the sum may or may not include its bytes.
+                // Another caller deleted the model, and the sum may or may not include its bytes.
                 let Some(freed) = self.remove(id).await? else { break };
                 swept.removed += 1;
                 stored = stored.saturating_sub(freed);
@@ -115,27 +120,32 @@ impl Sweeper {
         Ok(())
     }
 
-    /// Removes a model; gives the bytes of the files that no other model has, `None` if it had been removed already.
+    /// Deletes a model. Returns the bytes of the files that no other model has; `None` if the model
+    /// was deleted already.
     async fn remove(&self, id: JobId) -> Result<Option<u64>, StoreError> {
-        // An ended job does not change.
+        // A job that has ended does not change.
         let files = self.store.get(id).await?.map(|job| job.files).unwrap_or_default();
         let Some(keys) = self.store.delete(id).await? else {
             return Ok(None);
         };
         if let Err(error) = self.artifacts.delete(&keys).await {
-            tracing::warn!(%error, "files of a removed model are left to the sweep of orphans");
+            tracing::warn!(%error, "could not remove files of a deleted model; the orphan sweep will remove them");
         }
-        tracing::info!(job = %id, "a model was removed by age or size");
+        tracing::info!(job = %id, "deleted a model by age or size");
         Ok(Some(files.iter().filter(|file| keys.contains(&file.key)).map(|file| file.bytes).sum()))
     }
 
-    /// Removes files older than `age` that no job names: left by attempts that lost their lease, or by a
-    /// process that died between upload and commit. Files of running attempts stay whatever their times are, because these
-    /// may be by another clock. Files of checks go after an hour. Returns how many were removed. `None` if another process
-    /// is doing so, or did less than `every` ago: each process may call this every `every`, and one of them sweeps.
+    /// Removes orphans older than `age` and returns their number. Attempts that lost their lease
+    /// leave orphans, and so do processes that end between upload and commit.
+    ///
+    /// Files of running attempts stay whatever their times are, because these may be by another
+    /// clock. Files of checks are removed after an hour. Returns `None` if another process sweeps,
+    /// or did so less than `every` ago: each process may call this every `every`, and one of them
+    /// sweeps.
     ///
     /// # Errors
-    /// [`ArtifactError::Store`], [`ArtifactError::Jobs`]; files removed before it stay removed.
+    /// [`ArtifactError::Store`], [`ArtifactError::Jobs`]; files removed before the error stay
+    /// removed.
     pub async fn sweep_orphans(
         &self,
         now: Timestamp,
@@ -162,7 +172,7 @@ impl Sweeper {
                     .filter(|object| object.modified_micros < before)
                     .map(|object| object.key)
                     .collect();
-                // Asked after the listing: what was committed meanwhile is named by now.
+                // Asked after the listing, so a record names every file that was committed before.
                 let used = self.store.keys_in_use(&old).await?;
                 old.retain(|key| !used.contains(key));
                 removed += self.artifacts.remove_listed(old).await?;
@@ -178,22 +188,21 @@ mod tests {
     use super::*;
     use crate::clock::Clock;
     use crate::generate::Backend;
-    use crate::jobs::sqlite::SqliteStore;
     use crate::jobs::{File, Finished, NewJob, StoreOptions};
     use bytes::Bytes;
 
-    async fn stores() -> (Arc<dyn Store>, Artifacts, Clock, tempfile::TempDir) {
+    async fn stores() -> (Store, Artifacts, Clock, tempfile::TempDir) {
         let dir = tempfile::tempdir().unwrap();
         let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
         let options = StoreOptions { clock: clock.clone(), ..StoreOptions::default() };
-        let store = SqliteStore::open_in_memory(options).await.unwrap();
-        (Arc::new(store), Artifacts::local(dir.path()).unwrap(), clock, dir)
+        let store = Store::open_in_memory(options).await.unwrap();
+        (store, Artifacts::local(dir.path()).unwrap(), clock, dir)
     }
 
     #[tokio::test]
     async fn one_sweeper_at_a_time() {
         let (store, artifacts, clock, _dir) = stores().await;
-        let sweeper = |owner| Sweeper::new(Arc::clone(&store), artifacts.clone(), owner);
+        let sweeper = |owner| Sweeper::new(store.clone(), artifacts.clone(), owner);
         let (one, other) = (sweeper("one"), sweeper("other"));
         let keeps = Retention { age: Some(Duration::from_secs(1)), bytes: Some(1) };
         let swept = Some(Swept { removed: 0, stored_bytes: Some(0) });
@@ -234,7 +243,7 @@ mod tests {
     }
 
     /// Queues and finishes models of one file of 100 bytes each.
-    async fn make(store: &dyn Store, models: u64) {
+    async fn make(store: &Store, models: u64) {
         for seed in 0..models {
             store.submit(NewJob::sample(seed)).await.unwrap();
             let claimed = store.claim("w", Backend::Cpu, Duration::from_secs(8), 1).await.unwrap().pop().unwrap();
@@ -258,10 +267,10 @@ mod tests {
     #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
     async fn two_processes_that_sweep_at_once_remove_no_more_than_one() {
         let (store, artifacts, _, _dir) = stores().await;
-        make(&*store, 40).await;
+        make(&store, 40).await;
         let keeps = Retention { age: None, bytes: Some(1050) };
         let sweeps = (0..4).map(|process| {
-            let sweeper = Sweeper::new(Arc::clone(&store), artifacts.clone(), process.to_string());
+            let sweeper = Sweeper::new(store.clone(), artifacts.clone(), process.to_string());
             tokio::spawn(async move { sweeper.retain(keeps).await.unwrap() })
         });
         let swept = futures_util::future::join_all(sweeps).await;
@@ -273,9 +282,9 @@ mod tests {
     #[tokio::test]
     async fn zero_is_no_limit() {
         let (store, artifacts, clock, _dir) = stores().await;
-        make(&*store, 2).await;
+        make(&store, 2).await;
         clock.advance(Duration::from_secs(1));
-        let sweeper = Sweeper::new(Arc::clone(&store), artifacts, "one");
+        let sweeper = Sweeper::new(store.clone(), artifacts, "one");
         for (age, bytes) in [(Some(Duration::ZERO), None), (None, Some(0)), (None, None)] {
             let swept = sweeper.retain(Retention { age, bytes }).await.unwrap();
             assert_eq!(swept, Some(Swept::default()));

@@ -1,8 +1,8 @@
-//! One attempt at a job, from its claim to its end. A job of `auto` that a GPU could not grow is grown on the CPU within the
-//! same attempt.
+//! One attempt at a job, from its claim to its end. If a GPU could not grow a job of `auto`, the
+//! same attempt grows it on the CPU.
 
 use super::backend::cpu::Cpu;
-use super::backend::{self, GenerateFailure, Generation, Made, Task};
+use super::backend::{self, GenerateFailure, Generation, GenerationOutput, Task};
 use super::checkpoint::{Checkpoints, Mailbox};
 use super::context::Context;
 use super::lease::{Claim, Interrupt, Lease};
@@ -23,23 +23,25 @@ use tokio::time::{sleep, timeout};
 use tokio_util::sync::CancellationToken;
 use tracing::Instrument;
 
-/// How long the record of an interrupted attempt waits for its thread to stop.
-const STOP_WAIT: Duration = Duration::from_millis(300);
-/// How long an attempt that is released waits for its last checkpoint to be taken and stored.
-const SAVE_WAIT: Duration = Duration::from_secs(6);
-/// How long a job that was claimed before the threads were free waits for them; then another worker may have it.
-const SOON: Duration = Duration::from_secs(3);
-/// How long an interrupted upload may take to stop.
-const SETTLE: Duration = Duration::from_millis(500);
-/// The default time limit of a generation: this floor, and so many times the predicted seconds on one core. Machines that run
-/// several workers on the same cores, and batches that share a GPU, are slower than predicted.
+/// Maximum time for which the record of an interrupted attempt waits for the generation to stop.
+const GENERATION_STOP_WAIT: Duration = Duration::from_millis(300);
+/// Maximum time for which a released attempt waits for its last checkpoint to be taken and stored.
+const CHECKPOINT_WAIT: Duration = Duration::from_secs(6);
+/// Maximum time for which a job that was claimed early waits for the CPU threads. After that, the
+/// job is released to other workers.
+const THREAD_WAIT: Duration = Duration::from_secs(3);
+/// Maximum time for which an interrupted attempt waits for its upload to stop.
+const UPLOAD_STOP_WAIT: Duration = Duration::from_millis(500);
+/// Constant part of the default time limit of a generation.
 const TIME_FLOOR: Duration = Duration::from_secs(600);
+/// Factor of the predicted time on one core in the default time limit. Machines that run several
+/// workers on the same cores, and GPU batches, are slower than predicted.
 const TIME_FACTOR: f64 = 20.0;
 
 /// One attempt at a job.
 pub(super) struct Attempt<'a> {
     context: &'a Context,
-    /// The name of the worker, for the status of the process.
+    /// Name of the worker, for the status of the process.
     worker: &'a str,
     claim: Claim,
     lease: Lease<'a>,
@@ -47,41 +49,42 @@ pub(super) struct Attempt<'a> {
     sink: Arc<AttemptSink>,
     checkpoints: Checkpoints<'a>,
     cancel: CancelToken,
-    /// A generation that was told to stop and has not yet.
+    /// A generation that was told to stop and still runs.
     stopping: Option<Generation>,
 }
 
-/// Where the generation of an attempt comes from.
+/// Source of the generation of an attempt.
 pub(super) enum Start {
-    /// It is to be started on the CPU, with the right to use its threads; without it, once they are free, if that is soon.
+    /// The attempt starts it on the CPU, with the right to use the threads. Without the right, it
+    /// waits for the threads for at most [`THREAD_WAIT`].
     Cpu(Option<OwnedSemaphorePermit>),
-    /// It runs as a member of a batch.
+    /// It runs already, as a member of a GPU batch.
     Running(Generation),
 }
 
-/// How the work of an attempt ended.
-enum Ending {
-    /// The files are stored; the record is ready to be committed.
+/// Result of the work of an attempt.
+enum WorkResult {
+    /// The files are stored, and the record can be committed.
     Stored(Box<Finished>),
     Failed(Verdict),
     Interrupted(Interrupt),
 }
 
-impl From<Interrupt> for Ending {
+impl From<Interrupt> for WorkResult {
     fn from(interrupt: Interrupt) -> Self {
         Self::Interrupted(interrupt)
     }
 }
 
-impl From<Verdict> for Ending {
+impl From<Verdict> for WorkResult {
     fn from(verdict: Verdict) -> Self {
         Self::Failed(verdict)
     }
 }
 
-/// How an attempt ends, for metrics and logs.
+/// Attempt end for metrics and logs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum End {
+enum AttemptMetric {
     Succeeded,
     Failed,
     Cancelled,
@@ -91,8 +94,8 @@ enum End {
     Deleted,
 }
 
-impl End {
-    /// The value of the metric's label.
+impl AttemptMetric {
+    /// Value of the label of the metric.
     fn name(self) -> &'static str {
         match self {
             Self::Succeeded => "succeeded",
@@ -107,8 +110,9 @@ impl End {
 }
 
 impl<'a> Attempt<'a> {
-    /// Prepares an attempt at a claimed job, which `report` says what computes. `None` if that failed: the attempt has ended
-    /// then.
+    /// Begins an attempt at a claimed job: creates its scratch directory, sink and lease. `report`
+    /// names the backend and device. Returns `None` if this fails; the failure is then recorded and
+    /// the attempt has ended.
     pub(super) async fn begin(
         context: &'a Context,
         worker: &'a str,
@@ -120,10 +124,10 @@ impl<'a> Attempt<'a> {
         trace::adopt(&span, job.job().trace.as_deref());
         let claim = Claim { job, report };
         let prepare = async {
-            tracing::info!("attempt begins");
+            tracing::info!("attempt began");
             observe_wait(context, &claim.job).await;
             options.faults.point("after-claim").await.map_err(verdict::of_injected)?;
-            context.scratch.attempt(id, attempt).map_err(|error| verdict::of_scratch(error.to_string()))
+            context.scratch.attempt(id, attempt).map_err(|error| verdict::of_scratch(&error))
         };
         match prepare.instrument(span.clone()).await {
             Ok(dir) => {
@@ -135,13 +139,13 @@ impl<'a> Attempt<'a> {
                 Some(Self { context, worker, claim, lease, dir, sink, checkpoints, cancel, stopping: None })
             }
             Err(verdict) => {
-                record(context, claim, Ending::Failed(verdict)).instrument(span).await;
+                record(context, claim, WorkResult::Failed(verdict)).instrument(span).await;
                 None
             }
         }
     }
 
-    /// What a batch needs to grow this job.
+    /// The task of a GPU batch for this job.
     pub(super) fn task(&self) -> Task {
         Task {
             job: self.claim.job.job().clone(),
@@ -153,21 +157,22 @@ impl<'a> Attempt<'a> {
         }
     }
 
-    /// Follows the generation, stores its files and ends the attempt. Returns whether the job has ended.
+    /// Waits for the generation, stores its files and ends the attempt. Returns true if the job has
+    /// ended.
     pub(super) async fn run(mut self, start: Start, cpu: &Cpu) -> bool {
         let span = self.sink.span().clone();
         let run = async {
             let ending =
-                self.work(start, cpu).await.map_or_else(|ending| ending, |done| Ending::Stored(Box::new(done)));
+                self.work(start, cpu).await.map_or_else(|ending| ending, |done| WorkResult::Stored(Box::new(done)));
             self.conclude(ending).await
         };
         run.instrument(span).await
     }
 
-    async fn work(&mut self, start: Start, cpu: &Cpu) -> Result<Finished, Ending> {
+    async fn work(&mut self, start: Start, cpu: &Cpu) -> Result<Finished, WorkResult> {
         let result = self.follow(start, cpu).await;
         let made = match self.sink.injected() {
-            Some(injected) if !matches!(result, Err(Ending::Interrupted(_))) => {
+            Some(injected) if !matches!(result, Err(WorkResult::Interrupted(_))) => {
                 return Err(verdict::of_injected(injected).into());
             }
             _ => result?,
@@ -192,14 +197,15 @@ impl<'a> Attempt<'a> {
         Ok(Finished { backend, files, summary, engine })
     }
 
-    /// What the generation made. Its threads are free by then, unless it was told to stop and has not yet.
-    async fn follow(&mut self, start: Start, cpu: &Cpu) -> Result<Made, Ending> {
+    /// Waits for the output of the generation. Its threads are then free, unless it was told to
+    /// stop and still runs.
+    async fn follow(&mut self, start: Start, cpu: &Cpu) -> Result<GenerationOutput, WorkResult> {
         let mut time = self.time_limit();
         let mut generation = match start {
             Start::Running(generation) => generation,
             Start::Cpu(Some(permit)) => self.generate_on(cpu, permit).await?,
             Start::Cpu(None) => {
-                let free = timeout(SOON, cpu.free());
+                let free = timeout(THREAD_WAIT, cpu.free());
                 let permit = self.lease.hold(&self.claim, &self.sink.progress, free).await?;
                 self.generate_on(cpu, permit.map_err(|_| verdict::of_busy_worker())?).await?
             }
@@ -220,9 +226,9 @@ impl<'a> Attempt<'a> {
             if (report.requested, report.used) != (Backend::Auto, Some(Backend::Gpu)) {
                 return Err(Verdict::Fail(verdict::of_gpu(reason)).into());
             }
-            tracing::warn!(reason, "the GPU could not grow the model; it is grown on the CPU");
+            tracing::warn!(reason, "the GPU could not grow the model; the CPU will grow it");
             self.context.options.metrics.fallback(Fallback::Device);
-            // Waiting for the CPU does not count against the time limit.
+            // The wait for the CPU does not count against the time limit.
             time = time.map(|time| time.saturating_sub(since.elapsed()));
             let permit = self.lease.hold(&self.claim, &self.sink.progress, cpu.free()).await?;
             self.claim.report = BackendReport { fallback: Some(reason), ..cpu.report(Backend::Auto) };
@@ -234,8 +240,8 @@ impl<'a> Attempt<'a> {
         }
     }
 
-    /// Starts the generation on the CPU, from the checkpoint that an earlier attempt left.
-    async fn generate_on(&mut self, cpu: &Cpu, permit: OwnedSemaphorePermit) -> Result<Generation, Ending> {
+    /// Starts the generation on the CPU, from the checkpoint of an earlier attempt if there is one.
+    async fn generate_on(&mut self, cpu: &Cpu, permit: OwnedSemaphorePermit) -> Result<Generation, WorkResult> {
         let checkpoint = self.checkpoints.load(self.dir.path());
         let checkpoint = self.lease.hold(&self.claim, &self.sink.progress, checkpoint).await?;
         let backend = self.claim.report.used.unwrap_or_default();
@@ -243,8 +249,8 @@ impl<'a> Attempt<'a> {
         Ok(cpu.generate(Arc::clone(&self.context.generator), backend, task, permit))
     }
 
-    /// How long the generations of this attempt may take together. `None`, for no limit, if the spec is not valid: then the
-    /// generation fails at once.
+    /// Time limit of all generations of this attempt together. `None`, for no limit, if the spec is
+    /// not valid; the generation then fails immediately.
     fn time_limit(&self) -> Option<Duration> {
         self.context.options.job_timeout.or_else(|| {
             let predicted = backend::predict(self.claim.job.job())?;
@@ -252,12 +258,13 @@ impl<'a> Attempt<'a> {
         })
     }
 
-    /// Drives a generation while its lease is renewed and its checkpoints are stored, for `time` at most.
+    /// Drives a generation for at most `time`, while renewing its lease and storing its
+    /// checkpoints.
     async fn hold_in_time(
         &mut self,
         generation: &mut Generation,
         time: Option<Duration>,
-    ) -> Result<Result<Made, GenerateFailure>, Ending> {
+    ) -> Result<Result<GenerationOutput, GenerateFailure>, WorkResult> {
         let Self { claim, lease, sink, checkpoints, .. } = self;
         let late = async {
             match time {
@@ -272,60 +279,66 @@ impl<'a> Attempt<'a> {
         }
     }
 
-    /// Stops a generation; one that is released takes a last checkpoint before.
-    async fn stop(&mut self, mut generation: Generation, ending: &Ending) {
+    /// Stops a generation. Before a release it takes a last checkpoint.
+    async fn stop(&mut self, mut generation: Generation, ending: &WorkResult) {
         let mut running = true;
         // A GPU takes no checkpoints that another attempt could resume from.
-        let is_released = matches!(ending, Ending::Interrupted(Interrupt::Shutdown));
+        let is_released = matches!(ending, WorkResult::Interrupted(Interrupt::Shutdown));
         if is_released && self.claim.report.used != Some(Backend::Gpu) && self.sink.checkpoints.is_enabled() {
             running = self.take_last_checkpoint(&mut generation).await;
         }
         generation.stop();
-        // Most stop within milliseconds; then the record is true when it says so.
-        if running && timeout(STOP_WAIT, generation.result()).await.is_err() {
+        // Most generations stop within milliseconds, so the record is true when it says that they
+        // did.
+        if running && timeout(GENERATION_STOP_WAIT, generation.result()).await.is_err() {
             self.stopping = Some(generation);
         }
     }
 
-    /// Waits a little for a last checkpoint. Returns whether the generation still runs.
+    /// Waits for a last checkpoint, for at most [`CHECKPOINT_WAIT`]. Returns true if the generation
+    /// still runs.
     async fn take_last_checkpoint(&mut self, generation: &mut Generation) -> bool {
         let Self { context, claim, sink, checkpoints, .. } = self;
         sink.checkpoints.request();
-        // The lease is not renewed meanwhile.
+        // Nothing renews the lease in the meantime.
         let left = context.options.lease.saturating_sub(context.options.heartbeat).mul_f32(0.75);
         tokio::select! {
             () = checkpoints.store_next(&claim.job, &sink.checkpoints) => true,
-            () = sleep(left.min(SAVE_WAIT)) => true,
+            () = sleep(left.min(CHECKPOINT_WAIT)) => true,
             _ = generation.result() => false,
         }
     }
 
-    /// Stores the files while the lease is renewed.
-    async fn store(&mut self, files: &[File]) -> Result<(), Ending> {
+    /// Stores the files while renewing the lease.
+    async fn store(&mut self, files: &[File]) -> Result<(), WorkResult> {
         let stop = CancellationToken::new();
         let mut upload = Box::pin(upload::upload(self.context, &self.sink, files, self.dir.path(), &stop));
         let uploaded = self.lease.hold(&self.claim, &self.sink.progress, &mut upload).await;
         if uploaded.is_err() {
             // A file that a thread is writing can be removed only once it is complete.
             stop.cancel();
-            let _ = timeout(SETTLE, &mut upload).await;
+            let _ = timeout(UPLOAD_STOP_WAIT, &mut upload).await;
         }
         uploaded?.map_err(|error| {
-            Ending::Failed(match error {
+            WorkResult::Failed(match error {
                 UploadError::Injected(injected) => verdict::of_injected(injected),
-                UploadError::Store { .. } => verdict::of_storage(error.to_string()),
-                UploadError::Scratch(detail) => verdict::of_scratch(detail),
-                UploadError::Damaged(detail) => verdict::of_damage(detail),
+                UploadError::Store { .. } => verdict::of_storage(&error),
+                UploadError::Unreadable { ref source, .. } if verdict::is_storage_fault(source) => {
+                    verdict::of_scratch(&error)
+                }
+                UploadError::Unreadable { .. } | UploadError::Damaged { .. } => verdict::of_damage(&error),
             })
         })
     }
 
-    /// Records how the attempt ended, and waits for a generation that has not stopped yet. Returns whether the job has ended.
-    async fn conclude(self, ending: Ending) -> bool {
+    /// Records the attempt end, and waits for a generation that still runs. Returns true if the job
+    /// has ended.
+    async fn conclude(self, ending: WorkResult) -> bool {
         let Self { context, worker, claim, dir, sink, checkpoints, stopping, .. } = self;
         let id = claim.job.job().id;
-        // Its files make room before the storage is checked.
-        drop((dir, sink));
+        // Before the storage is checked, because its files take space.
+        drop(sink);
+        AttemptDir::remove(dir).await;
         let ended = record(context, claim, ending).await;
         if let Some(generation) = stopping {
             wait_for(context, worker, id, generation).await;
@@ -337,13 +350,13 @@ impl<'a> Attempt<'a> {
     }
 }
 
-/// The time limit of a generation that is predicted to take so many seconds on one core.
+/// Default time limit of a generation with a predicted time of `seconds` on one core.
 fn default_time_limit(seconds: f64) -> Duration {
     TIME_FLOOR + Duration::try_from_secs_f64(seconds * TIME_FACTOR).unwrap_or(TIME_FLOOR)
 }
 
-/// Counts how long a job waited in the queue, when an attempt at it begins for the first time. An attempt that a GPU worker
-/// released because the job did not fit its batch never began.
+/// Reports the time that a job waited in the queue, at the first attempt that begins. An attempt
+/// that a GPU worker released because the job did not fit its batch did not begin.
 async fn observe_wait(context: &Context, claimed: &ClaimedJob) {
     let job = claimed.job();
     let began = if claimed.attempt() == 1 {
@@ -361,19 +374,19 @@ async fn observe_wait(context: &Context, claimed: &ClaimedJob) {
         });
         never_began.then_some(last.started_at)
     };
-    // Both times are by the store's clock.
+    // Both times are by the clock of the store.
     if let Some(began) = began {
         let waited = Duration::try_from(began.duration_since(job.created_at)).unwrap_or_default();
         context.options.metrics.waited(waited);
     }
 }
 
-/// Waits until a generation that was told to stop has stopped. What it returns is of no use any more.
+/// Waits until a generation that was told to stop has stopped, and discards its result.
 async fn wait_for(context: &Context, worker: &str, id: JobId, mut generation: Generation) {
-    let (status, patience) = (&context.options.status, context.options.stuck_after);
-    if timeout(patience, generation.result()).await.is_err() {
-        // Probes show it to anyone, so it does not name the model.
-        let detail = format!("worker {worker} was told to stop a model and has not within {} s", patience.as_secs());
+    let (status, limit) = (&context.options.status, context.options.stuck_after);
+    if timeout(limit, generation.result()).await.is_err() {
+        // Does not name the model, because probes show the detail to everyone.
+        let detail = format!("worker {worker} was told to stop a model and has not within {} s", limit.as_secs());
         tracing::error!(model = %id, detail, "a worker is stuck");
         let key = format!("{worker} {id}");
         status.stuck(&key, detail);
@@ -383,74 +396,82 @@ async fn wait_for(context: &Context, worker: &str, id: JobId, mut generation: Ge
     }
 }
 
-/// Records how an attempt ended, in the store, the metrics and the log. Returns whether the job has ended.
-async fn record(context: &Context, claim: Claim, ending: Ending) -> bool {
+/// Records an attempt end in the store, the metrics and the log. Returns true if the job has ended.
+async fn record(context: &Context, claim: Claim, ending: WorkResult) -> bool {
     let Claim { job: claimed, report } = claim;
     let (id, used, device) = (claimed.job().id, report.used, report.device.clone());
     let (fallback, is_model) = (report.fallback.clone(), claimed.job().kind == JobKind::Model);
-    if let Ending::Failed(Verdict::Storage { problem, scratch }) = &ending {
+    if let WorkResult::Failed(Verdict::Storage { problem, scratch }) = &ending {
         let space = || backend::predict(claimed.job()).map_or(0, |predicted| predicted.bytes);
         context.storage.job_released(&problem.detail, scratch.then(space)).await;
     }
     let (end, result) = write(context, claimed, report, ending).await;
     let counted = match &result {
-        Err(StoreError::Fenced) if matches!(context.store.get(id).await, Ok(None)) => End::Deleted,
-        Err(StoreError::Fenced) => End::Lost,
+        Err(StoreError::Fenced) if matches!(context.store.get(id).await, Ok(None)) => AttemptMetric::Deleted,
+        Err(StoreError::Fenced) => AttemptMetric::Lost,
         _ => end,
     };
     let (how, metrics) = (end.name(), &context.options.metrics);
     metrics.attempt(counted.name());
-    if let (true, End::Succeeded, Ok(()), Some(used), Some(device)) = (is_model, end, &result, used, &device) {
+    if let (true, AttemptMetric::Succeeded, Ok(()), Some(used), Some(device)) = (is_model, end, &result, used, &device)
+    {
         metrics.made(used.name(), device.clone());
     }
     match &result {
         Ok(()) => tracing::info!(used = used.map(Backend::name), device, fallback, "attempt {how}"),
-        Err(StoreError::Fenced) if counted == End::Deleted => {
+        Err(StoreError::Fenced) if counted == AttemptMetric::Deleted => {
             tracing::info!("attempt {how}, but its model was deleted");
         }
         Err(StoreError::Fenced) => tracing::warn!("attempt {how}, but its lease was lost"),
         Err(error) => tracing::error!(%error, "attempt {how}, but that was not recorded"),
     }
-    result.is_ok() && matches!(end, End::Succeeded | End::Failed | End::Cancelled)
+    result.is_ok() && matches!(end, AttemptMetric::Succeeded | AttemptMetric::Failed | AttemptMetric::Cancelled)
 }
 
-/// Writes the end of an attempt to the store.
+/// Writes an attempt end to the store.
 async fn write(
     context: &Context,
     claimed: ClaimedJob,
     report: BackendReport,
-    ending: Ending,
-) -> (End, Result<(), StoreError>) {
+    ending: WorkResult,
+) -> (AttemptMetric, Result<(), StoreError>) {
     let store = &context.store;
     match ending {
-        Ending::Stored(finished) => commit(context, claimed, *finished).await,
-        Ending::Failed(Verdict::Fail(problem)) => (End::Failed, store.fail(claimed, report, problem).await.map(drop)),
-        Ending::Failed(Verdict::Retry(problem)) => (End::Retried, store.retry(claimed, problem).await.map(drop)),
-        Ending::Failed(Verdict::Release(problem) | Verdict::Storage { problem, .. }) => {
-            (End::Released, store.release(claimed, Some(problem)).await)
+        WorkResult::Stored(finished) => commit(context, claimed, *finished).await,
+        WorkResult::Failed(Verdict::Fail(problem)) => {
+            (AttemptMetric::Failed, store.fail(claimed, report, problem).await.map(drop))
         }
-        Ending::Interrupted(Interrupt::Lost) => (End::Lost, Ok(())),
-        Ending::Interrupted(Interrupt::Deleted) => (End::Deleted, Ok(())),
-        Ending::Interrupted(Interrupt::Cancelled) => (End::Cancelled, store.cancelled(claimed).await.map(drop)),
-        Ending::Interrupted(Interrupt::Shutdown) => (End::Released, store.release(claimed, None).await),
+        WorkResult::Failed(Verdict::Retry(problem)) => {
+            (AttemptMetric::Retried, store.retry(claimed, problem).await.map(drop))
+        }
+        WorkResult::Failed(Verdict::Release(problem) | Verdict::Storage { problem, .. }) => {
+            (AttemptMetric::Released, store.release(claimed, Some(problem)).await)
+        }
+        WorkResult::Interrupted(Interrupt::Lost) => (AttemptMetric::Lost, Ok(())),
+        WorkResult::Interrupted(Interrupt::Deleted) => (AttemptMetric::Deleted, Ok(())),
+        WorkResult::Interrupted(Interrupt::Cancelled) => {
+            (AttemptMetric::Cancelled, store.cancelled(claimed).await.map(drop))
+        }
+        WorkResult::Interrupted(Interrupt::Shutdown) => (AttemptMetric::Released, store.release(claimed, None).await),
     }
 }
 
-async fn commit(context: &Context, claimed: ClaimedJob, finished: Finished) -> (End, Result<(), StoreError>) {
+async fn commit(context: &Context, claimed: ClaimedJob, finished: Finished) -> (AttemptMetric, Result<(), StoreError>) {
     let files = finished.files.clone();
     if let Err(injected) = context.options.faults.point("before-commit").await {
         upload::remove(context, &files).await;
-        return (End::Retried, context.store.retry(claimed, verdict::injected(injected)).await.map(drop));
+        return (AttemptMetric::Retried, context.store.retry(claimed, verdict::injected(injected)).await.map(drop));
     }
     let result = context.store.finish(claimed, finished).await.map(drop);
-    // After another error it may have been committed or not: the files stay, and are swept if it was not.
+    // After another error the outcome of the commit is unknown: the files stay, and if it failed,
+    // the orphan sweep removes them.
     if matches!(result, Err(StoreError::Fenced)) {
         upload::remove(context, &files).await;
     }
     if let (Ok(()), Err(injected)) = (&result, context.options.faults.point("after-commit").await) {
-        tracing::warn!(%injected, "the commit is not affected");
+        tracing::warn!(%injected, "a fault was injected after the commit, which it does not affect");
     }
-    (End::Succeeded, result)
+    (AttemptMetric::Succeeded, result)
 }
 
 #[cfg(test)]
@@ -461,6 +482,6 @@ mod tests {
     fn the_default_time_limit_grows_with_the_predicted_cost() {
         assert_eq!(default_time_limit(0.0), TIME_FLOOR);
         assert_eq!(default_time_limit(30.0), TIME_FLOOR + Duration::from_secs(600));
-        assert_eq!(default_time_limit(f64::INFINITY), 2 * TIME_FLOOR, "a prediction that is no time is not trusted");
+        assert_eq!(default_time_limit(f64::INFINITY), 2 * TIME_FLOOR, "an infinite prediction is ignored");
     }
 }

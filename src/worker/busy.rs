@@ -1,11 +1,11 @@
-//! Whether a worker runs anything, for the metrics. A worker may hold two claims at once; it is one slot all the same.
+//! Busy workers, for the metrics. A worker that holds two claims counts as one busy slot.
 
 use crate::generate::Backend;
 use crate::metrics::Metrics;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// The claims of one worker that run.
+/// Number of running claims of one worker.
 #[derive(Debug)]
 pub(super) struct Busy {
     running: AtomicU32,
@@ -13,18 +13,18 @@ pub(super) struct Busy {
     backend: &'static str,
 }
 
-/// A claim that runs, until it is dropped.
+/// A running claim; dropping it ends the claim.
 #[derive(Debug)]
 pub(super) struct Running(Arc<Busy>);
 
 impl Busy {
-    /// Of a new worker.
+    /// Registers a new worker.
     pub(super) fn new(metrics: &Metrics, backend: Backend) -> Arc<Self> {
         metrics.add_slot(backend.name());
         Arc::new(Self { running: AtomicU32::new(0), metrics: metrics.clone(), backend: backend.name() })
     }
 
-    /// A claim begins to run.
+    /// Begins a claim.
     pub(super) fn begin(self: &Arc<Self>) -> Running {
         if self.running.fetch_add(1, Ordering::AcqRel) == 0 {
             self.metrics.slot_busy(self.backend, true);

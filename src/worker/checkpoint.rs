@@ -1,25 +1,26 @@
-//! Checkpoints of an attempt: from the generating thread to the artifact store, and back to the next attempt.
+//! Checkpoints of an attempt: from the generating thread to the artifact store, and back to the
+//! next attempt.
 //!
-//! A checkpoint is stored under a key of its own before the job's record names it, and the one before is removed
-//! after that: at any time the record names a complete checkpoint or none. A lost checkpoint costs time, never a model, so no
-//! failure here ends an attempt.
+//! A checkpoint is stored under a separate key before the record of the job names it, and the
+//! previous one is removed afterwards. Therefore the record names a complete checkpoint or none at
+//! any time. A lost checkpoint costs time but never a model, so no failure here ends an attempt.
 
 use super::context::Context;
 use crate::clock::Stopwatch;
 use crate::jobs::artifacts::{self, ArtifactError};
 use crate::jobs::{ClaimedJob, StoreError};
+use crate::lock::{Mutex, MutexGuard};
 use std::convert::Infallible;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tempfile::TempPath;
 use tokio::sync::Notify;
 
-/// Name of the file of the checkpoint that an attempt resumes from.
+/// File name of the checkpoint from which an attempt resumes.
 const NAME: &str = "resumed.checkpoint";
-/// Storing checkpoints takes at most one part in so many of the time.
-const SHARE: u32 = 10;
-/// Tries to read a checkpoint before the job starts from the beginning.
+/// Minimum time between checkpoints, in units of the time to store one.
+const STORE_TIMES: u32 = 10;
+/// Number of tries to read a checkpoint before the job starts from the beginning.
 const TRIES: u32 = 3;
 
 /// Passes checkpoints from the generating thread to the task that stores them. Holds one at a time.
@@ -33,20 +34,20 @@ pub(super) struct Mailbox {
 
 #[derive(Debug)]
 struct State {
-    /// Since the last checkpoint, or the start.
+    /// Time since the last checkpoint or the start.
     since: Stopwatch,
     /// A checkpoint that has not been fetched yet.
     checkpoint: Option<Saved>,
-    /// Whether one is wanted at once.
+    /// True if a checkpoint is requested immediately.
     requested: bool,
-    /// How long it took to store the last one.
+    /// Time that the last checkpoint took to store.
     cost: Duration,
 }
 
 /// A checkpoint on its way to the artifact store.
 #[derive(Debug)]
 pub(super) enum Saved {
-    /// In a file, which is removed when this is dropped.
+    /// A checkpoint in a file, which dropping this value removes.
     File(TempPath),
     Bytes(Vec<u8>),
 }
@@ -57,7 +58,7 @@ impl Mailbox {
         Self { state: Mutex::new(state), every, arrived: Notify::new() }
     }
 
-    /// Whether checkpoints are taken at all.
+    /// True if checkpoints are taken at all.
     pub(super) fn is_enabled(&self) -> bool {
         self.every.is_some()
     }
@@ -67,15 +68,15 @@ impl Mailbox {
         self.state().requested = self.is_enabled();
     }
 
-    /// Whether the generation is to take a checkpoint now.
+    /// True if the generation should take a checkpoint at this step.
     pub(super) fn wants(&self) -> bool {
         let Some(every) = self.every else { return false };
         let state = self.state();
-        // One that has not been fetched yet goes first.
-        state.requested || (state.checkpoint.is_none() && state.since.elapsed() >= every.max(state.cost * SHARE))
+        // A checkpoint that has not been fetched yet goes first.
+        state.requested || (state.checkpoint.is_none() && state.since.elapsed() >= every.max(state.cost * STORE_TIMES))
     }
 
-    /// Leaves a checkpoint to be stored.
+    /// Adds a checkpoint to be stored.
     pub(super) fn put(&self, checkpoint: Saved) {
         let mut state = self.state();
         state.since = Stopwatch::start();
@@ -84,12 +85,12 @@ impl Mailbox {
         self.arrived.notify_one();
     }
 
-    /// The checkpoint that was fetched last has been stored, which took so long.
+    /// Reports the time that the last fetched checkpoint took to store.
     fn stored(&self, cost: Duration) {
         self.state().cost = cost;
     }
 
-    /// The generation starts from the beginning.
+    /// Reports that the generation starts from the beginning.
     pub(super) fn restart(&self) {
         self.state().since = Stopwatch::start();
     }
@@ -106,14 +107,14 @@ impl Mailbox {
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        self.state.lock()
     }
 }
 
 /// The stored checkpoints of one attempt.
 pub(super) struct Checkpoints<'a> {
     context: &'a Context,
-    /// The key that the record names.
+    /// Key that the record names.
     named: Option<String>,
     count: u32,
 }
@@ -123,7 +124,7 @@ impl<'a> Checkpoints<'a> {
         Self { context, named: claimed.job().checkpoint.clone(), count: 0 }
     }
 
-    /// Copies the checkpoint that an earlier attempt left to a file in `dir`.
+    /// Copies the checkpoint of an earlier attempt to a file in `dir`.
     pub(super) async fn load(&self, dir: &Path) -> Option<PathBuf> {
         let key = self.named.as_deref()?;
         let path = dir.join(NAME);
@@ -132,11 +133,11 @@ impl<'a> Checkpoints<'a> {
             match self.context.artifacts.get_file(key, &path).await {
                 Ok(()) => return Some(path),
                 Err(error @ ArtifactError::NotFound { .. }) => {
-                    tracing::warn!(%error, "the checkpoint is gone; the model is grown from the beginning");
+                    tracing::warn!(%error, "the checkpoint no longer exists; the model starts from the beginning");
                     return None;
                 }
                 Err(error) => {
-                    tracing::warn!(%error, tries, "the checkpoint could not be read");
+                    tracing::warn!(%error, tries, "could not read the checkpoint");
                     tokio::time::sleep(wait).await;
                     wait *= 2;
                 }
@@ -160,21 +161,26 @@ impl<'a> Checkpoints<'a> {
             Ok(bytes) => {
                 mailbox.stored(watch.elapsed());
                 self.context.options.metrics.checkpoint();
-                tracing::info!(bytes, "checkpoint stored");
+                tracing::info!(bytes, "stored a checkpoint");
             }
             // Logged once, at the start of the outage.
-            Err(ArtifactError::Store(cause)) => self.context.storage.write_failed(&cause),
-            Err(error) => tracing::warn!(%error, "a checkpoint was not stored"),
+            Err(error @ ArtifactError::Store(_)) => self.context.storage.write_failed(&error),
+            Err(error) => tracing::warn!(%error, "could not store a checkpoint"),
         }
     }
 
-    /// Stores a checkpoint and has the record name it; returns its size.
+    /// Stores a checkpoint, records its key, and returns its size in bytes.
     async fn store(&mut self, claimed: &ClaimedJob, checkpoint: Saved) -> Result<u64, ArtifactError> {
         self.count += 1;
         let name = format!("checkpoint-{}", self.count);
         let key = artifacts::key(claimed.job().id, claimed.attempt(), &name);
         let size = match checkpoint {
-            Saved::File(path) => self.context.artifacts.put_file(&key, &path).await?.bytes,
+            Saved::File(path) => {
+                let stored = self.context.artifacts.put_file(&key, &path).await;
+                // Removes the file on a thread that may block.
+                let _ = tokio::task::spawn_blocking(move || drop(path)).await;
+                stored?.bytes
+            }
             Saved::Bytes(bytes) => {
                 let size = bytes.len() as u64;
                 self.context.artifacts.put_bytes(&key, bytes.into()).await?;
@@ -194,7 +200,8 @@ impl<'a> Checkpoints<'a> {
                 self.remove(key).await;
                 Err(StoreError::Fenced.into())
             }
-            // The record may name it or not: the file stays, and is swept if it does not.
+            // The record may name the file or not, so the file stays. If it is an orphan, the sweep
+            // deletes it.
             Err(error) => Err(error.into()),
         }
     }
@@ -208,7 +215,7 @@ impl<'a> Checkpoints<'a> {
 
     async fn remove(&self, key: String) {
         if let Err(error) = self.context.artifacts.delete(&[key]).await {
-            tracing::warn!(%error, "a checkpoint that is not needed is left to the sweep");
+            tracing::warn!(%error, "could not delete an old checkpoint; the orphan sweep will delete it");
         }
     }
 }
@@ -217,7 +224,7 @@ impl<'a> Checkpoints<'a> {
 mod tests {
     use super::*;
 
-    fn some() -> Saved {
+    fn saved() -> Saved {
         Saved::Bytes(vec![1])
     }
 
@@ -230,12 +237,12 @@ mod tests {
         assert!(!hourly.wants());
         hourly.request();
         assert!(hourly.wants());
-        hourly.put(some());
+        hourly.put(saved());
         assert!(!hourly.wants());
         assert!(matches!(hourly.next().await, Saved::Bytes(bytes) if bytes == [1]));
         let always = Mailbox::new(Some(Duration::ZERO));
         assert!(always.wants());
-        always.put(some());
+        always.put(saved());
         assert!(!always.wants(), "the last one has not been fetched yet");
         always.next().await;
         assert!(always.wants());

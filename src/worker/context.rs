@@ -1,4 +1,4 @@
-//! What all slots and attempts of a pool share.
+//! State that all slots and attempts of a pool share.
 
 use super::generator::Generator;
 use super::options::PoolOptions;
@@ -11,9 +11,9 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use tokio::sync::watch;
 
-/// What all slots and attempts of a pool share.
+/// State that all slots and attempts of a pool share.
 pub(super) struct Context {
-    pub(super) store: Arc<dyn Store>,
+    pub(super) store: Store,
     pub(super) artifacts: Artifacts,
     /// Runs jobs on the CPU.
     pub(super) generator: Arc<dyn Generator>,
@@ -22,16 +22,17 @@ pub(super) struct Context {
     pub(super) scratch: Arc<Scratch>,
     pub(super) storage: Storage,
     pub(super) phase: watch::Receiver<Phase>,
-    /// Whether a GPU of this pool waits because the surfaces of its batches take longer than their simulations.
+    /// True while a GPU of this pool waits because the surfaces of its batches take longer than
+    /// their simulations.
     pub(super) surfaces_lag: AtomicBool,
 }
 
-/// What the workers of a pool are to do.
+/// Instruction to all workers of a pool.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Phase {
     /// Claim and run jobs.
     Run,
-    /// Claim no more; running jobs may end.
+    /// Claim no more jobs; running jobs may end.
     Drain,
     /// Release running jobs.
     Release,

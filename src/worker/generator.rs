@@ -1,4 +1,4 @@
-//! What a worker runs: the interface to generators of models.
+//! The interface between workers and the generators of models.
 
 use crate::fit::FitError;
 use crate::generate::{Backend, CancelToken, GenerateError, Outcome, Sink};
@@ -7,28 +7,29 @@ use crate::sim::Plan;
 use rayon::ThreadPool;
 use std::path::Path;
 
-/// One generation to run.
+/// Input of one generation.
 #[derive(Clone, Copy, Debug)]
-pub struct Work<'a> {
+pub struct GenerationInput<'a> {
     /// The job; its `spec` is the resolved spec in canonical form.
     pub job: &'a Job,
     /// The backend to use; never `auto`.
     pub backend: Backend,
-    /// Existing directory that the files are written to.
+    /// Existing directory for the files.
     pub dir: &'a Path,
-    /// Most memory to use, bytes.
+    /// Maximum memory, bytes.
     pub memory_limit_bytes: Option<u64>,
-    /// The checkpoint that an earlier attempt left with [`Sink::checkpoint`]; resumed from if it can be used.
+    /// Checkpoint that an earlier attempt passed to [`Sink::checkpoint`]. The generation resumes
+    /// from it if possible.
     pub checkpoint: Option<&'a Path>,
 }
 
-/// Why a generation gave no model.
+/// Reason why a generation has no result.
 #[derive(Debug, thiserror::Error)]
 pub enum WorkError {
     /// The stored spec does not resolve in this version of the engine.
     #[error("the stored spec is not valid for this engine: {detail}")]
     Spec {
-        /// The faults.
+        /// The faults of the spec.
         detail: String,
     },
     /// The generation failed.
@@ -39,70 +40,82 @@ pub enum WorkError {
     Fit(#[from] FitError),
 }
 
-/// Makes the model of a job. Called on a thread of a rayon pool whose size is the job's: one thread for
-/// `cpu-single`, all of the worker's for others. May panic: the job fails, the worker goes on.
+/// Generates the model of a job. The worker calls it on a thread of a rayon pool: of one thread for
+/// `cpu-single`, of all threads of the worker otherwise. If it panics, the job fails and the worker
+/// continues.
 pub trait Generator: Send + Sync + 'static {
-    /// Generates; checks `cancel` at least every few tens of milliseconds.
+    /// Generates the model. Checks `cancel` at least every few tens of milliseconds.
     ///
     /// # Errors
     /// [`WorkError`].
-    fn generate(&self, work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome, WorkError>;
+    fn generate(&self, input: GenerationInput<'_>, sink: &dyn Sink, cancel: &CancelToken)
+    -> Result<Outcome, WorkError>;
 }
 
 impl<F> Generator for F
 where
-    F: Fn(Work<'_>, &dyn Sink, &CancelToken) -> Result<Outcome, WorkError> + Send + Sync + 'static,
+    F: Fn(GenerationInput<'_>, &dyn Sink, &CancelToken) -> Result<Outcome, WorkError> + Send + Sync + 'static,
 {
-    fn generate(&self, work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome, WorkError> {
-        self(work, sink, cancel)
+    fn generate(
+        &self,
+        input: GenerationInput<'_>,
+        sink: &dyn Sink,
+        cancel: &CancelToken,
+    ) -> Result<Outcome, WorkError> {
+        self(input, sink, cancel)
     }
 }
 
-/// What is known of a job that fits on a device: the plan of its simulation, unless its generator makes it later.
-pub type Admitted = Option<Plan>;
+/// Simulation plan of an admitted job. `None` if the generator builds the plan later, in
+/// `generate`.
+pub type AdmittedPlan = Option<Plan>;
 
-/// A member of a batch.
+/// A member of a GPU batch.
 #[derive(Clone, Copy)]
-pub struct BatchWork<'a> {
-    /// The generation to run.
-    pub work: Work<'a>,
-    /// What [`BatchGenerator::admit`] gave for it.
+pub struct BatchMember<'a> {
+    /// Input of the generation.
+    pub input: GenerationInput<'a>,
+    /// Plan from [`BatchGenerator::admit`].
     pub plan: Option<&'a Plan>,
-    /// Receives its progress.
+    /// Receiver of its progress.
     pub sink: &'a dyn Sink,
     /// Stops this member alone.
     pub cancel: &'a CancelToken,
 }
 
-/// What a batch calls as it goes on.
+/// Callbacks of a GPU batch.
 #[derive(Clone, Copy)]
-pub struct BatchCalls<'a> {
-    /// Called when the device is free for another batch; surfaces of this one may still be made.
+pub struct BatchCallbacks<'a> {
+    /// Called when the device is free for another batch; the surfaces of this one may still be in
+    /// progress.
     pub simulated: &'a dyn Fn(),
-    /// Called with the index and the result of each member when it ends.
+    /// Called with the index and the result of each member at its end.
     pub ended: &'a (dyn Fn(usize, Result<Outcome, WorkError>) + Sync),
 }
 
-/// Makes the models of several jobs at a time on one GPU. All methods may block.
+/// Generates the models of several jobs together on one GPU. All methods may block.
 pub trait BatchGenerator: Send + Sync + 'static {
-    /// The description of the device.
+    /// Description of the device.
     fn device(&self) -> String;
 
-    /// Opens the device, anew if it was lost.
+    /// Opens the device, or opens it again if it was lost.
     ///
     /// # Errors
-    /// Why it cannot be opened; recorded with jobs.
+    /// The reason why the device cannot be opened, which is recorded with jobs.
     fn open(&self) -> Result<(), String>;
 
-    /// Which of `jobs` fit on the device together, by index; `None` for the others. They have the same batch key; the first is
-    /// the oldest and always fits.
+    /// Selects the jobs that fit on the device together: a plan for each of them, by index, and
+    /// `None` for the others. All `jobs` have the same batch key; the first is the oldest and
+    /// always fits.
     ///
     /// # Errors
-    /// Why not even the first can run on the device; recorded with it.
-    fn admit(&self, jobs: &[&Job]) -> Result<Vec<Option<Admitted>>, String>;
+    /// The reason why not even the first job can run on the device, which is recorded with that
+    /// job.
+    fn admit(&self, jobs: &[&Job]) -> Result<Vec<Option<AdmittedPlan>>, String>;
 
-    /// Generates; returns when every member has ended. The calling thread drives the device; `pool` has the threads for the
-    /// surfaces. The next batch may begin, on another thread, once this one has called `simulated`.
-    /// [`GenerateError::Gpu`] is an error of the device: such a job may run on the CPU.
-    fn generate(&self, members: &[BatchWork<'_>], pool: &ThreadPool, calls: BatchCalls<'_>);
+    /// Generates the models and returns when every member has ended. The calling thread drives the
+    /// device; `pool` has the threads for the surfaces. The next batch may begin, on another
+    /// thread, once this one has called `simulated`. [`GenerateError::Gpu`] is an error of the
+    /// device; such a job may run on the CPU.
+    fn generate(&self, members: &[BatchMember<'_>], pool: &ThreadPool, callbacks: BatchCallbacks<'_>);
 }

@@ -1,7 +1,8 @@
-//! Keeps the lease of a claimed job while work goes on: heartbeats report progress and learn of cancels.
+//! The lease of a claimed job: heartbeats renew it during the work, report progress and receive
+//! cancellations.
 //!
-//! A cancel made through this process arrives at once by the store's changes; one made elsewhere arrives with the next
-//! heartbeat.
+//! A cancellation through this process arrives immediately, as a change of the store. A
+//! cancellation through another process arrives with the next heartbeat.
 
 use super::context::{Context, Phase};
 use super::progress::LiveProgress;
@@ -13,7 +14,7 @@ use tokio::sync::broadcast::{self, error::RecvError};
 use tokio::sync::watch;
 use tokio::time::{Instant, Interval, MissedTickBehavior, interval_at};
 
-/// Why work was interrupted.
+/// Reason why work was interrupted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Interrupt {
     /// A client cancelled the job.
@@ -26,7 +27,7 @@ pub(super) enum Interrupt {
     Shutdown,
 }
 
-/// A claimed job and what computes it.
+/// A claimed job, with the backend that computes it.
 pub(super) struct Claim {
     pub(super) job: ClaimedJob,
     pub(super) report: BackendReport,
@@ -35,19 +36,20 @@ pub(super) struct Claim {
 /// Renews the lease of one claim.
 pub(super) struct Lease<'a> {
     context: &'a Context,
-    /// `None` once the store has closed it: then there are only heartbeats.
+    /// `None` after the store has closed the channel; then only heartbeats receive cancellations.
     changes: Option<broadcast::Receiver<Change>>,
     phase: watch::Receiver<Phase>,
-    /// Time between ticks; at a tick with nothing to report, the lease is renewed only if it is due.
+    /// Time between ticks. A tick without progress renews the lease only if the renewal is due.
     period: Duration,
     tick: Interval,
-    /// Since the start of the last heartbeat that succeeded.
+    /// Time since the start of the last heartbeat that succeeded.
     renewed: Option<Stopwatch>,
 }
 
 impl<'a> Lease<'a> {
     pub(super) fn new(context: &'a Context) -> Self {
-        // The first heartbeat is a period away: a job of a few milliseconds needs none.
+        // The first heartbeat follows after a period, because a job of a few milliseconds needs
+        // none.
         let period = context.options.progress.min(context.options.heartbeat);
         let mut tick = interval_at(Instant::now() + period, period);
         tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -55,12 +57,13 @@ impl<'a> Lease<'a> {
         Self { context, changes, phase: context.phase.clone(), period, tick, renewed: None }
     }
 
-    /// Sends a heartbeat at the next tick even if there is no progress: something else computes the job now.
+    /// Sends a heartbeat at the next tick even without progress, because another backend computes
+    /// the job.
     pub(super) fn report_soon(&mut self) {
         self.renewed = None;
     }
 
-    /// Drives `work` while the lease of `claim` is renewed; drops it when interrupted.
+    /// Drives `work` while renewing the lease of `claim`. Drops `work` if it is interrupted.
     pub(super) async fn hold<T>(
         &mut self,
         claim: &Claim,
@@ -96,7 +99,7 @@ impl<'a> Lease<'a> {
         }
     }
 
-    /// Reads the record, which has changed, perhaps only by a heartbeat of this worker.
+    /// Reads the record after a change, which may be a heartbeat of this worker.
     async fn look(&self, claimed: &ClaimedJob) -> Option<Interrupt> {
         match self.context.store.get(claimed.job().id).await {
             Ok(Some(job)) if job.status == Status::Running && job.attempts == claimed.attempt() => {
@@ -105,16 +108,17 @@ impl<'a> Lease<'a> {
             Ok(Some(_)) => Some(Interrupt::Lost),
             Ok(None) => Some(Interrupt::Deleted),
             Err(error) => {
-                tracing::warn!(%error, "the job could not be read");
+                tracing::warn!(%error, "could not read the job after a change; the next heartbeat will report a cancellation");
                 None
             }
         }
     }
 
-    /// Sends a heartbeat if there is progress to report or the renewal is due.
+    /// Sends a heartbeat if there is progress or the renewal is due.
     async fn beat(&mut self, claim: &Claim, progress: &LiveProgress) -> Option<Interrupt> {
         let options = &self.context.options;
-        // It is due at the tick that is nearest to its time, or clocks that differ a little would put it off by a tick.
+        // Due at the tick nearest to its time; otherwise a small difference of clocks would delay
+        // it by a tick.
         let due = self.renewed.is_none_or(|since| since.elapsed() + self.period / 2 >= options.heartbeat);
         let begun = Stopwatch::start();
         let update = progress.take();
@@ -122,7 +126,7 @@ impl<'a> Lease<'a> {
             return None;
         }
         if let Err(injected) = options.faults.point("during-renewal").await {
-            tracing::warn!(%injected, "the lease was not renewed");
+            tracing::warn!(%injected, "could not renew the lease");
             progress.put_back(update);
             return None;
         }
@@ -133,13 +137,14 @@ impl<'a> Lease<'a> {
                 match directive {
                     Directive::Continue => None,
                     Directive::Cancel => Some(Interrupt::Cancelled),
-                    // The record tells why, if it can be read.
+                    // The record contains the reason.
                     Directive::Lost => Some(self.look(&claim.job).await.unwrap_or(Interrupt::Lost)),
                 }
             }
             Err(error) => {
-                // The work goes on: the store may be back in time, and if not, the fence holds.
-                tracing::warn!(%error, "the lease was not renewed");
+                // The work continues: the store may become available in time, and otherwise the
+                // fence protects the job.
+                tracing::warn!(%error, "could not renew the lease");
                 progress.put_back(update);
                 None
             }

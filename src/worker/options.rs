@@ -6,51 +6,56 @@ use crate::status::Status;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// Heartbeats without which a worker counts as gone: twice what an idle one lets pass.
+/// Age of the last heartbeat up to which a worker is live, in heartbeat intervals. An idle worker
+/// reports at half this age.
 pub const ALIVE_HEARTBEATS: u32 = 10;
 
 /// Settings of a pool.
 #[derive(Clone, Debug)]
 pub struct PoolOptions {
-    /// CPU workers, each running one job at a time.
+    /// Number of CPU workers. Each runs one job at a time.
     pub workers: u32,
-    /// Threads of each worker, for `cpu`; at least 1.
+    /// Number of threads of each worker for `cpu`; at least 1.
     pub threads: usize,
-    /// Niceness of the threads that compute, 0 to 19: those of HTTP and of the stores run first. Linux only.
+    /// Niceness of the computing threads, 0 to 19, so that the threads of HTTP and the stores take
+    /// precedence. Linux only.
     pub nice: u8,
-    /// Most jobs that a GPU worker runs together; at least 1.
+    /// Maximum number of jobs in a GPU batch; at least 1.
     pub batch: u32,
-    /// Why there is no GPU worker in this process; recorded with jobs that fall back to the CPU.
+    /// Reason why this process has no GPU worker; recorded with jobs that fall back to the CPU.
     pub no_gpu: Option<String>,
     /// Time between renewals of a lease.
     pub heartbeat: Duration,
-    /// Length of a lease: several heartbeats.
+    /// Duration of a lease: several heartbeats.
     pub lease: Duration,
-    /// Least time between two records of a job's progress.
+    /// Minimum time between two records of a job's progress.
     pub progress: Duration,
-    /// Time between looks at the queue if no change was notified.
+    /// Time between two claims if no change is notified.
     pub poll: Duration,
-    /// Most memory that a job may use, bytes.
+    /// Maximum memory of a job, bytes.
     pub memory_limit_bytes: Option<u64>,
-    /// Time limit of an attempt's generation, without waiting for a CPU after a GPU was lost; a job that exceeds it fails
-    /// (`timeout`). `None`: 10 minutes plus 20 times the seconds predicted for one core.
+    /// Time limit of the generation of an attempt, without the wait for a CPU after the loss of a
+    /// GPU. A job that exceeds it fails (`timeout`). `None`: 10 minutes plus 20 times the predicted
+    /// time on one core.
     pub job_timeout: Option<Duration>,
-    /// Time between checkpoints; `None` takes none.
+    /// Time between checkpoints; `None` for no checkpoints.
     pub checkpoint_every: Option<Duration>,
-    /// Unit of all waits for storage that is unavailable: it is checked after 1, 2, 4 … 15 units, an upload is retried for 60
-    /// units before its job is released, and claims rest for 1, 2, 4 … 60 units after such releases.
+    /// Unit of all waits for unavailable storage. Checks follow after 1, 2, 4 … 15 units; an upload
+    /// is retried for 60 units before its job is released; claims pause for 1, 2, 4 … 60 units
+    /// after such releases.
     pub storage_wait: Duration,
-    /// Time after which a worker whose generation was told to stop, and has not, is reported as stuck.
+    /// Time after which a worker counts as stuck because its generation was told to stop and still
+    /// runs.
     pub stuck_after: Duration,
-    /// Directory for temporary files; may be shared by processes.
+    /// Directory for temporary files, which processes may share.
     pub scratch: PathBuf,
     /// Name of this machine.
     pub host: String,
     /// Faults to inject.
     pub faults: Faults,
-    /// Where the workers count what they do.
+    /// Metrics of the workers.
     pub metrics: Metrics,
-    /// Where the workers report what `/readyz` and `/healthz` show.
+    /// Status that `/readyz` and `/healthz` show.
     pub status: Status,
 }
 
@@ -82,7 +87,7 @@ impl PoolOptions {
     }
 }
 
-/// Name of this machine, as far as it is known without asking the network.
+/// Name of this machine, found without the network.
 fn host() -> String {
     std::fs::read_to_string("/proc/sys/kernel/hostname")
         .ok()

@@ -1,44 +1,47 @@
-//! Decides what the workers of a process claim: which jobs a CPU worker leaves to GPU workers, and when claims pause because
-//! files cannot be stored.
+//! Rules for the claims of a process: the jobs that a CPU worker leaves to GPU workers, and pauses
+//! while files cannot be stored.
 //!
-//! **Who takes what.** `auto` is left to GPU workers while one is alive, unless more jobs are queued than they take with their
-//! next two claims and no GPU of this pool waits for surfaces, which need the same cores. A GPU worker is alive while its last
-//! heartbeat is younger than [`ALIVE_HEARTBEATS`] of this pool's heartbeats, and it is not paused.
+//! **GPU workers.** CPU workers leave `auto` jobs to GPU workers while one is live and not paused.
+//! They claim `auto` jobs only when the queue is longer than the GPU workers can take with their
+//! next two claims, and no GPU of this pool waits for surfaces, which need the same cores. A worker
+//! is live while its last heartbeat is younger than [`ALIVE_HEARTBEATS`] of this pool's heartbeats.
 //!
-//! **Storage.** A failed upload, a failed checkpoint and a job released for storage start an outage: the artifact store refuses
-//! writes, or the scratch directory is full, read-only or gone. All slots of the process stop claiming. The outage ends when
-//! both pass a check, or as soon as an upload succeeds. A check can pass although large uploads fail (a disk with a little room
-//! left), so claims rest for longer after each further release until an upload succeeds: models are not grown and thrown away
-//! without end.
+//! **Storage.** A failed upload, a failed checkpoint and a job released for storage begin an
+//! outage: the artifact store refuses writes, or the scratch directory is full, read-only or
+//! missing. All slots of the process then stop claiming. The outage ends when both pass a check, or
+//! when an upload succeeds. A check can pass although large uploads fail, on a disk with little
+//! space left. Therefore claims pause for longer after each further release until an upload
+//! succeeds, so that the worker does not grow and discard models without end.
 
 use super::options::{ALIVE_HEARTBEATS, PoolOptions};
 use crate::generate::Backend;
-use crate::jobs::artifacts::Artifacts;
+use crate::jobs::artifacts::{ArtifactError, Artifacts};
 use crate::jobs::scratch::Scratch;
 use crate::jobs::{Store, StoreError};
 use crate::metrics::Fallback;
 use crate::status::{Condition, Status};
+use std::error::Error;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{Mutex, RwLock, watch};
 use tokio::time::{Instant, sleep_until};
 
-/// What a CPU worker may take.
+/// Jobs that a CPU worker may claim.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Share {
-    /// Jobs that asked for a CPU.
+pub(super) enum CpuEligibility {
+    /// Jobs that requested a CPU.
     CpuOnly,
-    /// `auto` too.
+    /// Jobs of `auto` as well.
     Auto {
-        /// Why, for the record.
+        /// Reason for the record.
         why: String,
-        /// Why, for the metrics.
+        /// Reason for the metrics.
         cause: Fallback,
     },
 }
 
-impl Share {
-    /// The backend to claim as.
+impl CpuEligibility {
+    /// Backend of the claim.
     pub(super) fn backend(&self) -> Backend {
         match self {
             Self::CpuOnly => Backend::CpuSingle,
@@ -47,36 +50,41 @@ impl Share {
     }
 }
 
-/// What a CPU worker may take now; `surfaces_lag`: whether a GPU of this pool waits for surfaces.
-pub(super) async fn share(store: &dyn Store, options: &PoolOptions, surfaces_lag: bool) -> Result<Share, StoreError> {
-    let alive = store.claimers(Backend::Gpu, ALIVE_HEARTBEATS * options.heartbeat).await?;
-    if alive == 0 {
+/// Jobs that a CPU worker may claim at present. `surfaces_lag` is true if a GPU of this pool waits
+/// for surfaces.
+pub(super) async fn cpu_eligibility(
+    store: &Store,
+    options: &PoolOptions,
+    surfaces_lag: bool,
+) -> Result<CpuEligibility, StoreError> {
+    let live = store.count_unpaused_workers(Backend::Gpu, ALIVE_HEARTBEATS * options.heartbeat).await?;
+    if live == 0 {
         let why = options.no_gpu.clone().unwrap_or_else(|| "no GPU worker is alive".to_owned());
-        return Ok(Share::Auto { why, cause: Fallback::NoGpu });
+        return Ok(CpuEligibility::Auto { why, cause: Fallback::NoGpu });
     }
-    let waiting = store.waiting(Backend::Gpu).await?;
-    let taken = 2 * u64::from(options.batch) * alive;
-    Ok(if waiting > taken && !surfaces_lag {
-        let why = format!("{waiting} jobs were waiting for {alive} GPU worker{}", if alive == 1 { "" } else { "s" });
-        Share::Auto { why, cause: Fallback::Busy }
+    let queued = store.count_claimable_jobs(Backend::Gpu).await?;
+    let next_claims = 2 * u64::from(options.batch) * live;
+    Ok(if queued > next_claims && !surfaces_lag {
+        let why = format!("{queued} jobs were waiting for {live} GPU worker{}", if live == 1 { "" } else { "s" });
+        CpuEligibility::Auto { why, cause: Fallback::Busy }
     } else {
-        Share::CpuOnly
+        CpuEligibility::CpuOnly
     })
 }
 
-/// Longest wait between two checks, in units.
-const LONGEST_CHECK_WAIT: u32 = 15;
-/// Longest rest after a release, in units.
-const LONGEST_REST: u32 = 60;
+/// Maximum wait between two checks, in units.
+const MAX_CHECK_WAIT: u32 = 15;
+/// Maximum pause of claims after a release, in units.
+const MAX_PAUSE: u32 = 60;
 
-/// Whether the storage of this process takes files, as far as is known.
+/// Availability of the storage of this process, as its workers know it.
 #[derive(Debug)]
 pub(super) struct Storage {
     state: watch::Sender<State>,
-    /// One slot checks at a time; the others wait for its result.
+    /// Held by the slot that checks; the others wait for its result.
     checking: Mutex<()>,
-    /// Read while jobs are claimed. A release waits for these claims and keeps out later ones, or else they might find the
-    /// released job.
+    /// Read by claims. A release takes it for writing: it waits for running claims and keeps out
+    /// later ones, which could otherwise claim the released job again.
     claiming: RwLock<()>,
     unit: Duration,
     status: Status,
@@ -85,15 +93,15 @@ pub(super) struct Storage {
 #[derive(Clone, Debug, Default)]
 struct State {
     outage: Option<Outage>,
-    /// Releases since the last successful upload. Those within one rest count once.
+    /// Number of releases since the last successful upload. Releases within one pause count once.
     releases: u32,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Outage {
-    /// No check before this time.
-    rests_until: Instant,
-    /// Bytes that must be free in the scratch directory; `None` if only the artifact store failed.
+    /// Time of the next check.
+    paused_until: Instant,
+    /// Space required in the scratch directory, bytes; `None` if only the artifact store failed.
     scratch: Option<u64>,
 }
 
@@ -103,19 +111,20 @@ impl Storage {
         Self { state: watch::Sender::default(), checking: Mutex::default(), claiming: RwLock::default(), unit, status }
     }
 
-    /// A write to the artifact store failed: no more claims until a check passes.
-    pub(super) fn write_failed(&self, cause: &str) {
-        self.begin(cause, None, false);
+    /// Reports that a write to the artifact store failed. Claims stop until a check passes.
+    pub(super) fn write_failed(&self, error: &ArtifactError) {
+        self.begin(&error.to_string(), None, false);
     }
 
-    /// A job is about to be released because a write failed, to the scratch directory if `scratch` is the bytes that must be
-    /// free there. Claims rest, for longer with each release.
+    /// Reports that a job will be released because a write failed. `scratch` is the space required
+    /// in the scratch directory, bytes, if that write failed there. Claims pause, for longer with
+    /// each release.
     pub(super) async fn job_released(&self, cause: &str, scratch: Option<u64>) {
         let _none_claims = self.claiming.write().await;
         self.begin(cause, scratch, true);
     }
 
-    /// Claims jobs, unless storage has become unavailable meanwhile.
+    /// Runs a claim, unless storage has become unavailable in the meantime.
     pub(super) async fn claim<T>(&self, claim: impl Future<Output = T>) -> Option<T> {
         let _claims = self.claiming.read().await;
         match self.outage() {
@@ -128,20 +137,21 @@ impl Storage {
         let now = Instant::now();
         self.state.send_modify(|state| {
             if state.outage.is_none() {
-                tracing::warn!(cause, "storage is unavailable; no jobs are claimed until it answers again");
-                // The cause may name hosts, paths and models, and probes show the detail to anyone.
+                tracing::warn!(cause, "storage is unavailable; the workers claim no jobs until it is available again");
+                // Without the cause, which may name hosts, paths and models: probes show the detail
+                // to everyone.
                 self.status.set(Condition::Storage, "storage is unavailable");
             }
-            let outage = state.outage.get_or_insert(Outage { rests_until: now, scratch });
+            let outage = state.outage.get_or_insert(Outage { paused_until: now, scratch });
             outage.scratch = outage.scratch.max(scratch);
-            if release && outage.rests_until <= now {
-                outage.rests_until = now + self.unit * rest_after(state.releases);
+            if release && outage.paused_until <= now {
+                outage.paused_until = now + self.unit * pause_after(state.releases);
                 state.releases += 1;
             }
         });
     }
 
-    /// An upload succeeded, which ends an outage of the artifact store.
+    /// Reports a successful upload, which ends an outage of the artifact store.
     pub(super) fn upload_succeeded(&self) {
         self.state.send_if_modified(|state| {
             if state.outage.is_some_and(|outage| outage.scratch.is_some()) {
@@ -152,11 +162,11 @@ impl Storage {
         });
     }
 
-    /// Ends the outage, if there is one. Returns whether there was.
+    /// Ends the outage. Returns false if there is none.
     fn end(&self, state: &mut State) -> bool {
         let was_out = state.outage.take().is_some();
         if was_out {
-            tracing::info!("storage is available again; jobs are claimed");
+            tracing::info!("storage is available again; the workers claim jobs");
             self.status.clear(Condition::Storage);
         }
         was_out
@@ -168,23 +178,23 @@ impl Storage {
         if self.outage().is_none()
             && let Err(error) = scratch.probe()
         {
-            self.begin(&format!("no scratch directory can be created: {error}"), Some(0), false);
+            self.begin(&format!("could not create a scratch directory: {error}"), Some(0), false);
         }
         let mut wait = 1;
         while let Some(outage) = self.outage() {
-            self.unless_ended(outage.rests_until).await;
+            self.unless_ended(outage.paused_until).await;
             match check(artifacts, scratch, outage.scratch.unwrap_or_default()).await {
                 Ok(()) => self.passed(outage),
-                Err(cause) => {
-                    tracing::debug!(cause, "storage is still unavailable");
+                Err(error) => {
+                    tracing::debug!(%error, "storage is still unavailable");
                     self.unless_ended(Instant::now() + self.unit * wait).await;
-                    wait = (wait * 2).min(LONGEST_CHECK_WAIT);
+                    wait = (wait * 2).min(MAX_CHECK_WAIT);
                 }
             }
         }
     }
 
-    /// A check passed that began in this state of the outage.
+    /// Reports a passed check, which began in this state of the outage.
     fn passed(&self, checked: Outage) {
         self.state.send_if_modified(|state| state.outage == Some(checked) && self.end(state));
     }
@@ -203,17 +213,17 @@ impl Storage {
     }
 }
 
-/// Checks that both stores take files, and that the scratch directory has `space` bytes free.
-async fn check(artifacts: &Artifacts, scratch: &Arc<Scratch>, space: u64) -> Result<(), String> {
-    artifacts.check().await.map_err(|error| error.to_string())?;
+/// Checks that the artifact store and the scratch directory accept files, and that `space` bytes
+/// are free in the latter.
+async fn check(artifacts: &Artifacts, scratch: &Arc<Scratch>, space: u64) -> Result<(), Box<dyn Error + Send + Sync>> {
+    artifacts.check().await?;
     let scratch = Arc::clone(scratch);
-    let checked = tokio::task::spawn_blocking(move || scratch.check(space)).await;
-    checked.map_err(|panic| panic.to_string())?.map_err(|error| format!("the scratch directory: {error}"))
+    Ok(tokio::task::spawn_blocking(move || scratch.check(space)).await??)
 }
 
-/// Units to rest after a release, by the number of those before it.
-fn rest_after(releases: u32) -> u32 {
-    (1 << releases.min(6)).min(LONGEST_REST)
+/// Pause of claims after a release, in units, by the number of earlier releases.
+fn pause_after(releases: u32) -> u32 {
+    (1 << releases.min(6)).min(MAX_PAUSE)
 }
 
 #[cfg(test)]
@@ -227,10 +237,10 @@ mod tests {
     }
 
     #[test]
-    fn rests_grow_to_their_limit() {
-        let rests: Vec<u32> = (0..8).map(rest_after).collect();
-        assert_eq!(rests, [1, 2, 4, 8, 16, 32, 60, 60]);
-        assert_eq!(rest_after(u32::MAX), LONGEST_REST);
+    fn pauses_grow_to_their_limit() {
+        let pauses: Vec<u32> = (0..8).map(pause_after).collect();
+        assert_eq!(pauses, [1, 2, 4, 8, 16, 32, 60, 60]);
+        assert_eq!(pause_after(u32::MAX), MAX_PAUSE);
     }
 
     #[tokio::test]
@@ -240,7 +250,7 @@ mod tests {
         let status = Status::default();
         let storage = Storage::new(Duration::from_millis(5), status.clone());
         storage.wait_until_available(&artifacts, &scratch).await;
-        storage.write_failed("refused");
+        storage.write_failed(&ArtifactError::Store("refused".into()));
         let (condition, detail) = status.not_ready().unwrap();
         assert_eq!((condition, detail.as_str()), (Condition::Storage, "storage is unavailable"));
         std::fs::remove_dir_all(dir.path().join("artifacts")).unwrap();
@@ -263,9 +273,9 @@ mod tests {
         storage.job_released("refused", None).await;
         storage.job_released("refused", None).await;
         assert_eq!(releases(), 1);
-        let until = storage.outage().unwrap().rests_until;
+        let until = storage.outage().unwrap().paused_until;
         storage.wait_until_available(&artifacts, &scratch).await;
-        assert!(Instant::now() >= until, "it rested");
+        assert!(Instant::now() >= until, "claims were paused");
         storage.job_released("refused", None).await;
         assert_eq!(releases(), 2, "a check that passes does not reset them");
         storage.upload_succeeded();

@@ -8,39 +8,43 @@ use super::busy::Busy;
 use super::context::{Context, Phase};
 use super::generator::{BatchGenerator, Generator};
 use super::options::PoolOptions;
-use super::policy::{self, Share, Storage};
+use super::policy::{CpuEligibility, Storage, cpu_eligibility};
 use super::verdict;
 use crate::clock::Clock;
 use crate::generate::Backend;
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::scratch::Scratch;
 use crate::jobs::{Change, ClaimedJob, Job, Store, StoreError, WorkerInfo};
+use crate::lock::Mutex;
 use crate::status::{Condition, Status};
 use futures_util::future::join_all;
 use std::io;
 use std::iter::repeat_with;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::broadcast::{Receiver, error::RecvError};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 use tokio::task::{JoinError, JoinSet};
 use tokio::time::{sleep, timeout};
 
-/// Longest wait between claims while the job store is unavailable.
-const LONGEST_WAIT: Duration = Duration::from_secs(10);
-/// How long a shutdown waits for generations that were told to stop.
-const LAST_WAIT: Duration = Duration::from_secs(10);
-/// Claims (of a job, or of a batch) that a worker holds at once: one is computed while the one before is being stored.
+/// Maximum wait between claims while the job store is unavailable.
+const MAX_CLAIM_WAIT: Duration = Duration::from_secs(10);
+/// Maximum time for which a shutdown waits for generations that were told to stop.
+const STOP_WAIT: Duration = Duration::from_secs(10);
+/// Maximum number of claims (of a job or a GPU batch) of a worker: it computes one while it stores
+/// the files of the previous.
 const CLAIMS: usize = 2;
-/// Heartbeats between two reports of a worker whose state has not changed.
+/// Number of heartbeat intervals between two reports of a worker in the same state.
 const SEEN_EVERY: u32 = 5;
 
-/// Running workers. Dropping it interrupts them and leaves their leases to expire; see [`WorkerPool::shutdown`].
+/// Running workers. Dropping the pool interrupts them and lets their leases expire; see
+/// [`WorkerPool::shutdown`].
 #[derive(Debug)]
 pub struct WorkerPool {
     phase: watch::Sender<Phase>,
     tasks: JoinSet<()>,
+    scratch: Arc<Scratch>,
 }
 
 /// One worker of a pool.
@@ -48,24 +52,24 @@ struct Slot {
     id: String,
     context: Arc<Context>,
     cpu: Cpu,
-    /// Makes it a GPU worker.
+    /// Device of a GPU worker.
     gpu: Option<Gpu>,
     claims: Arc<Semaphore>,
     busy: Arc<Busy>,
     state: Mutex<State>,
-    /// Held from reading `state` until it is recorded, so that the last record is true.
+    /// Held from reading `state` until it is recorded, so that the last record is current.
     recording: tokio::sync::Mutex<()>,
 }
 
-/// The rights that a worker needs to run what it claims.
-struct Free {
-    /// To use the threads of the CPU, or the device; `None` if the threads are about to be free.
+/// The rights that a worker needs to run a claim.
+struct RunPermit {
+    /// Right to use the CPU threads or the device; `None` if the threads will be free soon.
     compute: Option<OwnedSemaphorePermit>,
-    /// To hold one more claim.
+    /// Right to hold one more claim.
     claim: OwnedSemaphorePermit,
 }
 
-/// What others are told of a worker.
+/// Part of a worker's state that its heartbeat publishes.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 struct State {
     jobs_done: u64,
@@ -75,7 +79,7 @@ struct State {
 /// The state of a worker's GPU.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum GpuState {
-    /// Not opened yet, or there is none.
+    /// Not opened yet, or no GPU worker.
     #[default]
     Unknown,
     Open,
@@ -86,9 +90,9 @@ impl WorkerPool {
     /// Starts CPU workers. Must be called within a tokio runtime.
     ///
     /// # Errors
-    /// If the scratch directory or threads cannot be created.
+    /// The error of creating the scratch directory or threads.
     pub fn start(
-        store: Arc<dyn Store>,
+        store: Store,
         artifacts: Artifacts,
         generator: Arc<dyn Generator>,
         options: PoolOptions,
@@ -97,12 +101,13 @@ impl WorkerPool {
         Self::start_with_gpus(store, artifacts, generator, Vec::new(), options, clock)
     }
 
-    /// Starts CPU workers, and a GPU worker for each of `gpus`. Must be called within a tokio runtime.
+    /// Starts CPU workers, and a GPU worker for each of `gpus`. Must be called within a tokio
+    /// runtime.
     ///
     /// # Errors
-    /// If the scratch directory or threads cannot be created.
+    /// The error of creating the scratch directory or threads.
     pub fn start_with_gpus(
-        store: Arc<dyn Store>,
+        store: Store,
         artifacts: Artifacts,
         generator: Arc<dyn Generator>,
         gpus: Vec<Arc<dyn BatchGenerator>>,
@@ -118,7 +123,7 @@ impl WorkerPool {
             generator,
             options,
             clock,
-            scratch,
+            scratch: Arc::clone(&scratch),
             storage,
             phase: receiver,
             surfaces_lag: AtomicBool::new(false),
@@ -138,19 +143,21 @@ impl WorkerPool {
             tasks.spawn(claim_loop(Arc::clone(slot), Arc::clone(&opening)));
         }
         tasks.spawn(report_workers(slots, context));
-        Ok(Self { phase, tasks })
+        Ok(Self { phase, tasks, scratch })
     }
 
-    /// Stops: no new claims at once; running jobs get `grace` to end, then they are released to their old place in the
-    /// queue, without counting as an attempt. Returns at the latest 10 s after the grace.
+    /// Stops the workers. They claim nothing more; running jobs have `grace` to end, then they are
+    /// released to their place in the queue, and the attempts do not count. Returns at most 10 s
+    /// after the grace.
     pub async fn shutdown(mut self, grace: Duration) {
         self.phase.send_replace(Phase::Drain);
         if timeout(grace, self.ended()).await.is_err() {
             self.phase.send_replace(Phase::Release);
-            if timeout(LAST_WAIT, self.ended()).await.is_err() {
-                tracing::error!("a generation did not stop in time; its result is discarded");
+            if timeout(STOP_WAIT, self.ended()).await.is_err() {
+                tracing::error!("a generation did not stop in time; its result will be discarded");
             }
         }
+        Scratch::remove(self.scratch).await;
     }
 
     async fn ended(&mut self) {
@@ -162,7 +169,8 @@ impl WorkerPool {
     }
 }
 
-/// The process is not ready until each GPU worker has opened its device once, or failed to.
+/// Number of GPU workers that have not tried to open their device. The process is not ready until
+/// it is 0.
 struct Opening {
     left: AtomicUsize,
     status: Status,
@@ -183,9 +191,11 @@ impl Opening {
     }
 }
 
-/// Claims jobs and runs them until the pool drains. The next is claimed when the device is free, or once for each generation
-/// when the threads are about to be: so they do not wait for the stores. The files of the job before may still be on their
-/// way to the artifact store.
+/// Claims jobs and runs them until the pool drains.
+///
+/// The worker claims the next job when its device is free, or once for each generation shortly
+/// before its threads are free, so that they do not wait for the stores. The upload of the previous
+/// job may still be in progress.
 async fn claim_loop(slot: Arc<Slot>, opening: Arc<Opening>) {
     let context = &slot.context;
     let mut phase = context.phase.clone();
@@ -196,18 +206,18 @@ async fn claim_loop(slot: Arc<Slot>, opening: Arc<Opening>) {
         opening.opened();
     }
     loop {
-        let free = tokio::select! {
+        let permit = tokio::select! {
             biased;
             _ = phase.wait_for(|phase| *phase != Phase::Run) => break,
-            free = slot.free() => free,
+            permit = slot.permit() => permit,
         };
-        // Subscribe before looking, so that a job queued in between is not missed.
+        // Subscribes before the claim, so that no job is missed that is queued in between.
         let mut changes = context.store.changes();
         let unavailable = match slot.claim().await {
-            Ok((claimed, share)) => {
+            Ok((claimed, eligibility)) => {
                 wait = context.options.poll;
                 if !claimed.is_empty() {
-                    attempts.spawn(Arc::clone(&slot).run(claimed, share, free));
+                    attempts.spawn(Arc::clone(&slot).run(claimed, eligibility, permit));
                     while let Some(ended) = attempts.try_join_next() {
                         log_panic(ended);
                     }
@@ -216,12 +226,12 @@ async fn claim_loop(slot: Arc<Slot>, opening: Arc<Opening>) {
                 false
             }
             Err(error) => {
-                tracing::warn!(worker = slot.id, %error, "claiming failed");
-                wait = (wait * 2).min(LONGEST_WAIT);
+                tracing::warn!(worker = slot.id, %error, "could not claim jobs; the worker will retry");
+                wait = (wait * 2).min(MAX_CLAIM_WAIT);
                 true
             }
         };
-        drop(free);
+        drop(permit);
         tokio::select! {
             _ = phase.changed() => {}
             () = sleep(wait) => {}
@@ -236,12 +246,12 @@ async fn claim_loop(slot: Arc<Slot>, opening: Arc<Opening>) {
 
 fn log_panic(ended: Result<(), JoinError>) {
     if let Err(error) = ended {
-        tracing::error!(%error, "an attempt panicked; its lease expires");
+        tracing::error!(%error, "an attempt panicked; its lease will expire");
     }
 }
 
-/// Waits until a job has been queued or changes were missed. A job that becomes due later (a retry, an expired lease) is found
-/// by polling.
+/// Waits until a job is queued or changes were missed. Polling finds a job that becomes due later,
+/// by a retry or an expired lease.
 async fn new_job(changes: &mut Receiver<Change>) {
     loop {
         match changes.recv().await {
@@ -252,7 +262,8 @@ async fn new_job(changes: &mut Receiver<Change>) {
     }
 }
 
-/// Records that the workers are alive: with each heartbeat those whose state has changed, now and then all.
+/// Sends the heartbeats of the workers: of workers whose state has changed at each interval, of all
+/// workers less often.
 async fn report_workers(slots: Vec<Arc<Slot>>, context: Arc<Context>) {
     let mut phase = context.phase.clone();
     let mut recorded: Vec<Option<State>> = vec![None; slots.len()];
@@ -263,7 +274,7 @@ async fn report_workers(slots: Vec<Arc<Slot>>, context: Arc<Context>) {
             }
         }
         tokio::select! {
-            // Each worker makes its last record itself.
+            // Each worker sends its last heartbeat itself.
             _ = phase.wait_for(|phase| *phase != Phase::Run) => return,
             () = sleep(context.options.heartbeat) => {}
         }
@@ -291,18 +302,19 @@ impl Slot {
     }
 
     /// Waits until the worker can run one more claim and store its files.
-    async fn free(&self) -> Free {
-        let claim = self.free_claim().await;
+    async fn permit(&self) -> RunPermit {
+        let claim = self.claim_permit().await;
         let compute = match &self.gpu {
             Some(gpu) => Some(gpu.free().await),
             None => self.cpu.free_soon().await,
         };
         self.context.storage.wait_until_available(&self.context.artifacts, &self.context.scratch).await;
-        Free { compute, claim }
+        RunPermit { compute, claim }
     }
 
-    /// Waits until the worker can hold one more claim. For a GPU worker, notes whether its device is idle meanwhile.
-    async fn free_claim(&self) -> OwnedSemaphorePermit {
+    /// Waits until the worker can hold one more claim. Notes whether the device of a GPU worker is
+    /// idle in the meantime.
+    async fn claim_permit(&self) -> OwnedSemaphorePermit {
         let lags = |lag| self.context.surfaces_lag.store(lag, Ordering::Relaxed);
         let claim = Arc::clone(&self.claims).acquire_owned();
         tokio::pin!(claim);
@@ -323,57 +335,67 @@ impl Slot {
         acquired.expect("the semaphore is never closed")
     }
 
-    /// Claims what this worker may run now. A GPU worker whose device cannot be opened still takes one job at a time, for
-    /// jobs of `gpu` must end too, with the reason.
-    async fn claim(&self) -> Result<(Vec<ClaimedJob>, Share), StoreError> {
+    /// Claims jobs that this worker may run. A GPU worker whose device cannot be opened claims one
+    /// job at a time, because jobs of `gpu` must end too, with the reason.
+    async fn claim(&self) -> Result<(Vec<ClaimedJob>, CpuEligibility), StoreError> {
         let Context { store, options, .. } = &*self.context;
-        let (share, backend, limit) = match &self.gpu {
+        let (eligibility, backend, limit) = match &self.gpu {
             Some(gpu) => {
                 let limit = if self.open(gpu).await { options.batch.max(1) } else { 1 };
-                (Share::CpuOnly, Backend::Gpu, limit)
+                (CpuEligibility::CpuOnly, Backend::Gpu, limit)
             }
             None => {
-                let share = policy::share(&**store, options, self.context.surfaces_lag.load(Ordering::Relaxed)).await?;
-                let backend = share.backend();
-                (share, backend, 1)
+                let surfaces_lag = self.context.surfaces_lag.load(Ordering::Relaxed);
+                let eligibility = cpu_eligibility(store, options, surfaces_lag).await?;
+                let backend = eligibility.backend();
+                (eligibility, backend, 1)
             }
         };
         let claim = self.context.storage.claim(store.claim(&self.id, backend, options.lease, limit)).await;
-        Ok((claim.transpose()?.unwrap_or_default(), share))
+        Ok((claim.transpose()?.unwrap_or_default(), eligibility))
     }
 
-    /// Opens the device, anew if it was lost. Returns whether it is open.
+    /// Opens the device, or opens it again if it was lost. Returns true if it is open.
     async fn open(&self, gpu: &Gpu) -> bool {
         let opened = gpu.open().await;
         let state = if opened.is_ok() { GpuState::Open } else { GpuState::Failed };
-        let before = std::mem::replace(&mut self.lock().gpu, state);
+        let before = std::mem::replace(&mut self.state.lock().gpu, state);
         if before != state {
             match &opened {
-                Ok(()) => tracing::info!(worker = self.id, device = gpu.device(), "the GPU is ready"),
-                Err(reason) => tracing::error!(worker = self.id, reason, "the GPU could not be opened"),
+                Ok(()) => tracing::info!(worker = self.id, device = gpu.device(), "opened the GPU"),
+                Err(reason) => tracing::error!(
+                    worker = self.id,
+                    reason,
+                    "could not open the GPU; its worker releases or fails the jobs that need it"
+                ),
             }
             self.record().await;
         }
         opened.is_ok()
     }
 
-    async fn run(self: Arc<Self>, claimed: Vec<ClaimedJob>, share: Share, free: Free) {
-        let Free { compute, claim } = free;
+    async fn run(self: Arc<Self>, claimed: Vec<ClaimedJob>, eligibility: CpuEligibility, permit: RunPermit) {
+        let RunPermit { compute, claim } = permit;
         let _running = self.busy.begin();
         let ended = match &self.gpu {
             Some(gpu) => self.run_batch(gpu, claimed, compute).await,
-            None => self.run_one(claimed, &share, compute).await,
+            None => self.run_one(claimed, &eligibility, compute).await,
         };
-        self.lock().jobs_done += ended;
+        self.state.lock().jobs_done += ended;
         drop(claim);
     }
 
-    /// Runs a job on the CPU. Returns how many jobs have ended.
-    async fn run_one(&self, claimed: Vec<ClaimedJob>, share: &Share, compute: Option<OwnedSemaphorePermit>) -> u64 {
+    /// Runs a job on the CPU. Returns the number of jobs that have ended.
+    async fn run_one(
+        &self,
+        claimed: Vec<ClaimedJob>,
+        eligibility: &CpuEligibility,
+        compute: Option<OwnedSemaphorePermit>,
+    ) -> u64 {
         // A CPU worker claims one job at a time.
         let Some(claimed) = claimed.into_iter().next() else { return 0 };
         let mut report = self.cpu.report(claimed.job().backend.requested);
-        if let (Share::Auto { why, cause }, Backend::Auto) = (share, report.requested) {
+        if let (CpuEligibility::Auto { why, cause }, Backend::Auto) = (eligibility, report.requested) {
             report.fallback = Some(why.clone());
             self.context.options.metrics.fallback(*cause);
         }
@@ -383,12 +405,13 @@ impl Slot {
         }
     }
 
-    /// Runs the jobs that fit on the device together, and releases the others. Returns how many jobs have ended.
+    /// Runs the jobs that fit on the device together, and releases the others. Returns the number
+    /// of jobs that have ended.
     async fn run_batch(&self, gpu: &Gpu, claimed: Vec<ClaimedJob>, compute: Option<OwnedSemaphorePermit>) -> u64 {
         let jobs: Vec<Job> = claimed.iter().map(|claimed| claimed.job().clone()).collect();
         let (admitted, refused) = match gpu.admit(jobs).await {
             Ok(admitted) => (admitted, None),
-            // The first learns the reason.
+            // The first job ends with the reason.
             Err(reason) => (vec![Some(None)], Some(reason)),
         };
         let (mut attempts, mut tasks) = (Vec::new(), Vec::new());
@@ -403,7 +426,7 @@ impl Slot {
                 attempts.push(attempt);
             }
         }
-        tracing::info!(device = gpu.device(), jobs = attempts.len(), "batch begins");
+        tracing::info!(device = gpu.device(), jobs = attempts.len(), "a GPU batch began");
         let generations = match refused {
             None => gpu.generate(tasks, compute),
             Some(reason) => {
@@ -419,24 +442,20 @@ impl Slot {
     async fn release_misfit(&self, claimed: ClaimedJob) {
         let id = claimed.job().id;
         if let Err(error) = self.context.store.release(claimed, Some(verdict::of_misfit())).await {
-            tracing::warn!(job = %id, %error, "a job that does not fit the batch was not released");
+            tracing::warn!(job = %id, %error, "could not release a job that does not fit the GPU batch; its lease will expire");
         }
     }
 
-    fn lock(&self) -> std::sync::MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     fn state(&self) -> State {
-        self.lock().clone()
+        self.state.lock().clone()
     }
 
-    /// Records that the worker is alive, with its present state.
+    /// Sends a heartbeat with the present state of the worker.
     async fn record(&self) -> State {
         let _recording = self.recording.lock().await;
         let state = self.state();
         let (backend, device) = match &self.gpu {
-            // A GPU worker without its device must not be counted on.
+            // A GPU worker without its device must not count as live.
             Some(_) if state.gpu != GpuState::Open => return state,
             Some(gpu) => (Backend::Gpu, gpu.device()),
             None => (Backend::Cpu, self.cpu.device()),
@@ -452,7 +471,7 @@ impl Slot {
             pause: None,
         };
         if let Err(error) = self.context.store.worker_seen(&worker).await {
-            tracing::warn!(worker = self.id, %error, "the worker's heartbeat was not recorded");
+            tracing::warn!(worker = self.id, %error, "could not record the heartbeat of a worker");
         }
         state
     }

@@ -1,39 +1,40 @@
-//! The sink of a generation: the newest progress for heartbeats, checkpoints for their mailbox, stages for traces.
+//! The sink of a generation: latest progress for heartbeats, checkpoints for their mailbox, stages
+//! for traces.
 //!
-//! The generating thread only leaves the newest state here and the heartbeat fetches it at its own pace, so a generation never
-//! waits for the store.
+//! The generating thread only writes the latest state here, and heartbeats fetch it at their own
+//! pace. Therefore a generation never waits for the job store.
 
 use super::checkpoint::{Mailbox, Saved};
 use crate::fit::{FitProgress, FitSink, FitStage};
 use crate::generate::{CancelToken, Progress, Sink, Stage};
 use crate::jobs::fault::{Faults, Injected};
 use crate::jobs::{JobProgress, LiveSection};
+use crate::lock::{Mutex, MutexGuard};
 use crate::model::{Ring, Section};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use tempfile::TempPath;
 use tracing::Span;
 
-/// Most points of a thinned ring.
-const POINTS: usize = 512;
+/// Maximum number of points of a thinned contour.
+const MAX_POINTS: usize = 512;
 
-/// The newest progress and section of an attempt.
+/// Latest progress and section of an attempt.
 #[derive(Debug, Default)]
 pub(super) struct LiveProgress(Mutex<Latest>);
 
 #[derive(Debug, Default)]
 struct Latest {
     progress: Option<JobProgress>,
-    /// Whether `progress` has not been fetched yet.
+    /// True if `progress` has not been fetched yet.
     is_new: bool,
     /// A section that has not been fetched yet.
     section: Option<LiveSection>,
-    /// Sections recorded so far.
+    /// Number of recorded sections.
     sections: u32,
-    /// Least fraction to report.
+    /// Minimum fraction to report.
     floor: f64,
 }
 
-/// What is new since the last heartbeat.
+/// Changes since the last heartbeat.
 #[derive(Debug, Default)]
 pub(super) struct Update {
     pub(super) progress: Option<JobProgress>,
@@ -47,14 +48,14 @@ impl Update {
 }
 
 impl LiveProgress {
-    /// What is new since the last call.
+    /// Fetches the changes since the last call.
     pub(super) fn take(&self) -> Update {
         let mut latest = self.latest();
         let progress = if std::mem::take(&mut latest.is_new) { latest.progress } else { None };
         Update { progress, section: latest.section.take() }
     }
 
-    /// Puts back an update that could not be sent, unless something newer has come meanwhile.
+    /// Returns an update that could not be sent, unless a newer one has arrived.
     pub(super) fn put_back(&self, update: Update) {
         let mut latest = self.latest();
         latest.is_new |= update.progress.is_some();
@@ -82,7 +83,7 @@ impl LiveProgress {
         });
     }
 
-    /// The progress of a model that is complete but for its files. A fit has none.
+    /// Records that a model is complete except for its files. A fit has no such stage.
     fn record_storing(&self) {
         let mut latest = self.latest();
         if let Some(JobProgress::Model(progress)) = &mut latest.progress {
@@ -93,7 +94,8 @@ impl LiveProgress {
         }
     }
 
-    /// Sections are counted from 0 again. The reported fraction stays until the new one has passed it, so that it never falls.
+    /// Counts sections from 0 again. The reported fraction stays until the new one exceeds it, so
+    /// that it never falls.
     fn restart(&self) {
         let mut latest = self.latest();
         latest.sections = 0;
@@ -102,16 +104,16 @@ impl LiveProgress {
     }
 
     fn latest(&self) -> MutexGuard<'_, Latest> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.0.lock()
     }
 }
 
-/// What the generations of one attempt write to.
+/// Sink of the generations of one attempt.
 #[derive(Debug)]
 pub(super) struct AttemptSink {
     pub(super) progress: LiveProgress,
     pub(super) checkpoints: Mailbox,
-    /// The attempt, for logs and traces.
+    /// Span of the attempt, for logs and traces.
     span: Span,
     faults: Faults,
     run: Mutex<Run>,
@@ -119,7 +121,7 @@ pub(super) struct AttemptSink {
 
 #[derive(Debug)]
 struct Run {
-    /// The current stage by name, and its span.
+    /// Name and span of the current stage.
     stage: Option<(&'static str, Span)>,
     /// Stops the current generation.
     cancel: CancelToken,
@@ -127,24 +129,26 @@ struct Run {
 }
 
 impl AttemptSink {
-    /// The sink of an attempt that is traced by `span`. An injected fault stops the generation through `cancel`.
+    /// The sink of an attempt with this `span`. An injected fault stops the generation through
+    /// `cancel`.
     pub(super) fn new(checkpoints: Mailbox, span: Span, faults: Faults, cancel: CancelToken) -> Self {
         let run = Mutex::new(Run { stage: None, cancel, injected: None });
         Self { progress: LiveProgress::default(), checkpoints, span, faults, run }
     }
 
-    /// The attempt, for logs and traces.
+    /// Span of the attempt, for logs and traces.
     pub(super) fn span(&self) -> &Span {
         &self.span
     }
 
-    /// The files are being moved to the artifact store.
+    /// Reports that the upload of the files begins.
     pub(super) fn storing(&self) {
         self.enter(name(Stage::Store), |attempt| span(Stage::Store, attempt));
         self.progress.record_storing();
     }
 
-    /// Another generation of the same attempt starts from the beginning. An injected fault now stops it through `cancel`.
+    /// Reports that another generation of the attempt starts from the beginning. An injected fault
+    /// stops it through `cancel`.
     pub(super) fn restart(&self, cancel: CancelToken) {
         self.run().cancel = cancel;
         self.progress.restart();
@@ -156,7 +160,7 @@ impl AttemptSink {
         self.run().injected
     }
 
-    /// Starts the span of a stage, and ends that of the stage before.
+    /// Ends the span of the previous stage and starts the span of `stage`.
     fn enter(&self, stage: &'static str, span: impl FnOnce(&Span) -> Span) {
         let mut run = self.run();
         if run.stage.as_ref().is_none_or(|(before, _)| *before != stage) {
@@ -165,7 +169,7 @@ impl AttemptSink {
         }
     }
 
-    /// Records progress in this stage, which may be a point where a fault is injected.
+    /// Records progress and passes the fault point of the stage.
     fn advance(&self, stage: &'static str, progress: JobProgress) {
         self.progress.record(progress);
         if let Err(injected) = self.faults.point_blocking(stage) {
@@ -176,7 +180,7 @@ impl AttemptSink {
     }
 
     fn run(&self) -> MutexGuard<'_, Run> {
-        self.run.lock().unwrap_or_else(PoisonError::into_inner)
+        self.run.lock()
     }
 }
 
@@ -246,10 +250,10 @@ fn span(stage: Stage, attempt: &Span) -> Span {
     }
 }
 
-/// At most [`POINTS`] points of a ring, evenly by count.
+/// At most [`MAX_POINTS`] points of a contour, evenly by index.
 fn thin(ring: &Ring) -> Vec<[f32; 2]> {
     let n = ring.len();
-    let kept = n.min(POINTS);
+    let kept = n.min(MAX_POINTS);
     (0..kept).map(|i| ring.points[i * n / kept]).collect()
 }
 
@@ -277,7 +281,7 @@ mod tests {
     fn rings_are_thinned_evenly_and_in_order() {
         for n in [0, 1, 511, 512, 513, 8300] {
             let thinned = thin(&ring(n));
-            assert_eq!(thinned.len(), (n as usize).min(POINTS));
+            assert_eq!(thinned.len(), (n as usize).min(MAX_POINTS));
             let gaps: Vec<f32> = thinned.windows(2).map(|w| w[1][0] - w[0][0]).collect();
             let fair = n as f32 / thinned.len().max(1) as f32;
             assert!(gaps.iter().all(|gap| *gap >= 1.0 && (gap - fair).abs() <= 1.0), "{n}");

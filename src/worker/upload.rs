@@ -2,39 +2,40 @@
 
 use super::context::Context;
 use super::progress::AttemptSink;
-use super::verdict;
 use crate::clock::Stopwatch;
 use crate::generate::FileOutput;
-use crate::jobs::artifacts::{self, ArtifactError};
+use crate::jobs::artifacts::{self, ArtifactError, Stored};
 use crate::jobs::fault::Injected;
 use crate::jobs::{ClaimedJob, File};
 use futures_util::future::join_all;
-use std::path::Path;
+use std::io;
+use std::path::{Path, PathBuf};
 use tokio_util::sync::CancellationToken;
 
-/// How long an upload is retried while the artifact store is unavailable, in units of [`super::PoolOptions::storage_wait`].
-const PATIENCE: u32 = 60;
-/// Longest wait between two tries, in the same units.
-const LONGEST_WAIT: u32 = 5;
+/// Maximum time for which an upload is retried, in units of [`super::PoolOptions::storage_wait`].
+const RETRY_LIMIT: u32 = 60;
+/// Maximum wait between two retries, in the same units.
+const MAX_WAIT: u32 = 5;
 
-/// Why the files are not in the artifact store.
+/// Reason why the files of an attempt are not in the artifact store.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum UploadError {
-    /// The artifact store refused a file through all tries.
-    #[error("{name}: {cause} (tried {tries} times)")]
-    Store { name: String, cause: String, tries: u32 },
-    /// A file in scratch cannot be read because of the state of the disk.
-    #[error("{0}")]
-    Scratch(String),
-    /// A file in scratch is not what the generator wrote.
-    #[error("{0}")]
-    Damaged(String),
+    /// The artifact store refused a file at every retry.
+    #[error("{name}: {source} (tried {tries} times)")]
+    Store { name: String, source: ArtifactError, tries: u32 },
+    /// A scratch file cannot be read.
+    #[error("reading {} failed: {source}", .path.display())]
+    Unreadable { path: PathBuf, source: io::Error },
+    /// A scratch file differs from the file that the generator wrote.
+    #[error("{name}: read {} bytes with SHA-256 {}, not the {written} bytes written", .read.bytes, .read.sha256)]
+    Damaged { name: String, read: Stored, written: u64 },
     /// A test injected a fault.
     #[error(transparent)]
     Injected(#[from] Injected),
 }
 
-/// Files that were made, as the job's record will name them. Keys belong to this attempt alone.
+/// The output files as the record of the job will name them. Their keys belong to this attempt
+/// alone.
 pub(super) fn files(claimed: &ClaimedJob, outputs: &[FileOutput]) -> Vec<File> {
     outputs
         .iter()
@@ -48,9 +49,10 @@ pub(super) fn files(claimed: &ClaimedJob, outputs: &[FileOutput]) -> Vec<File> {
         .collect()
 }
 
-/// Stores `files` from `dir` concurrently. While the artifact store is unavailable, each is retried for about a minute. The
-/// stored size and checksum must be those that the generator reported. When this returns, no file is being written any
-/// more; `stop` makes it give up at the next wait.
+/// Stores `files` from `dir` concurrently. Each upload is retried for about a minute while the
+/// artifact store is unavailable. The stored size and checksum must equal those that the generator
+/// reported. No upload is in progress when this function returns; `stop` makes it give up at the
+/// next wait.
 pub(super) async fn upload(
     context: &Context,
     sink: &AttemptSink,
@@ -62,14 +64,14 @@ pub(super) async fn upload(
     let watch = Stopwatch::start();
     context.options.faults.point("store").await?;
     context.options.faults.point("before-upload").await?;
-    // Once one file has failed, the others need no further try.
+    // Once one file has failed, the others are not retried.
     let stop = stop.child_token();
     let put = async |file| {
         let put = put_with_retries(context, file, dir, &stop).await;
         put.inspect_err(|_| stop.cancel())
     };
     let failed = join_all(files.iter().map(put)).await.into_iter().filter_map(Result::err);
-    // A file that was stopped by another has fewer tries than that one.
+    // The file that failed first has the most tries.
     let tries = |error: &UploadError| if let UploadError::Store { tries, .. } = error { *tries } else { u32::MAX };
     if let Some(error) = failed.max_by_key(tries) {
         return Err(error);
@@ -92,34 +94,29 @@ async fn put_with_retries(
     for tries in 1.. {
         let error = match context.artifacts.put_file(&file.key, &dir.join(&file.name)).await {
             Ok(stored) if stored.bytes == file.bytes && stored.sha256 == file.sha256 => break,
-            Ok(stored) => {
-                let detail = format!("{}: read {} bytes with SHA-256 {}", file.name, stored.bytes, stored.sha256);
-                return Err(UploadError::Damaged(format!("{detail}, not the {} bytes written", file.bytes)));
+            Ok(read) => {
+                return Err(UploadError::Damaged { name: file.name.clone(), read, written: file.bytes });
             }
-            Err(ArtifactError::Scratch { path, source }) => {
-                let detail = format!("reading {} failed: {source}", path.display());
-                let is_disk = verdict::is_storage_fault(&source);
-                return Err(if is_disk { UploadError::Scratch(detail) } else { UploadError::Damaged(detail) });
-            }
-            Err(error) => error.to_string(),
+            Err(ArtifactError::Scratch { path, source }) => return Err(UploadError::Unreadable { path, source }),
+            Err(error) => error,
         };
-        tracing::debug!(file = file.key, error, tries, "a file was not stored");
+        tracing::debug!(file = file.key, %error, tries, "could not store a file");
         if tries == 1 {
             context.storage.write_failed(&error);
         }
-        let retries = since.elapsed() + wait < unit * PATIENCE;
+        let retries = since.elapsed() + wait < unit * RETRY_LIMIT;
         if !retries || stop.run_until_cancelled(tokio::time::sleep(wait)).await.is_none() {
-            return Err(UploadError::Store { name: file.name.clone(), cause: error, tries });
+            return Err(UploadError::Store { name: file.name.clone(), source: error, tries });
         }
-        wait = (wait * 2).min(unit * LONGEST_WAIT);
+        wait = (wait * 2).min(unit * MAX_WAIT);
     }
     Ok(())
 }
 
-/// Removes files that no record will name. Those that cannot be removed now are left to the sweep of orphans.
+/// Removes files that no record will name. The orphan sweep deletes files that cannot be removed.
 pub(super) async fn remove(context: &Context, files: &[File]) {
     let keys: Vec<String> = files.iter().map(|file| file.key.clone()).collect();
     if let Err(error) = context.artifacts.delete(&keys).await {
-        tracing::warn!(%error, "files of a failed attempt are left to the sweep");
+        tracing::warn!(%error, "could not delete the files of a failed attempt; the orphan sweep will delete them");
     }
 }

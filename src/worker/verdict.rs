@@ -1,34 +1,36 @@
-//! What an error means for a job: whether another attempt could succeed, and what the client is told.
+//! Consequences of an error for a job: whether another attempt could succeed, and the problem that
+//! the client sees.
 
 use super::generator::WorkError;
 use crate::fit::FitError;
 use crate::generate::GenerateError;
-use crate::jobs::Problem;
 use crate::jobs::fault::Injected;
+use crate::jobs::{Problem, with_causes};
 use std::any::Any;
+use std::error::Error;
 use std::io;
 use std::time::Duration;
 use tokio::task::JoinError;
 
-/// What is to be done with a job whose attempt failed.
+/// Consequence for a job whose attempt failed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Verdict {
-    /// Another attempt would fail in the same way: fail the job at once.
+    /// Fail the job: another attempt would fail in the same way.
     Fail(Problem),
-    /// The error may be transient: retry, counted as an attempt.
+    /// Retry: the error may be transient. The attempt counts.
     Retry(Problem),
-    /// Another worker may run it sooner: release it without counting an attempt.
+    /// Release the job, because another worker may run it sooner. The attempt does not count.
     Release(Problem),
-    /// The storage is at fault, not the job: release it without counting an attempt, and pause claims.
+    /// Release the job and pause claims, because storage failed. The attempt does not count.
     Storage {
-        /// What is recorded with the attempt.
+        /// Problem of the attempt.
         problem: Problem,
-        /// Whether it is the scratch directory that failed, rather than the artifact store.
+        /// True if the scratch directory failed, false if the artifact store did.
         scratch: bool,
     },
 }
 
-/// The kind of problem of files that could not be stored.
+/// Kind of the problem of files that could not be stored.
 const STORAGE: &str = "storage";
 
 fn problem(kind: &str, title: &str, detail: String) -> Problem {
@@ -45,9 +47,9 @@ pub(super) fn of_error(error: &WorkError) -> Verdict {
             FitError::Memory { .. } => {
                 Verdict::Fail(problem("memory", "The models of the fit need more memory than allowed", detail))
             }
-            FitError::Io(source) if is_storage_fault(source) => of_scratch(detail),
+            FitError::Io(source) if is_storage_fault(source) => of_scratch(error),
             FitError::Io(_) => Verdict::Retry(problem("io", "Files could not be written", detail)),
-            // The worker did not ask for it.
+            // The worker did not request it.
             FitError::Cancelled => Verdict::Retry(problem("interrupted", "The fit was interrupted", detail)),
         },
         WorkError::Generate(error) => match error {
@@ -62,15 +64,9 @@ pub(super) fn of_error(error: &WorkError) -> Verdict {
             GenerateError::Gpu(_) => Verdict::Fail(of_gpu(detail)),
             GenerateError::Panic { detail } => Verdict::Fail(panicked(detail.clone())),
             GenerateError::Simulation { .. } => Verdict::Fail(problem("simulation", "The simulation failed", detail)),
-            GenerateError::Io { source, .. } => {
-                let detail = format!("{detail}: {source}");
-                if is_storage_fault(source) {
-                    of_scratch(detail)
-                } else {
-                    Verdict::Retry(problem("io", "Files could not be written", detail))
-                }
-            }
-            // The worker did not ask for it.
+            GenerateError::Io { source, .. } if is_storage_fault(source) => of_scratch(error),
+            GenerateError::Io { .. } => Verdict::Retry(problem("io", "Files could not be written", with_causes(error))),
+            // The worker did not request it.
             GenerateError::Cancelled => {
                 Verdict::Retry(problem("interrupted", "The generation was interrupted", detail))
             }
@@ -78,10 +74,10 @@ pub(super) fn of_error(error: &WorkError) -> Verdict {
     }
 }
 
-/// Whether an I/O error comes from the state of a disk (full, over quota, read-only, failing, gone), and not from what was
-/// written.
+/// True if an I/O error results from the state of a disk (full, over quota, read-only, failing,
+/// missing) rather than from the data.
 pub(super) fn is_storage_fault(error: &io::Error) -> bool {
-    // EIO has no kind of its own.
+    // EIO has no `ErrorKind`.
     const EIO: i32 = 5;
     let is_fault = error.raw_os_error() == Some(EIO)
         || matches!(
@@ -94,12 +90,13 @@ pub(super) fn is_storage_fault(error: &io::Error) -> bool {
                 | io::ErrorKind::NotADirectory
                 | io::ErrorKind::NotFound
         );
-    // Writers may wrap the error of the file below them.
+    // Writers may wrap the error of the underlying file.
     let inner = error.get_ref().and_then(|inner| inner.downcast_ref::<io::Error>());
     is_fault || inner.is_some_and(is_storage_fault)
 }
 
-/// The verdict on a generation whose thread returned nothing. After a panic, the same code on the same spec would panic again.
+/// The verdict on a generation whose thread returned no result. After a panic, a retry would panic
+/// again.
 pub(super) fn of_join(error: JoinError) -> Verdict {
     match error.try_into_panic() {
         Ok(payload) => Verdict::Fail(panicked(panic_message(payload.as_ref()))),
@@ -108,13 +105,13 @@ pub(super) fn of_join(error: JoinError) -> Verdict {
     }
 }
 
-/// The message of a panic.
+/// Message of a panic.
 pub(super) fn panic_message(payload: &(dyn Any + Send)) -> String {
     let text = payload.downcast_ref::<&str>().map(|message| (*message).to_owned());
     text.or_else(|| payload.downcast_ref::<String>().cloned()).unwrap_or_else(|| "a panic without a message".to_owned())
 }
 
-/// The verdict on a member of a batch for which the batch reported no result.
+/// The verdict on a member of a GPU batch without a result.
 pub(super) fn of_silence() -> Verdict {
     let detail = "the batch ended without a result for it".to_owned();
     Verdict::Retry(problem("interrupted", "The generation was interrupted", detail))
@@ -129,27 +126,27 @@ pub(super) fn of_gpu(detail: String) -> Problem {
     problem("gpu", "The GPU could not grow the model", detail)
 }
 
-/// The verdict on a scratch directory that cannot be created or written.
-pub(super) fn of_scratch(detail: String) -> Verdict {
-    let problem = problem(STORAGE, "The scratch directory is unavailable", detail);
+/// The verdict on a scratch directory that cannot be created, read or written.
+pub(super) fn of_scratch(error: &dyn Error) -> Verdict {
+    let problem = problem(STORAGE, "The scratch directory is unavailable", with_causes(error));
     Verdict::Storage { problem, scratch: true }
 }
 
-/// The verdict on an artifact store that does not take files.
-pub(super) fn of_storage(detail: String) -> Verdict {
-    let problem = problem(STORAGE, "The artifact store is unavailable", detail);
+/// The verdict on an artifact store that does not accept files.
+pub(super) fn of_storage(error: &dyn Error) -> Verdict {
+    let problem = problem(STORAGE, "The artifact store is unavailable", with_causes(error));
     Verdict::Storage { problem, scratch: false }
 }
 
-/// The verdict on a job that waited for the threads of its worker in vain.
+/// The verdict on a job whose worker has had no free threads for too long.
 pub(super) fn of_busy_worker() -> Verdict {
     let detail = "another worker may be free before this one".to_owned();
     Verdict::Release(problem("busy", "The worker is busy", detail))
 }
 
-/// The verdict on files in scratch that are not what the generator wrote, or cannot be read.
-pub(super) fn of_damage(detail: String) -> Verdict {
-    Verdict::Retry(problem("io", "Files in the scratch directory are damaged", detail))
+/// The verdict on scratch files that differ from what the generator wrote, or cannot be read.
+pub(super) fn of_damage(error: &dyn Error) -> Verdict {
+    Verdict::Retry(problem("io", "Files in the scratch directory are damaged", with_causes(error)))
 }
 
 /// The verdict on a generation that took longer than `limit`.
@@ -158,12 +155,12 @@ pub(super) fn of_timeout(limit: Duration) -> Verdict {
     Verdict::Fail(problem("timeout", "The model took too long", detail))
 }
 
-/// The problem of a job that does not fit on a GPU together with the others of its batch.
+/// The problem of a job that does not fit on a GPU together with the rest of its batch.
 pub(super) fn of_misfit() -> Problem {
     problem(MISFIT, "The job does not fit the batch", "the device has no memory for it beside older jobs".to_owned())
 }
 
-/// The kind of problem of [`of_misfit`].
+/// Kind of the problem of [`of_misfit`].
 pub(super) const MISFIT: &str = "batch";
 
 /// The verdict on an injected fault.

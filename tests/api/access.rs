@@ -1,13 +1,13 @@
 //! Keys, tickets and quotas: who gets what.
 
 use super::app::{App, Reply, used};
-use super::between::{Between, Eye};
 use axum::body::Body;
 use axum::http::{Method, Request, header};
+use futures_util::future::BoxFuture;
 use http_body_util::BodyExt;
 use oviduct::http::{Limits, WithoutKeys};
 use oviduct::jobs::keys::{KeyLimits, Scope, Secret};
-use oviduct::jobs::{Problem, Quota};
+use oviduct::jobs::{Hook, Problem, Quota, StoreError};
 use serde_json::{Value, json};
 use std::sync::Arc;
 use std::time::Duration;
@@ -391,17 +391,21 @@ async fn a_ticket_of_a_refused_request_stays_good() {
 /// Reads of the keys take longer than a request waits for them.
 struct Slow;
 
-#[async_trait::async_trait]
-impl Eye for Slow {
-    async fn before_keys(&self) {
-        tokio::time::sleep(Duration::from_millis(600)).await;
+impl Hook for Slow {
+    fn before<'a>(&'a self, call: &'static str) -> BoxFuture<'a, Result<(), StoreError>> {
+        Box::pin(async move {
+            if call == "keys" {
+                tokio::time::sleep(Duration::from_millis(600)).await;
+            }
+            Ok(())
+        })
     }
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_revoked_key_ends_although_the_store_is_slow() {
     let app = App::new().await;
-    let store = Between::new(Arc::clone(&app.store), Slow);
+    let store = app.store.with_hook(Arc::new(Slow));
     let slow = guarded(App::over(store, app.clock.clone(), Limits::default()));
     let key = app.key("a", &[Scope::Read]).await;
     let status = async || slow.get_with("/models", &[("authorization", &key)]).await.status.as_u16();

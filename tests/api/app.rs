@@ -13,14 +13,12 @@ use oviduct::generate::{Backend, Progress, Stage};
 use oviduct::http::{AccessOptions, AppState, Limits, REQUEST_ID, WithoutKeys, router};
 use oviduct::jobs::artifacts::{Artifacts, key};
 use oviduct::jobs::keys::{KeyLimits, NewKey, Scope, Secret};
-use oviduct::jobs::sqlite::SqliteStore;
 use oviduct::jobs::{
     BackendReport, ClaimedJob, Directive, File, Finished, JobId, JobProgress, LiveSection, Store, StoreOptions,
     WorkerInfo,
 };
 use oviduct::status::Status;
 use serde_json::{Value, json};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use tempfile::TempDir;
@@ -33,7 +31,7 @@ pub(super) const LEASE: Duration = Duration::from_secs(8);
 pub(super) struct App {
     router: Router,
     state: AppState,
-    pub(super) store: Arc<dyn Store>,
+    pub(super) store: Store,
     pub(super) artifacts: Artifacts,
     pub(super) clock: Clock,
     pub(super) shutdown: CancellationToken,
@@ -88,7 +86,7 @@ impl App {
     pub(super) async fn with(limits: Limits, queue_limit: u64) -> Self {
         let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
         let options = StoreOptions { clock: clock.clone(), queue_limit, ..StoreOptions::default() };
-        let store = Arc::new(SqliteStore::open_in_memory(options).await.unwrap());
+        let store = Store::open_in_memory(options).await.unwrap();
         Self::over(store, clock, limits)
     }
 
@@ -140,7 +138,7 @@ impl App {
         format!("Bearer {}", secret.reveal())
     }
 
-    pub(super) fn over(store: Arc<dyn Store>, clock: Clock, limits: Limits) -> Self {
+    pub(super) fn over(store: Store, clock: Clock, limits: Limits) -> Self {
         let dir = TempDir::new().unwrap();
         let artifacts = Artifacts::local(&dir.path().join("files")).unwrap();
         let shutdown = CancellationToken::new();

@@ -1,11 +1,11 @@
 //! Many models at once: by filter, by batch; retries; lists of batches.
 
 use super::app::{App, used};
-use super::between::{Between, Eye};
 use axum::body::Body;
 use axum::http::Method;
+use futures_util::future::BoxFuture;
 use oviduct::http::Limits;
-use oviduct::jobs::Problem;
+use oviduct::jobs::{Hook, Problem, StoreError};
 use serde_json::{Value, json};
 use std::sync::Arc;
 use std::time::Duration;
@@ -167,10 +167,14 @@ async fn batches_are_listed() {
 /// Accepts a model of the study while others are being removed.
 struct Busy(Arc<App>);
 
-#[async_trait::async_trait]
-impl Eye for Busy {
-    async fn before_delete_many(&self) {
-        labelled(&self.0, 2, "A").await;
+impl Hook for Busy {
+    fn before<'a>(&'a self, call: &'static str) -> BoxFuture<'a, Result<(), StoreError>> {
+        Box::pin(async move {
+            if call == "delete_many" {
+                labelled(&self.0, 2, "A").await;
+            }
+            Ok(())
+        })
     }
 }
 
@@ -178,7 +182,7 @@ impl Eye for Busy {
 async fn models_that_are_accepted_meanwhile_are_not_touched() {
     let app = Arc::new(App::new().await);
     labelled(&app, 1, "A").await;
-    let store = Between::new(Arc::clone(&app.store), Busy(Arc::clone(&app)));
+    let store = app.store.with_hook(Arc::new(Busy(Arc::clone(&app))));
     let busy = App::over(store, app.clock.clone(), Limits::default());
     assert_eq!(busy.delete("/models?label=study:A").await.json(), applied(1, false));
     let left = app.get("/models?label=study:A").await.json();

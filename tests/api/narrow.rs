@@ -4,7 +4,6 @@ use super::app::{App, contour, id};
 use super::events::{Event, Stream};
 use oviduct::http::Limits;
 use serde_json::{Value, json};
-use std::sync::Arc;
 use std::time::Duration;
 
 async fn app() -> App {
@@ -76,7 +75,7 @@ async fn a_stream_of_ids_tells_their_states_and_ends_with_them() {
         assert_eq!((again.status.as_u16(), again.body.len()), (204, 0), "{path}");
     }
     // Another process knows as much.
-    let second = App::over(Arc::clone(&app.store), app.clock.clone(), Limits::default());
+    let second = App::over(app.store.clone(), app.clock.clone(), Limits::default());
     assert_eq!(second.get_with(&path, &[("last-event-id", &last)]).await.status, 204);
     // A cursor of other models, or of none, does not count.
     for unknown in ["nonsense", last.split('-').next().unwrap(), &last.replace('-', "-0")] {

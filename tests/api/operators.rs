@@ -8,7 +8,6 @@ use oviduct::clock::Clock;
 use oviduct::generate::Backend;
 use oviduct::http::Limits;
 use serde_json::{Value, json};
-use std::sync::Arc;
 use std::time::Duration;
 
 async fn call(app: &App, path: &str) -> Value {
@@ -110,6 +109,6 @@ async fn metrics_tell_the_age_of_the_queue_the_use_of_connections_and_the_times_
 #[tokio::test]
 async fn metrics_tell_that_the_job_store_is_away() {
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
-    let app = App::over(Arc::new(Faulty::new()), clock, Limits::default());
+    let app = App::over(Faulty::store().await, clock, Limits::default());
     has_line(&app, "oviduct_job_store_up 0").await;
 }

@@ -5,10 +5,8 @@ use axum::http::header;
 use oviduct::clock::Clock;
 use oviduct::generate::Backend;
 use oviduct::http::Limits;
-use oviduct::jobs::StoreOptions;
-use oviduct::jobs::sqlite::SqliteStore;
+use oviduct::jobs::{Store, StoreOptions};
 use serde_json::json;
-use std::sync::Arc;
 use std::time::Duration;
 
 const KEY: [(&str, &str); 1] = [("idempotency-key", "k")];
@@ -38,7 +36,7 @@ async fn a_gpu_worker_that_has_gone_does_not_refuse_a_replay() {
 async fn a_lowered_limit_does_not_refuse_a_replay() {
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
     let options = StoreOptions { clock: clock.clone(), queue_limit: 9, ..StoreOptions::default() };
-    let store = Arc::new(SqliteStore::open_in_memory(options).await.unwrap());
+    let store = Store::open_in_memory(options).await.unwrap();
     let before = App::over(store.clone(), clock.clone(), Limits::default());
     let (model, batch) = (json!({ "seed": 1 }), json!({ "count": 3 }));
     let taken = [before.post_with("/models", &KEY, &model).await, before.post_with("/batches", &KEY, &batch).await];

@@ -100,7 +100,7 @@ async fn probes_do_not_wait_for_an_artifact_store_that_hangs() {
 /// A read that hangs fails its check after five seconds; until then probes report the result of the latest check.
 #[tokio::test]
 async fn probes_do_not_wait_for_a_job_store_that_hangs() {
-    let app = App::over(Arc::new(Faulty::hanging()), Clock::System, Limits::default());
+    let app = App::over(Faulty::hanging_store().await, Clock::System, Limits::default());
     app.expect_faults();
     let reply = tokio::time::timeout(Duration::from_secs(2), app.get("/readyz")).await;
     assert_eq!(reply.expect("a probe that does not wait for the check").status, 200);
@@ -110,7 +110,7 @@ async fn probes_do_not_wait_for_a_job_store_that_hangs() {
 
 #[tokio::test]
 async fn an_unavailable_store_is_a_problem_without_secrets() {
-    let app = App::over(Arc::new(Faulty::new()), Clock::System, Limits::default());
+    let app = App::over(Faulty::store().await, Clock::System, Limits::default());
     app.expect_faults();
     assert_eq!(app.get("/healthz").await.status, 200);
     let model = format!("/models/{}", uuid::Uuid::now_v7());
@@ -128,7 +128,7 @@ async fn an_unavailable_store_is_a_problem_without_secrets() {
 
 #[tokio::test]
 async fn a_panic_is_a_problem_and_the_service_goes_on() {
-    let app = App::over(Arc::new(Faulty::new()), Clock::System, Limits::default());
+    let app = App::over(Faulty::store().await, Clock::System, Limits::default());
     app.expect_faults();
     let reply = app.get_with("/models", &[("x-request-id", "find-me")]).await;
     assert_eq!((reply.status.as_u16(), reply.slug().as_str()), (500, "internal"));

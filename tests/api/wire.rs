@@ -1,17 +1,16 @@
-//! A store whose reads can be made to fail, and are counted. Its changes can be reported by the test alone.
+//! Store whose reads of models are counted and can be made to fail, and whose changes the test can
+//! report.
 
 use super::app::App;
-use super::between::{Between, Eye};
-use async_trait::async_trait;
+use futures_util::future::BoxFuture;
 use oviduct::clock::Clock;
 use oviduct::http::Limits;
-use oviduct::jobs::sqlite::SqliteStore;
-use oviduct::jobs::{Change, Store, StoreError, StoreOptions};
+use oviduct::jobs::{Change, Hook, Store, StoreError, StoreOptions};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use tokio::sync::broadcast;
 
-/// The state of the connection to the store.
+/// State of the connection to the store.
 pub(super) struct Wire {
     broken: AtomicBool,
     reads: AtomicU64,
@@ -20,13 +19,12 @@ pub(super) struct Wire {
 
 impl Wire {
     /// A service over such a store. If `changes` is given, only it reports changes.
-    pub(super) async fn app(limits: Limits, changes: Option<broadcast::Sender<Change>>) -> (App, Arc<Between<Self>>) {
+    pub(super) async fn app(limits: Limits, changes: Option<broadcast::Sender<Change>>) -> (App, Arc<Self>) {
         let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
         let options = StoreOptions { clock: clock.clone(), queue_limit: 1000, ..StoreOptions::default() };
-        let store = Arc::new(SqliteStore::open_in_memory(options).await.unwrap());
-        let wire = Self { broken: AtomicBool::new(false), reads: AtomicU64::new(0), changes };
-        let store = Between::new(store, wire);
-        (App::over(store.clone(), clock, limits), store)
+        let wire = Arc::new(Self { broken: AtomicBool::new(false), reads: AtomicU64::new(0), changes });
+        let store = Store::open_in_memory(options).await.unwrap().with_hook(Arc::<Self>::clone(&wire));
+        (App::over(store, clock, limits), wire)
     }
 
     /// Makes reads of models fail, or succeed again.
@@ -34,23 +32,26 @@ impl Wire {
         self.broken.store(broken, Ordering::Relaxed);
     }
 
-    /// How often a model was read.
+    /// Number of reads of models.
     pub(super) fn reads(&self) -> u64 {
         self.reads.load(Ordering::Relaxed)
     }
 }
 
-#[async_trait]
-impl Eye for Wire {
-    fn changes(&self, store: &dyn Store) -> broadcast::Receiver<Change> {
-        self.changes.as_ref().map_or_else(|| store.changes(), broadcast::Sender::subscribe)
+impl Hook for Wire {
+    fn before<'a>(&'a self, call: &'static str) -> BoxFuture<'a, Result<(), StoreError>> {
+        Box::pin(async move {
+            if call == "get" {
+                self.reads.fetch_add(1, Ordering::Relaxed);
+                if self.broken.load(Ordering::Relaxed) {
+                    return Err(StoreError::Database("connection refused".into()));
+                }
+            }
+            Ok(())
+        })
     }
 
-    fn before_get(&self) -> Result<(), StoreError> {
-        self.reads.fetch_add(1, Ordering::Relaxed);
-        if self.broken.load(Ordering::Relaxed) {
-            return Err(StoreError::Database("connection refused".into()));
-        }
-        Ok(())
+    fn changes(&self) -> Option<broadcast::Receiver<Change>> {
+        self.changes.as_ref().map(broadcast::Sender::subscribe)
     }
 }

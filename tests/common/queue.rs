@@ -84,7 +84,7 @@ fn new_job(n: usize) -> NewJob {
 
 /// The cost of a claim of one job and of four, of four by a GPU, of a heartbeat, a submission, a read of the last job of its
 /// priority (with its position), and the counts. Removes the jobs that it submits, and releases those that it claims.
-pub async fn costs(store: &dyn Store) -> Costs {
+pub async fn costs(store: &Store) -> Costs {
     const LEASE: Duration = Duration::from_secs(600);
     let claim = async |backend, limit: u32, samples: usize| {
         let (mut seconds, mut held) = (Vec::new(), Vec::new());
@@ -135,7 +135,7 @@ pub async fn costs(store: &dyn Store) -> Costs {
 }
 
 /// Seconds of a heartbeat with progress.
-async fn beat(store: &dyn Store, claimed: &ClaimedJob) -> f64 {
+async fn beat(store: &Store, claimed: &ClaimedJob) -> f64 {
     let (stage, eta_seconds) = (Stage::Simulate, None);
     let progress = Progress { stage, fraction: 0.5, step: 1, steps: 2, particles: 8, sections: 1, eta_seconds };
     let since = Stopwatch::start();

@@ -7,14 +7,13 @@ use oviduct::generate::{
     Backend, Calls, CancelToken, Member, Outcome, Output, Progress, Request, Sink, generate_batch,
 };
 use oviduct::jobs::artifacts::Artifacts;
-use oviduct::jobs::sqlite::SqliteStore;
 use oviduct::jobs::{Job, JobId, JobKind, NewJob, Priority, Status, Store, StoreOptions};
 use oviduct::model::Section;
 use oviduct::sim::Plan;
 use oviduct::sim::gpu::{GpuDevice, GpuOptions};
 use oviduct::spec::{ModelSpec, preset};
 use oviduct::worker::{
-    Admitted, BatchCalls, BatchGenerator, BatchWork, GpuGenerator, PoolOptions, WorkerPool, generate_on_cpu,
+    AdmittedPlan, BatchCallbacks, BatchGenerator, BatchMember, GpuGenerator, PoolOptions, WorkerPool, generate_on_cpu,
 };
 use rayon::ThreadPool;
 use serde_json::{Value, json};
@@ -106,14 +105,14 @@ impl BatchGenerator for Losing {
     fn open(&self) -> Result<(), String> {
         self.gpu.open()
     }
-    fn admit(&self, jobs: &[&Job]) -> Result<Vec<Option<Admitted>>, String> {
+    fn admit(&self, jobs: &[&Job]) -> Result<Vec<Option<AdmittedPlan>>, String> {
         self.gpu.admit(jobs)
     }
-    fn generate(&self, members: &[BatchWork<'_>], pool: &ThreadPool, calls: BatchCalls<'_>) {
+    fn generate(&self, members: &[BatchMember<'_>], pool: &ThreadPool, calls: BatchCallbacks<'_>) {
         let sinks: Vec<LosingSink<'_>> =
             members.iter().map(|member| LosingSink { sink: member.sink, generator: self }).collect();
-        let members: Vec<BatchWork<'_>> =
-            members.iter().zip(&sinks).map(|(&member, sink)| BatchWork { sink, ..member }).collect();
+        let members: Vec<BatchMember<'_>> =
+            members.iter().zip(&sinks).map(|(&member, sink)| BatchMember { sink, ..member }).collect();
         self.gpu.generate(&members, pool, calls);
     }
 }
@@ -138,7 +137,7 @@ impl Sink for LosingSink<'_> {
 
 /// A store of jobs, and the generator of a GPU worker.
 struct Place {
-    store: Arc<dyn Store>,
+    store: Store,
     gpu: Arc<GpuGenerator>,
     dir: tempfile::TempDir,
 }
@@ -147,9 +146,9 @@ impl Place {
     async fn new(options: GpuOptions) -> Self {
         let dir = tempfile::tempdir().unwrap();
         // In a file: a store in memory is lost with its connection.
-        let store = SqliteStore::open(&dir.path().join("jobs.db"), StoreOptions::default()).await.unwrap();
+        let store = Store::open_sqlite(&dir.path().join("jobs.db"), StoreOptions::default()).await.unwrap();
         let gpu = Arc::new(GpuGenerator::all(options).unwrap().swap_remove(0));
-        Self { store: Arc::new(store), gpu, dir }
+        Self { store, gpu, dir }
     }
 
     async fn submit(&self, seed: u64, spec: &ModelSpec) -> JobId {
@@ -189,7 +188,7 @@ impl Place {
             ..PoolOptions::new(self.dir.path().join("scratch"))
         };
         WorkerPool::start_with_gpus(
-            Arc::clone(&self.store),
+            self.store.clone(),
             Artifacts::local(&self.dir.path().join("artifacts")).unwrap(),
             Arc::new(generate_on_cpu),
             vec![gpu],

@@ -5,7 +5,7 @@ use futures_util::future::join_all;
 use oviduct::clock::Clock;
 use oviduct::generate::{Backend, CancelToken, Outcome, Progress, Sink, Stage};
 use oviduct::jobs::{JobId, JobProgress, NewJob, Status, StoreOptions};
-use oviduct::worker::{Generator, Work, WorkError};
+use oviduct::worker::{GenerationInput, Generator, WorkError};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
@@ -39,8 +39,8 @@ impl Drop for Opens {
 
 fn gated(gate: &Arc<Gate>) -> Arc<dyn Generator> {
     let gate = Arc::clone(gate);
-    Arc::new(move |work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken| -> Result<Outcome, WorkError> {
-        if work.job.seed == HELD {
+    Arc::new(move |input: GenerationInput<'_>, sink: &dyn Sink, cancel: &CancelToken| -> Result<Outcome, WorkError> {
+        if input.job.seed == HELD {
             let stage = Stage::Certify;
             sink.progress(&Progress {
                 stage,
@@ -55,7 +55,7 @@ fn gated(gate: &Arc<Gate>) -> Arc<dyn Generator> {
             drop(gate.opened.wait_while(closed, |open| !*open).unwrap());
             gate.ended.store(true, Ordering::SeqCst);
         }
-        generate(work, sink, cancel)
+        generate(input, sink, cancel)
     })
 }
 
@@ -64,7 +64,7 @@ async fn while_one_worker_is_held_the_other_runs_all_jobs() {
     let place = Place::fresh(|_| {}).await;
     let gate = Arc::new(Gate::default());
     let _opens = Opens(Arc::clone(&gate));
-    let pool = place.start_with(Arc::clone(&place.store), Clock::System, gated(&gate), |options| {
+    let pool = place.start_with(place.store.clone(), Clock::System, gated(&gate), |options| {
         options.workers = 2;
         options.poll = Duration::from_millis(100);
     });
@@ -101,7 +101,7 @@ async fn no_job_waits_behind_one_that_timed_out_and_does_not_stop() {
     let gate = Arc::new(Gate::default());
     let _opens = Opens(Arc::clone(&gate));
     let start = |name: &'static str| {
-        place.start_with(Arc::clone(&place.store), Clock::System, gated(&gate), move |options| {
+        place.start_with(place.store.clone(), Clock::System, gated(&gate), move |options| {
             options.host = name.into();
             options.poll = Duration::from_millis(100);
             options.job_timeout = Some(Duration::from_secs(1));

@@ -151,7 +151,7 @@ async fn a_model_whose_files_are_gone_is_grown_again() {
     let wish = || NewJob { reuse: true, ..scripted("ok", 1) };
     let submit = async || {
         let mut new = wish();
-        exclude_missing_files(&*place.store, &place.artifacts, std::slice::from_mut(&mut new)).await.unwrap();
+        exclude_missing_files(&place.store, &place.artifacts, std::slice::from_mut(&mut new)).await.unwrap();
         place.store.submit(new).await.unwrap()
     };
     let first = place.ended(submit().await.job().id).await;
@@ -165,7 +165,7 @@ async fn a_model_whose_files_are_gone_is_grown_again() {
     let whole = place.ended(again.job().id).await;
     place.check_files(&whole).await;
     let mut jobs = vec![wish(), scripted("ok", 1)];
-    exclude_missing_files(&*place.store, &place.artifacts, &mut jobs).await.unwrap();
+    exclude_missing_files(&place.store, &place.artifacts, &mut jobs).await.unwrap();
     let batch = NewBatch {
         jobs,
         owner: None,

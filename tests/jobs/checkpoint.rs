@@ -11,7 +11,7 @@ use oviduct::jobs::sweep::Retention;
 use oviduct::jobs::{Job, NewJob, Status, Submitted};
 use oviduct::model::Section;
 use oviduct::spec::{ModelSpec, preset};
-use oviduct::worker::{Generator, PoolOptions, Work, WorkError, WorkerPool};
+use oviduct::worker::{GenerationInput, Generator, PoolOptions, WorkError, WorkerPool};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -75,7 +75,7 @@ impl Sink for Pausing<'_> {
 fn generator(
     resumed: Arc<AtomicU32>,
     pauses: bool,
-) -> impl Fn(Work<'_>, &dyn Sink, &CancelToken) -> Result<Outcome, WorkError> {
+) -> impl Fn(GenerationInput<'_>, &dyn Sink, &CancelToken) -> Result<Outcome, WorkError> {
     move |work, sink, cancel| {
         let request = request(work.dir);
         let pausing = Pausing { sink, cancel, steps: AtomicU32::new(0) };
@@ -108,7 +108,7 @@ fn start_with(
 ) -> WorkerPool {
     let mut options = PoolOptions { checkpoint_every: Some(checkpoints), ..place.options() };
     change(&mut options);
-    let (store, artifacts) = (Arc::clone(&place.store), place.artifacts.clone());
+    let (store, artifacts) = (place.store.clone(), place.artifacts.clone());
     WorkerPool::start(store, artifacts, Arc::new(generator), options, Clock::System).unwrap()
 }
 

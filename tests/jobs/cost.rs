@@ -15,7 +15,7 @@ const ROUNDS: u32 = 5;
 /// A long queue may cost a little more, because its index is deeper and fewer of its pages are cached; a pass over it would
 /// cost hundreds of times as much. The lower bound on the short queue's time excludes outliers. Each round measures both
 /// queues in succession; each operation counts by its best round.
-async fn check(short: &dyn Store, long: &dyn Store) {
+async fn check(short: &Store, long: &Store) {
     let mut best: Vec<(&str, f64, String)> = Vec::new();
     for _ in 0..ROUNDS {
         let (short, long) = (costs(short).await, costs(long).await);
@@ -33,7 +33,7 @@ async fn check(short: &dyn Store, long: &dyn Store) {
     panic!("{best:#?}");
 }
 
-async fn are_counted(store: &dyn Store, rows: u64) {
+async fn are_counted(store: &Store, rows: u64) {
     let queued = store.queued_by_backend().await.unwrap().map(|(backend, jobs)| (backend.name(), jobs));
     assert_eq!(queued, [("auto", rows - rows / 10), ("gpu", rows / 10), ("cpu", 0), ("cpu-single", 0)]);
     let counts = store.counts().await.unwrap();
@@ -48,11 +48,11 @@ async fn a_long_queue_costs_no_more_than_a_short_one_on_sqlite() {
         oviduct::jobs::Database::parse(&url).unwrap().migrate().await.unwrap();
         fill_sqlite(&dir.path().join("jobs.db"), rows).await;
         let store = oviduct::jobs::open(&url, options()).await.unwrap();
-        are_counted(&*store, rows).await;
+        are_counted(&store, rows).await;
         (dir, store)
     };
     let ((_short, short), (_long, long)) = (queue(SHORT).await, queue(LONG).await);
-    check(&*short, &*long).await;
+    check(&short, &long).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -65,19 +65,19 @@ async fn a_long_queue_costs_no_more_than_a_short_one_on_postgres() {
         let url = Database::Postgres.url("".as_ref()).await;
         let store = oviduct::jobs::open(&url, options()).await.unwrap();
         psql(&url, &fill_postgres(rows)).await.unwrap();
-        are_counted(&*store, rows).await;
+        are_counted(&store, rows).await;
         (url, store)
     };
     let (_, short) = queue(SHORT).await;
     // First without statistics of the long queue, as when it has just been filled; then with them.
     let (url, long) = queue(LONG).await;
-    check(&*short, &*long).await;
+    check(&short, &long).await;
     psql(&url, "ANALYZE").await.unwrap();
     long.close().await;
     let long = oviduct::jobs::open(&url, options()).await.unwrap();
     let scans = "SELECT pg_sleep(1.5); SELECT seq_scan FROM pg_stat_user_tables WHERE relname = 'jobs'";
     let before = psql(&url, scans).await.unwrap();
-    check(&*short, &*long).await;
+    check(&short, &long).await;
     long.close().await;
     assert_eq!(psql(&url, scans).await.unwrap(), before, "a query read the whole table");
 }

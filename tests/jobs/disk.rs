@@ -7,7 +7,7 @@
 
 use crate::scripted::{Place, generate, scripted};
 use crate::suite::new_job;
-use crate::watched::{Heartbeats, Watched};
+use crate::watched::Heartbeats;
 use axum::body::Body;
 use axum::http::{Method, Request};
 use http_body_util::BodyExt;
@@ -18,7 +18,7 @@ use oviduct::jobs::artifacts::Artifacts;
 use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{Job, JobId, JobProgress, NewJob, Status, StoreError, StoreOptions};
 use oviduct::spec::{ModelSpec, preset};
-use oviduct::worker::{Work, WorkError, generate_on_cpu};
+use oviduct::worker::{GenerationInput, WorkError, generate_on_cpu};
 use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -120,7 +120,7 @@ struct Service(axum::Router);
 
 impl Service {
     fn over(place: &Place) -> Self {
-        let (store, artifacts) = (Arc::clone(&place.store), place.artifacts.clone());
+        let (store, artifacts) = (place.store.clone(), place.artifacts.clone());
         let state = AppState::new(store, artifacts, Limits::default(), CancellationToken::new());
         Self(router(state))
     }
@@ -197,16 +197,16 @@ async fn a_full_artifact_store_costs_no_attempt() {
     let body = async |folder: &Path, disk: Disk| {
         let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
         let place = place(folder, 1, &clock).await;
-        let store = Heartbeats::over(&place.store);
+        let (store, heartbeats) = Heartbeats::over(&place.store);
         let (service, full) = (Service::over(&place), Arc::new(AtomicBool::new(false)));
         let generator = {
             let (disk, full) = (disk.clone(), Arc::clone(&full));
-            move |work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken| -> Result<Outcome, WorkError> {
+            move |input: GenerationInput<'_>, sink: &dyn Sink, cancel: &CancelToken| -> Result<Outcome, WorkError> {
                 // There is room in scratch, none in the artifact store; the limit applies to both.
                 if matches!(disk, Disk::Limit(_)) {
                     disk.free();
                 }
-                let made = generate(work, sink, cancel)?;
+                let made = generate(input, sink, cancel)?;
                 if full.load(Ordering::Relaxed) {
                     disk.fill();
                 }
@@ -214,7 +214,7 @@ async fn a_full_artifact_store_costs_no_attempt() {
             }
         };
         let start = |storage_wait| {
-            place.start_with(Arc::<Watched>::clone(&store), Clock::System, Arc::new(generator.clone()), |options| {
+            place.start_with(store.clone(), Clock::System, Arc::new(generator.clone()), |options| {
                 options.storage_wait = storage_wait;
                 options.heartbeat = Duration::from_millis(200);
                 options.lease = Duration::from_millis(800);
@@ -254,7 +254,7 @@ async fn a_full_artifact_store_costs_no_attempt() {
             .until(waits, |job| job.progress.and_then(JobProgress::model).is_some_and(|at| at.stage == Stage::Store))
             .await;
         for _ in 0..3 {
-            store.beats(2).await;
+            heartbeats.beats(2).await;
             clock.advance(Duration::from_millis(600));
         }
         let waiting = place.store.get(waits).await.unwrap().unwrap();
@@ -298,7 +298,7 @@ async fn a_full_scratch_directory_costs_no_attempt_and_no_partial_file_is_stored
             place.store.submit(new).await.unwrap().job().id
         };
         let status = oviduct::status::Status::default();
-        let pool = place.start_with(Arc::clone(&place.store), Clock::System, Arc::new(generate_on_cpu), |options| {
+        let pool = place.start_with(place.store.clone(), Clock::System, Arc::new(generate_on_cpu), |options| {
             options.poll = Duration::from_millis(100);
             options.storage_wait = Duration::from_millis(100);
             options.status = status.clone();
@@ -350,18 +350,19 @@ async fn on_a_full_disk_under_everything_models_are_still_cancelled_and_deleted(
         let service = Service::over(&place);
         let (full, room) = (Arc::new(AtomicBool::new(false)), disk.clone());
         let filled = Arc::clone(&full);
-        let generator = move |work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken| -> Result<Outcome, WorkError> {
-            // There is room in scratch.
-            if filled.load(Ordering::Relaxed) {
-                room.free();
-            }
-            let made = generate(work, sink, cancel)?;
-            if filled.load(Ordering::Relaxed) {
-                room.fill();
-            }
-            Ok(made)
-        };
-        let pool = place.start_with(Arc::clone(&place.store), Clock::System, Arc::new(generator), |options| {
+        let generator =
+            move |input: GenerationInput<'_>, sink: &dyn Sink, cancel: &CancelToken| -> Result<Outcome, WorkError> {
+                // There is room in scratch.
+                if filled.load(Ordering::Relaxed) {
+                    room.free();
+                }
+                let made = generate(input, sink, cancel)?;
+                if filled.load(Ordering::Relaxed) {
+                    room.fill();
+                }
+                Ok(made)
+            };
+        let pool = place.start_with(place.store.clone(), Clock::System, Arc::new(generator), |options| {
             options.storage_wait = Duration::from_millis(10);
         });
         let first = place.ended(place.queue("ok", 1).await).await;

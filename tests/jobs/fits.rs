@@ -37,7 +37,7 @@ async fn submit(place: &Place, fit: &FitSpec) -> JobId {
 }
 
 fn start(place: &Place) -> WorkerPool {
-    place.start_with(Arc::clone(&place.store), Clock::System, Arc::new(generate_on_cpu), |options| {
+    place.start_with(place.store.clone(), Clock::System, Arc::new(generate_on_cpu), |options| {
         options.checkpoint_every = Some(Duration::from_millis(50));
     })
 }

@@ -4,7 +4,7 @@
 
 use crate::scripted::{Place, generate};
 use oviduct::generate::{CancelToken, Outcome, Sink};
-use oviduct::worker::{Generator, Work, WorkError};
+use oviduct::worker::{GenerationInput, Generator, WorkError};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -48,12 +48,14 @@ impl Busy {
     /// The scripted generator, counted.
     pub fn generator(self: &Arc<Self>) -> Arc<dyn Generator> {
         let busy = Arc::clone(self);
-        Arc::new(move |work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken| -> Result<Outcome, WorkError> {
-            let one = One::more(&busy);
-            let made = generate(work, sink, cancel);
-            drop(one);
-            made
-        })
+        Arc::new(
+            move |input: GenerationInput<'_>, sink: &dyn Sink, cancel: &CancelToken| -> Result<Outcome, WorkError> {
+                let one = One::more(&busy);
+                let made = generate(input, sink, cancel);
+                drop(one);
+                made
+            },
+        )
     }
 
     /// The most generations that ran at a time.

@@ -189,7 +189,7 @@ async fn a_process_is_not_ready_until_its_devices_are_open_or_have_failed() {
         let status = ProcessStatus::default();
         let pool = place.start_with_gpu(&gpu, |options| options.status = status.clone());
         assert_eq!(status.not_ready().map(|(condition, _)| condition), Some(Condition::OpeningDevices));
-        let alive = async || place.store.alive(Backend::Gpu, Duration::from_secs(600)).await.unwrap();
+        let alive = async || place.store.count_live_workers(Backend::Gpu, Duration::from_secs(600)).await.unwrap();
         assert_eq!(alive().await, 0);
         gpu.is_opening.store(false, Ordering::SeqCst);
         assert!(status.cleared(Condition::OpeningDevices, Duration::from_secs(600)).await);

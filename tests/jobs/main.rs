@@ -9,8 +9,6 @@
 
 mod apart;
 mod artifacts;
-#[path = "../common/between.rs"]
-mod between;
 mod bounds;
 mod bucket;
 mod checkpoint;

@@ -10,7 +10,6 @@ use futures_util::FutureExt;
 use futures_util::future::join_all;
 use oviduct::clock::{Clock, Stopwatch};
 use oviduct::generate::Backend;
-use oviduct::jobs::postgres::PostgresStore;
 use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{Directive, Job, JobId, NewJob, Status, Store, StoreError, StoreOptions, Submitted};
 use std::collections::{BTreeMap, BTreeSet};
@@ -28,7 +27,7 @@ const DEADLINE: Duration = Duration::from_secs(600);
 const SERVER: Factory = |options| {
     async move {
         let url = Database::Postgres.url("".as_ref()).await;
-        let store: Arc<dyn Store> = Arc::new(PostgresStore::open(&url, options).await.unwrap());
+        let store = Store::open_postgres(&url, options).await.unwrap();
         (store, Box::new(()) as Box<dyn Send>)
     }
     .boxed()
@@ -38,12 +37,12 @@ mod suite {
     crate::suite::over!(super::SERVER);
 }
 
-async fn open(url: &str) -> Arc<dyn Store> {
-    Arc::new(PostgresStore::open(url, StoreOptions::default()).await.unwrap())
+async fn open(url: &str) -> Store {
+    Store::open_postgres(url, StoreOptions::default()).await.unwrap()
 }
 
 /// Two stores on one new database.
-async fn two() -> (Arc<dyn Store>, Arc<dyn Store>) {
+async fn two() -> (Store, Store) {
     let url = Database::Postgres.url("".as_ref()).await;
     // Both bring the tables up to date concurrently.
     tokio::join!(open(&url), open(&url))
@@ -93,7 +92,7 @@ async fn racing_processes_make_one_job_of_a_key() {
     for round in 0..10 {
         let keyed = move || NewJob { idempotency: Some((format!("k{round}"), "body".into())), ..new_job("d") };
         let racers = (0..16).map(|n| {
-            let store = if n % 2 == 0 { Arc::clone(&one) } else { Arc::clone(&other) };
+            let store = if n % 2 == 0 { one.clone() } else { other.clone() };
             tokio::spawn(async move { store.submit(keyed()).await.unwrap() })
         });
         let submitted: Vec<Submitted> = join_all(racers).await.into_iter().map(Result::unwrap).collect();
@@ -139,7 +138,7 @@ async fn claimers_of_several_processes_end_each_job_once() {
     }
     let ended = Arc::new(Mutex::new(Vec::new()));
     let claimers = (0..6).map(|n| {
-        let store = if n % 2 == 0 { Arc::clone(&one) } else { Arc::clone(&other) };
+        let store = if n % 2 == 0 { one.clone() } else { other.clone() };
         let ended = Arc::clone(&ended);
         tokio::spawn(async move {
             // Another claim may have locked the last rows.
@@ -165,7 +164,7 @@ async fn counts_of_several_processes_are_right_and_stay_few_rows() {
     let url = Database::Postgres.url("".as_ref()).await;
     let (one, other) = tokio::join!(open(&url), open(&url));
     let clients = (0..4).map(|client| {
-        let store = Arc::clone(if client % 2 == 0 { &one } else { &other });
+        let store = if client % 2 == 0 { one.clone() } else { other.clone() };
         tokio::spawn(async move {
             for n in 0..150 {
                 let new = NewJob { reuse: false, ..new_job("d") };
@@ -244,7 +243,7 @@ async fn a_stopped_worker_cannot_change_what_another_has_taken() {
 }
 
 /// Looks at jobs again and again; whatever is seen must fit what was seen before.
-async fn watch(store: Arc<dyn Store>, ids: Arc<Mutex<Vec<JobId>>>) -> (usize, usize) {
+async fn watch(store: Store, ids: Arc<Mutex<Vec<JobId>>>) -> (usize, usize) {
     let (mut seen, mut away) = (0, 0);
     let mut last: BTreeMap<JobId, Job> = BTreeMap::new();
     loop {
@@ -296,7 +295,7 @@ async fn a_server_that_crashes_under_load_loses_nothing() {
         options.poll = Duration::from_millis(200);
     });
     let ids = Arc::new(Mutex::new(Vec::new()));
-    let watcher = tokio::spawn(watch(Arc::clone(&client), Arc::clone(&ids)));
+    let watcher = tokio::spawn(watch(client.clone(), Arc::clone(&ids)));
     let submitting = tokio::spawn({
         let ids = Arc::clone(&ids);
         async move {
@@ -391,7 +390,7 @@ async fn an_outage_longer_than_three_leases_costs_no_attempt() {
     other.ended(warm_up).await;
     clock.advance(LEASE / 2);
     let submitting = tokio::spawn({
-        let store = Arc::clone(&other.store);
+        let store = other.store.clone();
         async move {
             let mut ids = Vec::new();
             for seed in 100..140 {
@@ -414,8 +413,8 @@ async fn an_outage_longer_than_three_leases_costs_no_attempt() {
     };
     control(Cluster::crash).await;
     // Both processes notice the outage.
-    let claim = async |store: &dyn Store| store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap_err();
-    tokio::join!(claim(&*place.store), claim(&*other.store));
+    let claim = async |store: &Store| store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap_err();
+    tokio::join!(claim(&place.store), claim(&other.store));
     clock.advance(3 * LEASE);
     control(Cluster::restart).await;
     ids.extend(submitting.await.unwrap());
@@ -514,11 +513,11 @@ async fn a_process_that_has_just_started_expires_no_lease() {
     let url = Database::Postgres.url("".as_ref()).await;
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
     let options = || StoreOptions { clock: clock.clone(), ..StoreOptions::default() };
-    let holder = PostgresStore::open(&url, options()).await.unwrap();
+    let holder = Store::open_postgres(&url, options()).await.unwrap();
     let id = holder.submit(new_job("1")).await.unwrap().job().id;
     let claimed = holder.claim("w", Backend::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
     clock.advance(3 * LEASE);
-    let started = PostgresStore::open(&url, options()).await.unwrap();
+    let started = Store::open_postgres(&url, options()).await.unwrap();
     assert!(started.claim("new", Backend::Cpu, LEASE, 1).await.unwrap().is_empty());
     let backend = &claimed.job().backend;
     assert_eq!(holder.heartbeat(&claimed, LEASE, backend, None, None).await.unwrap(), Directive::Continue);

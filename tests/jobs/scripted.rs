@@ -9,13 +9,13 @@ use oviduct::generate::{
     Backend, CancelToken, FileOutput, Findings, GenerateError, Outcome, Progress, Seconds, Sink, Stage,
 };
 use oviduct::jobs::artifacts::Artifacts;
-use oviduct::jobs::sqlite::SqliteStore;
 use oviduct::jobs::sweep::{Retention, Sweeper, Swept};
 use oviduct::jobs::{Job, JobId, NewJob, Store, StoreOptions};
 use oviduct::model::{Ring, Section};
 use oviduct::sim::gpu::GpuError;
 use oviduct::worker::{
-    Admitted, BatchCalls, BatchGenerator, BatchWork, Generator, PoolOptions, Work, WorkError, WorkerPool,
+    AdmittedPlan, BatchCallbacks, BatchGenerator, BatchMember, GenerationInput, Generator, PoolOptions, WorkError,
+    WorkerPool,
 };
 use rayon::ThreadPool;
 use sha2::{Digest, Sha256};
@@ -50,8 +50,8 @@ fn section() -> Section {
 /// `spec.script`: `ok`, `wait` (for a cancel), `prove` (likewise, at its certificate), `hold` (until the gate of the
 /// place opens, or for a cancel), `deaf` (until the gate opens, ignoring the cancel token), `slow` (1.2 s), `panic`,
 /// `memory`, `certificate`, `io`, `spec`.
-pub fn generate(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome, WorkError> {
-    let script = work.job.spec["script"].as_str().unwrap().to_owned();
+pub fn generate(input: GenerationInput<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome, WorkError> {
+    let script = input.job.spec["script"].as_str().unwrap().to_owned();
     sink.progress(&progress(Stage::Simulate, 0.1));
     sink.section(&section());
     if script == "prove" {
@@ -59,7 +59,7 @@ pub fn generate(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result
     }
     let since = Stopwatch::start();
     let goes_on = || match script.as_str() {
-        "hold" | "deaf" => !gate::is_open(&work.job.spec),
+        "hold" | "deaf" => !gate::is_open(&input.job.spec),
         "wait" | "prove" => since.elapsed() < Duration::from_secs(600),
         "slow" => since.elapsed() < Duration::from_millis(1200),
         _ => since.elapsed() < Duration::from_millis(20),
@@ -72,9 +72,9 @@ pub fn generate(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result
     }
     let detail = "slab 7".to_owned();
     match script.as_str() {
-        "panic" => panic!("the script says so: {}", work.job.seed),
+        "panic" => panic!("the script says so: {}", input.job.seed),
         "memory" => {
-            let limit = work.memory_limit_bytes.unwrap();
+            let limit = input.memory_limit_bytes.unwrap();
             return Err(GenerateError::Memory { needed: limit + 1, limit }.into());
         }
         "certificate" => return Err(GenerateError::Certificate { detail }.into()),
@@ -92,8 +92,8 @@ pub fn generate(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result
         }
     }
     let files = NAMES.map(|name| {
-        let bytes = content(work.job.seed, name);
-        std::fs::write(work.dir.join(name), &bytes).unwrap();
+        let bytes = content(input.job.seed, name);
+        std::fs::write(input.dir.join(name), &bytes).unwrap();
         FileOutput {
             name: name.into(),
             media_type: "application/octet-stream".into(),
@@ -156,7 +156,7 @@ impl BatchGenerator for FakeGpu {
         if *self.fate.lock().unwrap() == Fate::Gone { Err("it was pulled out".to_owned()) } else { Ok(()) }
     }
 
-    fn admit(&self, jobs: &[&Job]) -> Result<Vec<Option<Admitted>>, String> {
+    fn admit(&self, jobs: &[&Job]) -> Result<Vec<Option<AdmittedPlan>>, String> {
         self.open()?;
         if *self.fate.lock().unwrap() == Fate::Unfit {
             return Err("it is too large for the GPU".to_owned());
@@ -171,8 +171,8 @@ impl BatchGenerator for FakeGpu {
         Ok(jobs.iter().map(&mut fits).collect())
     }
 
-    fn generate(&self, members: &[BatchWork<'_>], _: &ThreadPool, calls: BatchCalls<'_>) {
-        self.batches.lock().unwrap().push(members.iter().map(|m| m.work.job.seed).collect());
+    fn generate(&self, members: &[BatchMember<'_>], _: &ThreadPool, calls: BatchCallbacks<'_>) {
+        self.batches.lock().unwrap().push(members.iter().map(|m| m.input.job.seed).collect());
         let fate = *self.fate.lock().unwrap();
         assert!(fate != Fate::Panics, "the driver is at fault");
         let error = match fate {
@@ -183,7 +183,7 @@ impl BatchGenerator for FakeGpu {
         std::thread::scope(|scope| {
             let ended = calls.ended;
             for (place, member) in members.iter().enumerate() {
-                let error = error.clone().filter(|_| member.work.job.spec["script"] != "ok");
+                let error = error.clone().filter(|_| member.input.job.spec["script"] != "ok");
                 scope.spawn(move || {
                     let result = match error {
                         Some(error) => {
@@ -191,12 +191,12 @@ impl BatchGenerator for FakeGpu {
                             std::thread::sleep(Duration::from_millis(300));
                             Err(GenerateError::Gpu(error).into())
                         }
-                        None => generate(member.work, member.sink, member.cancel),
+                        None => generate(member.input, member.sink, member.cancel),
                     };
                     ended(place, result.map(|made| Outcome { used: Backend::Gpu, device: self.device(), ..made }));
                 });
             }
-            if members.iter().all(|member| member.work.job.spec["script"] == "prove") {
+            if members.iter().all(|member| member.input.job.spec["script"] == "prove") {
                 (calls.simulated)();
             }
         });
@@ -231,7 +231,7 @@ impl Database {
 /// A job store, an artifact store and scratch in one directory.
 pub struct Place {
     pub dir: PathBuf,
-    pub store: Arc<dyn Store>,
+    pub store: Store,
     pub artifacts: Artifacts,
     /// Counts the generations that run here, except on a GPU.
     pub busy: Arc<Busy>,
@@ -244,10 +244,10 @@ impl Place {
         let mut options = StoreOptions::default();
         change(&mut options);
         let own = tempfile::tempdir().unwrap();
-        let store = SqliteStore::open_in_memory(options).await.unwrap();
+        let store = Store::open_in_memory(options).await.unwrap();
         Self {
             dir: own.path().to_owned(),
-            store: Arc::new(store),
+            store,
             artifacts: Artifacts::local(&own.path().join("artifacts")).unwrap(),
             busy: Arc::default(),
             own: Some(own),
@@ -281,7 +281,7 @@ impl Place {
     }
 
     pub fn start(&self, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
-        self.start_over(Arc::clone(&self.store), change)
+        self.start_over(self.store.clone(), change)
     }
 
     /// Starts workers of which the first has a GPU.
@@ -289,23 +289,23 @@ impl Place {
         let mut options = self.options();
         change(&mut options);
         let gpus: Vec<Arc<dyn BatchGenerator>> = vec![Arc::clone(gpu) as Arc<dyn BatchGenerator>];
-        let (store, artifacts) = (Arc::clone(&self.store), self.artifacts.clone());
+        let (store, artifacts) = (self.store.clone(), self.artifacts.clone());
         WorkerPool::start_with_gpus(store, artifacts, self.busy.generator(), gpus, options, Clock::System).unwrap()
     }
 
     /// Starts workers over another view of the store.
-    pub fn start_over(&self, store: Arc<dyn Store>, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
+    pub fn start_over(&self, store: Store, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
         self.start_with(store, Clock::System, self.busy.generator(), change)
     }
 
     /// Starts workers whose heartbeats are timed by `clock`.
     pub fn start_by(&self, clock: Clock, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
-        self.start_with(Arc::clone(&self.store), clock, self.busy.generator(), change)
+        self.start_with(self.store.clone(), clock, self.busy.generator(), change)
     }
 
     pub fn start_with(
         &self,
-        store: Arc<dyn Store>,
+        store: Store,
         clock: Clock,
         generator: Arc<dyn Generator>,
         change: impl FnOnce(&mut PoolOptions),
@@ -361,7 +361,7 @@ impl Place {
     }
 
     fn sweeper(&self) -> Sweeper {
-        Sweeper::new(Arc::clone(&self.store), self.artifacts.clone(), "the only process")
+        Sweeper::new(self.store.clone(), self.artifacts.clone(), "the only process")
     }
 
     /// Checks the job's files byte for byte.

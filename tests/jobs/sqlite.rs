@@ -4,18 +4,16 @@ use crate::suite::{Factory, LEASE, new_job};
 use futures_util::FutureExt;
 use oviduct::clock::Clock;
 use oviduct::generate::Backend;
-use oviduct::jobs::sqlite::SqliteStore;
 use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{Job, Status, Store, StoreOptions};
 use std::io::{Seek, SeekFrom, Write};
 use std::path::Path;
 use std::process::{Command, Output};
-use std::sync::Arc;
 use std::time::Duration;
 
 const MEMORY: Factory = |options| {
     async move {
-        let store: Arc<dyn Store> = Arc::new(SqliteStore::open_in_memory(options).await.unwrap());
+        let store = Store::open_in_memory(options).await.unwrap();
         (store, Box::new(()) as Box<dyn Send>)
     }
     .boxed()
@@ -24,7 +22,7 @@ const MEMORY: Factory = |options| {
 const FILE: Factory = |options| {
     async move {
         let dir = tempfile::tempdir().unwrap();
-        let store: Arc<dyn Store> = Arc::new(SqliteStore::open(dir.path().join("jobs.db"), options).await.unwrap());
+        let store = Store::open_sqlite(dir.path().join("jobs.db"), options).await.unwrap();
         (store, Box::new(dir) as Box<dyn Send>)
     }
     .boxed()
@@ -44,7 +42,7 @@ async fn a_restart_keeps_jobs_and_takes_over_their_leases_at_once() {
     let path = dir.path().join("deep/down/jobs.db");
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
     let options = StoreOptions { clock: clock.clone(), max_attempts: 2, ..StoreOptions::default() };
-    let open = || SqliteStore::open(&path, options.clone());
+    let open = || Store::open_sqlite(&path, options.clone());
     // A dropped store releases its file when its last connection has closed, a moment later.
     let open_again = || async {
         for _ in 0..6000 {
@@ -91,7 +89,7 @@ async fn a_restart_keeps_jobs_and_takes_over_their_leases_at_once() {
 async fn readers_do_not_wait_for_a_writer() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("jobs.db");
-    let store = SqliteStore::open(&path, StoreOptions::default()).await.unwrap();
+    let store = Store::open_sqlite(&path, StoreOptions::default()).await.unwrap();
     let id = store.submit(new_job("1")).await.unwrap().job().id;
     // Another connection holds the write lock.
     let blocker = sqlx::SqlitePool::connect(&format!("sqlite://{}", path.display())).await.unwrap();
@@ -111,7 +109,7 @@ async fn readers_do_not_wait_for_a_writer() {
 
 #[tokio::test]
 async fn a_call_whose_caller_is_dropped_runs_to_its_end_and_notifies() {
-    let store = SqliteStore::open_in_memory(StoreOptions::default()).await.unwrap();
+    let store = Store::open_in_memory(StoreOptions::default()).await.unwrap();
     let mut changes = store.changes();
     // Polled once, then dropped: a client that disconnects.
     assert!(store.submit(new_job("1")).now_or_never().is_none());
@@ -121,7 +119,7 @@ async fn a_call_whose_caller_is_dropped_runs_to_its_end_and_notifies() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_read_whose_caller_is_dropped_does_not_cost_the_connection() {
-    let store = SqliteStore::open_in_memory(StoreOptions::default()).await.unwrap();
+    let store = Store::open_in_memory(StoreOptions::default()).await.unwrap();
     let id = store.submit(new_job("1")).await.unwrap().job().id;
     for _ in 0..100 {
         // Polled once, then dropped, as when a job ends while its worker reads it. A store in memory has this one connection.
@@ -144,12 +142,12 @@ async fn a_damaged_file_is_refused_at_start_with_its_name_and_the_remedy() {
     const PAGE: u64 = 4096;
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("oviduct.db");
-    let store = SqliteStore::open(&path, StoreOptions::default()).await.unwrap();
+    let store = Store::open_sqlite(&path, StoreOptions::default()).await.unwrap();
     for n in 0..60 {
         store.submit(new_job(&n.to_string())).await.unwrap();
     }
     store.close().await;
-    let store = SqliteStore::open(&path, StoreOptions::default()).await.unwrap();
+    let store = Store::open_sqlite(&path, StoreOptions::default()).await.unwrap();
     assert_eq!(store.counts().await.unwrap().queued, 60, "a whole file is opened");
     store.close().await;
     drop(store);

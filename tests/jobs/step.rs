@@ -13,11 +13,11 @@ const HOUR: Duration = Duration::from_secs(3600);
 
 fn set_back(clock: &Clock, by: Duration) {
     let Clock::Manual(at) = clock else { panic!("the clock cannot be set") };
-    let mut at = at.lock().unwrap();
+    let mut at = at.lock();
     *at = at.saturating_sub(by).unwrap();
 }
 
-async fn claim(store: &dyn Store) -> Option<ClaimedJob> {
+async fn claim(store: &Store) -> Option<ClaimedJob> {
     store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap().pop()
 }
 
@@ -27,17 +27,17 @@ async fn a_clock_that_is_set_back_delays_no_job(database: Database) {
     let place = Place::on(database, options).await;
     let submit = async |digest: &str| place.store.submit(new_job(digest)).await.unwrap().job().id;
     let (released, retried, queued) = (submit("a").await, submit("b").await, submit("c").await);
-    let claimed = claim(&*place.store).await.unwrap();
+    let claimed = claim(&place.store).await.unwrap();
     assert_eq!(claimed.job().id, released);
     place.store.release(claimed, None).await.unwrap();
-    let first = claim(&*place.store).await.unwrap();
-    let claimed = claim(&*place.store).await.unwrap();
+    let first = claim(&place.store).await.unwrap();
+    let claimed = claim(&place.store).await.unwrap();
     assert_eq!((first.job().id, claimed.job().id), (released, retried));
     place.store.retry(claimed, problem("io")).await.unwrap();
     place.store.release(first, None).await.unwrap();
     set_back(&clock, HOUR);
     let mut order: Vec<JobId> = Vec::new();
-    while let Some(claimed) = claim(&*place.store).await {
+    while let Some(claimed) = claim(&place.store).await {
         order.push(claimed.job().id);
         let done = finished(&claimed);
         place.store.finish(claimed, done).await.unwrap();
@@ -67,11 +67,11 @@ async fn retention_and_live_workers_are_by_the_clock_of_the_store() {
     let keeps = Retention { age: Some(HOUR), bytes: None };
     let sweep = async || place.retain(keeps).await.removed;
     assert_eq!(sweep().await, 0, "it ended just now");
-    assert_eq!(place.store.alive(Backend::Cpu, HOUR).await.unwrap(), 1);
-    assert_eq!(place.store.alive(Backend::Gpu, HOUR).await.unwrap(), 0);
+    assert_eq!(place.store.count_live_workers(Backend::Cpu, HOUR).await.unwrap(), 1);
+    assert_eq!(place.store.count_live_workers(Backend::Gpu, HOUR).await.unwrap(), 0);
     pool.shutdown(Duration::from_secs(5)).await;
     clock.advance(HOUR + Duration::from_secs(1));
-    assert_eq!(place.store.alive(Backend::Cpu, HOUR).await.unwrap(), 0);
+    assert_eq!(place.store.count_live_workers(Backend::Cpu, HOUR).await.unwrap(), 0);
     assert_eq!(sweep().await, 1);
 }
 
@@ -101,7 +101,7 @@ async fn removed_models_reduce_the_stored_size() {
 async fn a_sweep_leaves_the_files_of_a_running_attempt() {
     let place = Place::fresh(|_| {}).await;
     let id = place.queue("ok", 1).await;
-    let claimed = claim(&*place.store).await.unwrap();
+    let claimed = claim(&place.store).await.unwrap();
     let file = place.dir.join("model.glb");
     std::fs::write(&file, "just made").unwrap();
     let key = |attempt| oviduct::jobs::artifacts::key(id, attempt, "model.glb");

@@ -9,7 +9,7 @@ use http_body_util::BodyExt;
 use oviduct::clock::{Clock, Stopwatch};
 use oviduct::generate::{CancelToken, Outcome, Progress, Sink, Stage};
 use oviduct::http::{AppState, Limits, router};
-use oviduct::worker::{Work, WorkError};
+use oviduct::worker::{GenerationInput, WorkError};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -28,18 +28,19 @@ async fn a_stream_shows_what_another_process_does_within_half_a_second() {
     let since = Stopwatch::start();
     let done: Arc<Mutex<BTreeMap<u32, f64>>> = Arc::default();
     let reported = Arc::clone(&done);
-    let stepping = move |work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken| -> Result<Outcome, WorkError> {
-        for step in 1..=STEPS {
-            reported.lock().unwrap().insert(step, since.seconds());
-            let fraction = f64::from(step) / 100.0;
-            let (stage, eta_seconds) = (Stage::Simulate, None);
-            sink.progress(&Progress { stage, fraction, step, steps: 2000, particles: 8, sections: 1, eta_seconds });
-            std::thread::sleep(STEP);
-        }
-        generate(work, sink, cancel)
-    };
+    let stepping =
+        move |input: GenerationInput<'_>, sink: &dyn Sink, cancel: &CancelToken| -> Result<Outcome, WorkError> {
+            for step in 1..=STEPS {
+                reported.lock().unwrap().insert(step, since.seconds());
+                let fraction = f64::from(step) / 100.0;
+                let (stage, eta_seconds) = (Stage::Simulate, None);
+                sink.progress(&Progress { stage, fraction, step, steps: 2000, particles: 8, sections: 1, eta_seconds });
+                std::thread::sleep(STEP);
+            }
+            generate(input, sink, cancel)
+        };
     // Only notifications are in time: polls and heartbeats are far apart, progress is written at once.
-    let pool = worker.start_with(Arc::clone(&worker.store), Clock::System, Arc::new(stepping), |options| {
+    let pool = worker.start_with(worker.store.clone(), Clock::System, Arc::new(stepping), |options| {
         options.heartbeat = Duration::from_secs(60);
         options.lease = Duration::from_secs(240);
         options.poll = Duration::from_secs(60);
@@ -47,7 +48,7 @@ async fn a_stream_shows_what_another_process_does_within_half_a_second() {
     tokio::time::sleep(Duration::from_millis(300)).await;
 
     let shutdown = CancellationToken::new();
-    let (store, artifacts) = (Arc::clone(&service.store), service.artifacts.clone());
+    let (store, artifacts) = (service.store.clone(), service.artifacts.clone());
     let state = AppState::new(store, artifacts, Limits::default(), shutdown.clone());
     let router = router(state);
     best_of_five(async |seed| {

@@ -4,7 +4,6 @@
 use crate::scripted::Database;
 use crate::suite::{LEASE, finished, new_job};
 use oviduct::generate::Backend;
-use oviduct::jobs::sqlite::SqliteStore;
 use oviduct::jobs::{Counts, JobId, NewJob, Store, StoreOptions};
 use sqlx::AssertSqlSafe;
 use sqlx::migrate::Migrator;
@@ -50,7 +49,7 @@ const JOBS: &str = "INSERT INTO batches (id, created_at) VALUES ('01900000-0000-
     ('01900000-0000-7000-8000-000000000007', 'queued', NULL, NULL, NULL, 'pig', 1, 'd7', '[]', 'auto', 0, 0, '{}', 'b', \
     5, '0.1.0', NULL)";
 
-async fn goes_on(store: &dyn Store) {
+async fn goes_on(store: &Store) {
     let counts = Counts { queued: 3, running: 1, failed: 1, cancelled: 2, ..Counts::default() };
     assert_eq!(store.counts().await.unwrap(), counts);
     let queued = store.queued_by_backend().await.unwrap().map(|(backend, jobs)| (backend.name(), jobs));
@@ -92,7 +91,7 @@ async fn jobs_of_an_older_version_go_on_on_sqlite() {
     sqlx::raw_sql(JOBS).execute(&before).await.unwrap();
     before.close().await;
     // Not by `jobs::open`, which ends running attempts on SQLite: this test is the same on both databases.
-    let store = SqliteStore::open(dir.path().join("jobs.db"), StoreOptions::default()).await.unwrap();
+    let store = Store::open_sqlite(dir.path().join("jobs.db"), StoreOptions::default()).await.unwrap();
     goes_on(&store).await;
 
     let tables = sqlx::SqlitePool::connect(&url).await.unwrap();
@@ -110,7 +109,7 @@ async fn jobs_of_an_older_version_go_on_on_postgres() {
     Migrator::new(first(1, "postgres").path()).await.unwrap().run(&before).await.unwrap();
     sqlx::raw_sql(JOBS).execute(&before).await.unwrap();
     before.close().await;
-    goes_on(&*oviduct::jobs::open(&url, StoreOptions::default()).await.unwrap()).await;
+    goes_on(&oviduct::jobs::open(&url, StoreOptions::default()).await.unwrap()).await;
 
     let tables = sqlx::PgPool::connect(&url).await.unwrap();
     let all = Migrator::new(folder("postgres")).await.unwrap();
@@ -120,7 +119,7 @@ async fn jobs_of_an_older_version_go_on_on_postgres() {
 }
 
 /// Ends the first of three equal jobs as a version before shared growth does. Gives the ids of the others.
-async fn strand(store: &dyn Store, execute: impl AsyncFnOnce(&'static str)) -> [JobId; 2] {
+async fn strand(store: &Store, execute: impl AsyncFnOnce(&'static str)) -> [JobId; 2] {
     let mut ids = Vec::new();
     for _ in 0..3 {
         ids.push(store.submit(new_job("d")).await.unwrap().job().id);
@@ -131,7 +130,7 @@ async fn strand(store: &dyn Store, execute: impl AsyncFnOnce(&'static str)) -> [
     [ids[1], ids[2]]
 }
 
-async fn grows(store: &dyn Store, [second, third]: [JobId; 2]) {
+async fn grows(store: &Store, [second, third]: [JobId; 2]) {
     assert_eq!(store.queue_stranded().await.unwrap(), [second]);
     let claimed = store.claim("w", Backend::Cpu, LEASE, 9).await.unwrap().pop().unwrap();
     assert_eq!(claimed.job().id, second);
@@ -143,7 +142,7 @@ async fn grows(store: &dyn Store, [second, third]: [JobId; 2]) {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn jobs_that_an_older_version_left_waiting_are_queued_on_sqlite() {
     let dir = tempfile::tempdir().unwrap();
-    let store = SqliteStore::open(dir.path().join("jobs.db"), StoreOptions::default()).await.unwrap();
+    let store = Store::open_sqlite(dir.path().join("jobs.db"), StoreOptions::default()).await.unwrap();
     let pool = sqlx::SqlitePool::connect(&Database::Sqlite.url(dir.path()).await).await.unwrap();
     let left = strand(&store, async |sql| {
         sqlx::raw_sql(sql).execute(&pool).await.unwrap();
@@ -164,9 +163,9 @@ async fn jobs_that_an_older_version_left_waiting_are_queued_on_postgres() {
     let url = Database::Postgres.url("".as_ref()).await;
     let store = oviduct::jobs::open(&url, StoreOptions::default()).await.unwrap();
     let pool = sqlx::PgPool::connect(&url).await.unwrap();
-    let left = strand(&*store, async |sql| {
+    let left = strand(&store, async |sql| {
         sqlx::raw_sql(sql).execute(&pool).await.unwrap();
     })
     .await;
-    grows(&*store, left).await;
+    grows(&store, left).await;
 }

@@ -1,50 +1,51 @@
-//! A store that counts the heartbeats of its workers. It can also drop all notifications of changes, or be slow.
+//! Store whose heartbeats are counted, delayed or not notified.
 
-use crate::between::{Between, Eye};
-use async_trait::async_trait;
+use futures_util::future::BoxFuture;
 use oviduct::clock::Stopwatch;
-use oviduct::jobs::{Change, Store};
+use oviduct::jobs::{Change, Hook, Store, StoreError};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::sync::{broadcast, watch};
 
-/// Longest wait for heartbeats.
+/// Maximum wait for heartbeats.
 const DEADLINE: Duration = Duration::from_secs(600);
 
-/// A store whose heartbeats are watched.
-pub type Watched = Between<Heartbeats>;
-
+/// Observes the heartbeats of a store.
 pub struct Heartbeats {
+    /// Hides all changes from subscribers.
     deaf: bool,
-    /// Least time that each heartbeat takes.
+    /// Minimum duration of a heartbeat.
     call: Duration,
-    /// Heartbeats that have arrived.
+    /// Number of heartbeats that have ended.
     beats: watch::Sender<u32>,
-    /// Since the start of the last heartbeat, and the least time between the starts of two.
+    /// Time since the start of the last heartbeat, and the minimum time between the starts of two.
     pace: Mutex<(Option<Stopwatch>, Duration)>,
 }
 
 impl Heartbeats {
-    pub fn over(store: &Arc<dyn Store>) -> Arc<Watched> {
+    /// A view of the store, with the observer of its heartbeats.
+    pub fn over(store: &Store) -> (Store, Arc<Self>) {
         Self::with(store, false, Duration::ZERO)
     }
 
-    /// A store that notifies nobody of changes.
-    pub fn deaf(store: &Arc<dyn Store>) -> Arc<Watched> {
-        Self::with(store, true, Duration::ZERO)
+    /// A view of the store that notifies nobody of changes.
+    pub fn deaf(store: &Store) -> Store {
+        Self::with(store, true, Duration::ZERO).0
     }
 
-    /// A store whose heartbeats take at least `call`.
-    pub fn slow(store: &Arc<dyn Store>, call: Duration) -> Arc<Watched> {
+    /// A view of the store whose heartbeats take at least `call`.
+    pub fn slow(store: &Store, call: Duration) -> (Store, Arc<Self>) {
         Self::with(store, false, call)
     }
 
-    fn with(store: &Arc<dyn Store>, deaf: bool, call: Duration) -> Arc<Watched> {
+    fn with(store: &Store, deaf: bool, call: Duration) -> (Store, Arc<Self>) {
         let pace = Mutex::new((None, Duration::MAX));
-        Between::new(Arc::clone(store), Self { deaf, call, beats: watch::Sender::new(0), pace })
+        let observer = Arc::new(Self { deaf, call, beats: watch::Sender::new(0), pace });
+        (store.with_hook(Arc::<Self>::clone(&observer)), observer)
     }
 
-    /// Waits for so many more heartbeats to arrive. Of two heartbeats of one job, the second began after this call.
+    /// Waits for `more` heartbeats to end. Of two heartbeats of one job, the second began after
+    /// this call.
     pub async fn beats(&self, more: u32) {
         let mut beats = self.beats.subscribe();
         let enough = *beats.borrow() + more;
@@ -52,33 +53,40 @@ impl Heartbeats {
         waited.expect("no heartbeat came").unwrap();
     }
 
-    /// Starts to measure the pace anew.
+    /// Starts a new measurement of the pace.
     pub fn forget_pace(&self) {
         *self.pace.lock().unwrap() = (None, Duration::MAX);
     }
 
-    /// The least time between the starts of two heartbeats.
+    /// Minimum time between the starts of two heartbeats.
     pub fn pace(&self) -> Duration {
         self.pace.lock().unwrap().1
     }
 }
 
-#[async_trait]
-impl Eye for Heartbeats {
-    fn changes(&self, store: &dyn Store) -> broadcast::Receiver<Change> {
-        if self.deaf { broadcast::channel(1).1 } else { store.changes() }
+impl Hook for Heartbeats {
+    fn before<'a>(&'a self, call: &'static str) -> BoxFuture<'a, Result<(), StoreError>> {
+        Box::pin(async move {
+            if call == "heartbeat" {
+                {
+                    let mut pace = self.pace.lock().unwrap();
+                    let before = pace.0.replace(Stopwatch::start());
+                    pace.1 = before.map_or(pace.1, |before| pace.1.min(before.elapsed()));
+                }
+                tokio::time::sleep(self.call).await;
+            }
+            Ok(())
+        })
     }
 
-    async fn before_heartbeat(&self) {
-        {
-            let mut pace = self.pace.lock().unwrap();
-            let before = pace.0.replace(Stopwatch::start());
-            pace.1 = before.map_or(pace.1, |before| pace.1.min(before.elapsed()));
+    fn after(&self, call: &'static str) -> Result<(), StoreError> {
+        if call == "heartbeat" {
+            self.beats.send_modify(|beats| *beats += 1);
         }
-        tokio::time::sleep(self.call).await;
+        Ok(())
     }
 
-    fn after_heartbeat(&self) {
-        self.beats.send_modify(|beats| *beats += 1);
+    fn changes(&self) -> Option<broadcast::Receiver<Change>> {
+        self.deaf.then(|| broadcast::channel(1).1)
     }
 }

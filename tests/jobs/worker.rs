@@ -3,7 +3,7 @@
 use crate::bounds::{best_of_five, within};
 use crate::scripted::{Database, Place, scripted};
 use crate::suite::LEASE;
-use crate::watched::{Heartbeats, Watched};
+use crate::watched::Heartbeats;
 use futures_util::FutureExt;
 use futures_util::future::join_all;
 use oviduct::clock::{Clock, Stopwatch};
@@ -11,7 +11,6 @@ use oviduct::generate::{Backend, Stage};
 use oviduct::jobs::fault::{Faults, POINTS};
 use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{JobProgress, NewJob, Status, StoreOptions, Submitted};
-use std::sync::Arc;
 use std::time::Duration;
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -270,9 +269,9 @@ async fn a_worker_that_lost_its_lease_stops_and_writes_nothing() {
 async fn heartbeats_keep_a_lease_that_is_shorter_than_the_job() {
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
     let place = Place::fresh(|options| options.clock = clock.clone()).await;
-    let store = Heartbeats::over(&place.store);
+    let (store, heartbeats) = Heartbeats::over(&place.store);
     let id = place.queue("hold", 1).await;
-    let pool = place.start_over(Arc::<Watched>::clone(&store), |options| {
+    let pool = place.start_over(store, |options| {
         options.workers = 3;
         options.heartbeat = Duration::from_millis(80);
         options.lease = Duration::from_millis(400);
@@ -280,7 +279,7 @@ async fn heartbeats_keep_a_lease_that_is_shorter_than_the_job() {
     });
     // Leases are by the store's clock, which moves only after a renewal.
     for _ in 0..6 {
-        store.beats(2).await;
+        heartbeats.beats(2).await;
         clock.advance(Duration::from_millis(300));
     }
     place.open_gate();
@@ -294,22 +293,22 @@ async fn heartbeats_keep_a_lease_that_is_shorter_than_the_job() {
 async fn a_slow_store_does_not_delay_the_next_heartbeat() {
     let place = Place::fresh(|_| {}).await;
     let (heartbeat, call) = (Duration::from_millis(500), Duration::from_millis(400));
-    let store = Heartbeats::slow(&place.store, call);
-    let pool = place.start_over(Arc::<Watched>::clone(&store), |options| {
+    let (store, heartbeats) = Heartbeats::slow(&place.store, call);
+    let pool = place.start_over(store, |options| {
         (options.heartbeat, options.progress) = (heartbeat, heartbeat);
     });
     let id = place.queue("hold", 1).await;
     // From here on heartbeats only renew the lease.
     place.until(id, |job| job.section.is_some()).await;
-    store.forget_pace();
+    heartbeats.forget_pace();
     // One of many is in time, even on a busy machine; if they were delayed, none would be.
     for _ in 0..20 {
-        store.beats(1).await;
-        if store.pace() < heartbeat + call {
+        heartbeats.beats(1).await;
+        if heartbeats.pace() < heartbeat + call {
             break;
         }
     }
-    assert!(store.pace() < heartbeat + call, "{:?}", store.pace());
+    assert!(heartbeats.pace() < heartbeat + call, "{:?}", heartbeats.pace());
     place.open_gate();
     assert_eq!(place.ended(id).await.status, Status::Succeeded);
     pool.shutdown(Duration::from_secs(5)).await;

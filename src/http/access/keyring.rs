@@ -49,7 +49,7 @@ impl Keys {
 pub(super) struct Keyring(Arc<Shared>);
 
 struct Shared {
-    store: Arc<dyn Store>,
+    store: Store,
     refresh: Duration,
     read: Mutex<Option<Arc<Keys>>>,
     /// Held while they are read, with the time since the last failure.
@@ -57,7 +57,7 @@ struct Shared {
 }
 
 impl Keyring {
-    pub(super) fn new(store: Arc<dyn Store>, refresh: Duration) -> Self {
+    pub(super) fn new(store: Store, refresh: Duration) -> Self {
         Self(Arc::new(Shared { store, refresh, read: Mutex::default(), reading: tokio::sync::Mutex::default() }))
     }
 
@@ -71,7 +71,7 @@ impl Keyring {
         // A slow store answers some time, although nobody waits for it any more.
         let shared = Arc::clone(&self.0);
         let reading = tokio::spawn(async move { shared.read_again().await });
-        let failed = |error: JoinError| StoreError::Database(format!("the keys could not be read: {error}"));
+        let failed = |error: JoinError| StoreError::Database(format!("the keys could not be read: {error}").into());
         let Some(last) = last else { return reading.await.map_err(failed)? };
         match tokio::time::timeout(PATIENCE, reading).await {
             Ok(Ok(Ok(keys))) => Ok(keys),
@@ -95,7 +95,7 @@ impl Shared {
             return Ok(keys);
         }
         if failed.is_some_and(|failed| failed.elapsed() < self.refresh) {
-            return last.ok_or_else(|| StoreError::Database("the keys could not be read a moment ago".to_owned()));
+            return last.ok_or_else(|| StoreError::Database("the keys could not be read a moment ago".into()));
         }
         let (age, result) = (Stopwatch::start(), self.store.keys().await);
         *failed = result.is_err().then(Stopwatch::start);

@@ -62,7 +62,7 @@ pub(super) const BEARER: &str = "bearer";
 
 /// Finds out who sends a request.
 pub(super) struct Access {
-    store: Arc<dyn Store>,
+    store: Store,
     options: AccessOptions,
     /// Origins whose pages may call the service.
     origins: Vec<Origin>,
@@ -71,8 +71,8 @@ pub(super) struct Access {
 }
 
 impl Access {
-    pub(super) fn new(store: Arc<dyn Store>, options: AccessOptions, origins: Vec<Origin>) -> Self {
-        let keyring = Keyring::new(Arc::clone(&store), options.refresh);
+    pub(super) fn new(store: Store, options: AccessOptions, origins: Vec<Origin>) -> Self {
+        let keyring = Keyring::new(store.clone(), options.refresh);
         Self { store, options, origins, keyring, buckets: Buckets::default() }
     }
 

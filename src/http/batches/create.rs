@@ -25,7 +25,6 @@ use axum::response::Response;
 use serde::Serialize;
 use serde_json::{Map, Value};
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Arc;
 use utoipa::ToSchema;
 
 /// Request many models of one spec, or of the points of a study.
@@ -91,10 +90,10 @@ async fn submit(
     })
     .await?;
     let study = study.map(|study| StoredStudy::new(vary.clone(), &study, seeds).to_json());
-    exclude_missing_files(&*state.store, &state.artifacts, &mut jobs).await?;
+    exclude_missing_files(&state.store, &state.artifacts, &mut jobs).await?;
     let (owner, quota) = (caller.owner().map(str::to_owned), caller.quota());
     let batch = NewBatch { jobs, owner, quota, priority, study, idempotency };
-    let (store, caller) = (Arc::clone(&state.store), caller.clone());
+    let (store, caller) = (state.store.clone(), caller.clone());
     run_to_completion(async move {
         let submitted = store.submit_batch(batch).await?;
         if matches!(submitted, SubmittedBatch::Accepted(_)) {

@@ -12,7 +12,6 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use std::sync::Arc;
 
 /// A batch as a response.
 pub(super) fn answer(status: StatusCode, batch: &Batch) -> Response {
@@ -87,7 +86,7 @@ pub(in crate::http) async fn delete(
     BatchId(id): BatchId,
 ) -> Result<StatusCode, Problem> {
     caller.batch(state.store.batch(id).await?).ok_or_else(|| no_batch(id))?;
-    let store = Arc::clone(&state.store);
+    let store = state.store.clone();
     let deleted = audited(&caller, "batch deleted", id, async move { store.delete_batch(id).await });
     let keys = deleted.await?.ok_or_else(|| no_batch(id))?;
     state.forget(keys).await;

@@ -2,13 +2,12 @@
 
 use super::super::samples::{job, running};
 use super::*;
-use crate::jobs::StoreOptions;
-use crate::jobs::sqlite::SqliteStore;
+use crate::jobs::{Store, StoreOptions};
 
 const PACE: Pace = Pace { interval: Duration::ZERO, poll: Duration::from_millis(1), keep: None };
 
 async fn feed() -> Arc<Feed> {
-    Arc::new(Feed::new(Arc::new(SqliteStore::open_in_memory(StoreOptions::default()).await.unwrap()), PACE))
+    Arc::new(Feed::new(Store::open_in_memory(StoreOptions::default()).await.unwrap(), PACE))
 }
 
 #[tokio::test]

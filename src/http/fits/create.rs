@@ -20,7 +20,6 @@ use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde_json::Value;
-use std::sync::Arc;
 
 /// Most predicted seconds of a fit, on one core.
 const MOST_SECONDS: f64 = 24.0 * 3600.0;
@@ -116,7 +115,7 @@ async fn queue(
         trace: trace::current(),
         retry_of: None,
     };
-    let (store, caller) = (Arc::clone(&state.store), caller.clone());
+    let (store, caller) = (state.store.clone(), caller.clone());
     run_to_completion(async move {
         let submitted = store.submit(new).await?;
         if !matches!(submitted, Submitted::Replayed(_)) {

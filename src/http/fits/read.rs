@@ -14,7 +14,6 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use std::sync::Arc;
 
 /// Parameters that narrow a list of fits.
 const CONDITIONS: [&str; 6] = ["status", "preset", "label", "owner", "created_after", "created_before"];
@@ -102,7 +101,7 @@ pub(in crate::http) async fn cancel(
     FitId(id): FitId,
 ) -> Result<Json<Fit>, Problem> {
     caller.fit(state.store.get(id).await?).ok_or_else(|| no_fit(id))?;
-    let store = Arc::clone(&state.store);
+    let store = state.store.clone();
     let cancelled = audited(&caller, "fit cancelled", id, async move { store.cancel(id).await });
     let job = cancelled.await?.ok_or_else(|| no_fit(id))?;
     if let Some(checkpoint) = job.checkpoint.clone().filter(|_| job.status.is_ended()) {
@@ -123,7 +122,7 @@ pub(in crate::http) async fn delete(
     FitId(id): FitId,
 ) -> Result<StatusCode, Problem> {
     caller.fit(state.store.get(id).await?).ok_or_else(|| no_fit(id))?;
-    let store = Arc::clone(&state.store);
+    let store = state.store.clone();
     let deleted = audited(&caller, "fit deleted", id, async move { store.delete(id).await });
     let keys = deleted.await?.ok_or_else(|| no_fit(id))?;
     state.forget(keys).await;

@@ -9,14 +9,13 @@ use crate::http::dto::{Deleted, DeletedEvent};
 use crate::jobs::{Change, Job, JobId, Status, Store, StoreError};
 use bytes::Bytes;
 use serde::Serialize;
-use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::broadcast::{self, error::RecvError};
 
 /// A reader of one fit.
 pub(in crate::http) struct FitReader {
     id: JobId,
-    store: Arc<dyn Store>,
+    store: Store,
     changes: broadcast::Receiver<Change>,
     /// Time after which the fit is read again although no change was reported.
     poll: Duration,
@@ -30,14 +29,14 @@ pub(in crate::http) struct FitReader {
 impl FitReader {
     /// A reader of the fit of `job`; `known`: whether the client has this state.
     pub(super) fn new(
-        store: &Arc<dyn Store>,
+        store: &Store,
         changes: broadcast::Receiver<Change>,
         limits: &Limits,
         job: &Job,
         known: bool,
     ) -> Self {
         let sent = known.then_some((job.version, job.queue_position, job.status));
-        let (store, poll, keep) = (Arc::clone(store), limits.event_poll, limits.keep);
+        let (store, poll, keep) = (store.clone(), limits.event_poll, limits.keep);
         Self { id: job.id, store, changes, poll, keep, sent, due: true }
     }
 

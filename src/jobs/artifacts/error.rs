@@ -1,12 +1,12 @@
 //! Errors of the artifact store.
 
-use crate::jobs::store::StoreError;
+use crate::jobs::error::{Cause, StoreError, with_causes};
 use std::path::PathBuf;
 
-/// Why the artifact store refused or failed.
+/// Reason why the artifact store refused a call, or failed.
 #[derive(Debug, thiserror::Error)]
 pub enum ArtifactError {
-    /// There is no such file.
+    /// The file does not exist.
     #[error("no file has the key {key}")]
     NotFound {
         /// The key.
@@ -15,7 +15,7 @@ pub enum ArtifactError {
     /// The range lies outside the file.
     #[error("the range lies outside the file: {0}")]
     Range(String),
-    /// A scratch file could not be read.
+    /// A scratch file could not be read or written.
     #[error("reading {path} failed")]
     Scratch {
         /// The file.
@@ -31,32 +31,25 @@ pub enum ArtifactError {
         path: PathBuf,
     },
     /// The store is unavailable, full or broken.
-    #[error("the artifact store failed: {0}")]
-    Store(String),
-    /// The job store, asked which keys are in use, failed.
+    #[error("the artifact store failed: {}", with_causes(&**.0))]
+    Store(#[source] Cause),
+    /// The job store failed when it was asked for the keys in use.
     #[error(transparent)]
     Jobs(#[from] StoreError),
+}
+
+impl ArtifactError {
+    /// The store failed with `error`.
+    pub(super) fn store(error: impl std::error::Error + Send + Sync + 'static) -> Self {
+        Self::Store(Box::new(error))
+    }
 }
 
 impl From<object_store::Error> for ArtifactError {
     fn from(error: object_store::Error) -> Self {
         match error {
             object_store::Error::NotFound { path, .. } => Self::NotFound { key: path },
-            other => Self::Store(chain(&other)),
+            other => Self::store(other),
         }
     }
-}
-
-/// An error with its causes, in one line.
-pub(super) fn chain(error: &dyn std::error::Error) -> String {
-    let mut line = error.to_string();
-    let mut source = error.source();
-    while let Some(cause) = source {
-        let cause_line = cause.to_string();
-        if !line.contains(&cause_line) {
-            line = format!("{line}: {cause_line}");
-        }
-        source = cause.source();
-    }
-    line
 }

@@ -1,25 +1,24 @@
-//! The objects below a prefix, in pages.
+//! Lists of the objects below a prefix, in pages.
 
 use super::error::ArtifactError;
-use super::local::Walk;
-use super::object::Object;
+use super::local::{Object, Walk};
 use futures_util::StreamExt;
 use futures_util::stream::BoxStream;
 use object_store::ObjectMeta;
 
-/// Objects on a page. S3 lists, and deletes, as many in one request.
+/// Number of objects on a page. S3 lists and deletes as many in one request.
 const PAGE: usize = 1000;
 
-/// Reads page after page.
+/// A list that is read page by page.
 pub(in crate::jobs) enum Listing {
-    /// Of an object store.
+    /// List of an object store.
     Remote(BoxStream<'static, object_store::Result<ObjectMeta>>),
-    /// Of a local folder; `None` after the last page.
+    /// List of a local folder; `None` after the last page.
     Local(Option<Walk>),
 }
 
 impl Listing {
-    /// The next objects; none at the end.
+    /// The next page; empty at the end.
     pub(in crate::jobs) async fn next(&mut self) -> Result<Vec<Object>, ArtifactError> {
         match self {
             Self::Remote(listed) => {
@@ -39,7 +38,7 @@ impl Listing {
                     let page: Vec<Object> = moved.by_ref().take(PAGE).collect();
                     (moved, page)
                 });
-                let (moved, page) = read.await.map_err(|error| ArtifactError::Store(error.to_string()))?;
+                let (moved, page) = read.await.map_err(ArtifactError::store)?;
                 *walk = (!page.is_empty()).then_some(moved);
                 Ok(page)
             }

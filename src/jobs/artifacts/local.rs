@@ -1,26 +1,45 @@
-//! A local folder as artifact store: no symbolic link below the root is followed, neither to read, to write, nor to sweep.
+//! A local folder as artifact store. Reads, writes and sweeps follow no symbolic link below the
+//! root.
 //!
-//! The root itself may be a link. Links are looked for before each operation: that protects against a folder that was
-//! linked elsewhere by mistake, not against an attacker who can write to the store.
+//! The root itself may be a link. The check for links precedes each operation. It protects against
+//! a folder that was linked elsewhere by mistake, but not against an attacker who can write to the
+//! store.
 
 use super::error::ArtifactError;
-use super::object::Object;
 use jiff::Timestamp;
 use object_store::local::LocalFileSystem;
 use std::fs::ReadDir;
+use std::io;
 use std::path::{Path, PathBuf};
+
+/// A stored object.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(in crate::jobs) struct Object {
+    /// Key.
+    pub(in crate::jobs) key: String,
+    /// Time of the last write by the clock of the store, microseconds since 1970 UTC.
+    pub(in crate::jobs) modified_micros: i64,
+}
+
+/// Error of opening the root folder.
+#[derive(Debug, thiserror::Error)]
+#[error("{}", .path.display())]
+struct RootError {
+    path: PathBuf,
+    source: io::Error,
+}
 
 /// The root folder.
 #[derive(Clone, Debug)]
 pub(super) struct Root(PathBuf);
 
 impl Root {
-    /// Opens the folder, which is created if it does not exist.
+    /// Opens the folder, and creates it if it does not exist.
     pub(super) fn open(root: &Path) -> Result<(LocalFileSystem, Self), ArtifactError> {
-        let failed = |error: std::io::Error| ArtifactError::Store(format!("{}: {error}", root.display()));
+        let failed = |source| ArtifactError::store(RootError { path: root.to_owned(), source });
         std::fs::create_dir_all(root).map_err(failed)?;
         let root = root.canonicalize().map_err(failed)?;
-        // Found at start, rather than by the first model.
+        // Reports links at the start instead of with the first model.
         for entry in std::fs::read_dir(&root).map_err(failed)? {
             let entry = entry.map_err(failed)?;
             if entry.file_type().map_err(failed)?.is_symlink() {
@@ -39,14 +58,15 @@ impl Root {
             match path.symlink_metadata() {
                 Ok(metadata) if metadata.is_symlink() => return Err(ArtifactError::Link { path }),
                 Ok(_) => {}
-                // Nothing lies below; other errors are those of the operation that follows.
+                // Nothing lies below. The operation that follows reports other errors.
                 Err(_) => return Ok(()),
             }
         }
         Ok(())
     }
 
-    /// Removes files found by a [`Walk`] and the folders that become empty; returns how many files were removed.
+    /// Removes files of a [`Walk`] and folders that become empty. Returns the number of removed
+    /// files.
     pub(super) fn remove(&self, keys: &[String]) -> u64 {
         let mut removed = 0;
         for key in keys {
@@ -54,7 +74,7 @@ impl Root {
             match std::fs::remove_file(&path) {
                 Ok(()) => removed += 1,
                 Err(error) => {
-                    tracing::warn!(path = %path.display(), %error, "a file that no model names was not removed");
+                    tracing::warn!(path = %path.display(), %error, "could not remove an orphan; a later sweep will try again");
                 }
             }
             for folder in path.ancestors().skip(1).take_while(|folder| *folder != self.0) {
@@ -76,12 +96,12 @@ impl Root {
     }
 }
 
-/// The files below a folder, also those that an upload is staging (`name#number`), which object_store does not list.
-/// Removes empty folders on the way.
+/// Iterates over the files below a folder, including files that an upload is staging
+/// (`name#number`), which object_store does not list. Removes empty folders it passes.
 #[derive(Debug)]
 pub(in crate::jobs) struct Walk {
     root: PathBuf,
-    /// From the top down to the folder being read.
+    /// Path of folders from the top to the one being read.
     folders: Vec<(PathBuf, ReadDir)>,
 }
 
@@ -104,7 +124,7 @@ impl Iterator for Walk {
                 continue;
             };
             if kind.is_symlink() {
-                tracing::warn!(path = %path.display(), "a symbolic link in the artifact store is not followed");
+                tracing::warn!(path = %path.display(), "skipped a symbolic link in the artifact store");
             } else if kind.is_dir() {
                 self.folders.extend(std::fs::read_dir(&path).map(|entries| (path, entries)));
             } else if let (Some(key), Some(modified_micros)) = (key(&self.root, &path), modified_micros(&path)) {

@@ -1,10 +1,14 @@
-//! Files of models, through object_store (the only user of it).
+//! The artifact store: files of models in a local folder or an S3 bucket. The only user of
+//! object_store.
 //!
-//! Invariants: a key shows either nothing or the whole file (a local file is staged beside its place, synced
-//! and renamed; an object store shows an upload when it is complete); a key belongs to one attempt
-//! ([`key()`]), so that two attempts never write the same one; a file counts only once a job's record names it. Files that
-//! no record names are removed by [`Sweeper`](super::sweep::Sweeper). A file is hashed while it is uploaded, and its size compared
-//! afterwards.
+//! Invariants:
+//!
+//! - A key shows either nothing or the whole file. A local file is staged in the same folder,
+//!   synced and renamed; an object store shows an upload once it is complete.
+//! - A key belongs to one attempt ([`key()`]), so two attempts never write the same key.
+//! - A file is an artifact only once the record of a job names it.
+//!   [`Sweeper`](super::sweep::Sweeper) removes orphans.
+//! - A file is hashed while it is uploaded, and its size is compared afterwards.
 //!
 //! | file | subject |
 //! |---|---|
@@ -14,16 +18,15 @@
 mod error;
 mod listing;
 mod local;
-mod object;
 mod s3;
 
 pub use error::ArtifactError;
 pub(super) use listing::Listing;
 
+use super::error::with_causes;
 use super::job::JobId;
 use crate::availability::Availability;
 use bytes::Bytes;
-use error::chain;
 use futures_util::future::BoxFuture;
 use futures_util::stream::BoxStream;
 use futures_util::{FutureExt, StreamExt, TryStreamExt};
@@ -38,33 +41,34 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
-/// Files up to this size are uploaded in one request, larger ones in parts of it, bytes. S3 wants at least 5 MiB.
+/// Maximum size of a file that is uploaded in one request, and of the parts of larger files, bytes.
+/// S3 requires 5 MiB or more.
 const PART: usize = 8 << 20;
-/// Bytes read from a scratch file at a time.
+/// Size of a read from a scratch file, bytes.
 const CHUNK: usize = 1 << 20;
-/// Bytes that a check writes.
+/// Size of the file that a check writes, bytes.
 const PROBE: usize = 4096;
 /// Prefix of the keys of files.
 pub(super) const MODELS: &str = "models";
 /// Prefix of the keys that checks write to.
 pub(super) const PROBES: &str = "probe";
-/// Keys whose existence is asked for at a time.
+/// Number of concurrent requests for the existence of keys.
 const HEADS: usize = 16;
 
-/// A stored file.
+/// Result of an upload.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stored {
-    /// Size.
+    /// Size of the file.
     pub bytes: u64,
     /// SHA-256 of the uploaded bytes, lower-case hex.
     pub sha256: String,
 }
 
-/// A file, or part of one, being read.
+/// A download of a file or a part of it.
 pub struct Download {
-    /// Size of the whole file.
+    /// Size of the whole file, bytes.
     pub size: u64,
-    /// The range that `stream` carries.
+    /// Range of the file that `stream` contains.
     pub range: Range<u64>,
     /// The bytes.
     pub stream: BoxStream<'static, Result<Bytes, ArtifactError>>,
@@ -76,7 +80,7 @@ impl std::fmt::Debug for Download {
     }
 }
 
-/// The key of a file that an attempt makes.
+/// The key of a file of an attempt.
 #[must_use]
 pub fn key(job: JobId, attempt: u32, name: &str) -> String {
     format!("{MODELS}/{job}/{attempt}/{name}")
@@ -86,29 +90,31 @@ pub fn key(job: JobId, attempt: u32, name: &str) -> String {
 #[derive(Clone, Debug)]
 pub struct Artifacts {
     store: Arc<dyn ObjectStore>,
-    /// The root, if it is a local folder.
+    /// Root of a local folder.
     local: Option<Root>,
-    /// Signs URLs, if the store supports that.
+    /// Signer of URLs, if the store supports them.
     signing: Option<s3::Signing>,
     availability: Arc<Availability>,
 }
 
 impl Artifacts {
-    /// Files under the folder `root`, which is created if it does not exist. A file survives a power failure once
-    /// [`Artifacts::put_file`] has returned. The root may be a symbolic link; links below it are refused.
+    /// An artifact store in the folder `root`, which is created if it does not exist. A file
+    /// survives a power failure once [`Artifacts::put_file`] has returned. The root may be a
+    /// symbolic link; links below it are refused.
     ///
     /// # Errors
-    /// [`ArtifactError::Store`] if the folder cannot be created or opened, [`ArtifactError::Link`] if it contains a symbolic
-    /// link.
+    /// [`ArtifactError::Store`] if the folder cannot be created or opened, [`ArtifactError::Link`]
+    /// if it contains a symbolic link.
     pub fn local(root: &Path) -> Result<Self, ArtifactError> {
         let (store, root) = Root::open(root)?;
         Ok(Self { local: Some(root), ..Self::over(Arc::new(store)) })
     }
 
-    /// Files in the bucket of `url`, `s3://BUCKET` or `s3://BUCKET/PREFIX`, with the settings that `variables` give
-    /// under the usual names: `AWS_ACCESS_KEY_ID`, `AWS_SECRET_ACCESS_KEY`, `AWS_SESSION_TOKEN`, `AWS_REGION`,
-    /// `AWS_ENDPOINT_URL`, `AWS_ALLOW_HTTP`, `AWS_CHECKSUM_ALGORITHM` (sha256) and the others of object_store. Plain
-    /// HTTP is allowed to a loopback address, and elsewhere with `AWS_ALLOW_HTTP=true`.
+    /// An artifact store in the bucket of `url`, `s3://BUCKET` or `s3://BUCKET/PREFIX`. `variables`
+    /// contains its settings under the usual names: `AWS_ACCESS_KEY_ID`, `AWS_SECRET_ACCESS_KEY`,
+    /// `AWS_SESSION_TOKEN`, `AWS_REGION`, `AWS_ENDPOINT_URL`, `AWS_ALLOW_HTTP`,
+    /// `AWS_CHECKSUM_ALGORITHM` (sha256) and the others of object_store. Plain HTTP is allowed to a
+    /// loopback address, and elsewhere with `AWS_ALLOW_HTTP=true`.
     ///
     /// # Errors
     /// [`ArtifactError::Store`] if the URL or a setting is invalid. The bucket is not contacted.
@@ -117,26 +123,28 @@ impl Artifacts {
         Ok(Self { signing: Some(signing), ..Self::over(store) })
     }
 
-    /// Files in any object store.
+    /// An artifact store in any object store.
     #[must_use]
     pub fn over(store: Arc<dyn ObjectStore>) -> Self {
         Self { store, local: None, signing: None, availability: Arc::default() }
     }
 
-    /// Where the file of `key` lies; not below a symbolic link.
+    /// Location of the file of `key`. Fails if it lies below a symbolic link.
     async fn location(&self, key: &str) -> Result<Key, ArtifactError> {
         if let Some(root) = self.local.clone() {
             let owned = key.to_owned();
             let checked = tokio::task::spawn_blocking(move || root.refuse_links(&owned)).await;
-            checked.map_err(|error| ArtifactError::Store(error.to_string()))??;
+            checked.map_err(ArtifactError::store)??;
         }
         Ok(Key::from(key))
     }
 
-    /// Stores the file at `path` under `key`, streaming it; nothing is visible until it is complete.
+    /// Stores the file at `path` under `key`, streaming it; nothing is visible until it is
+    /// complete.
     ///
     /// # Errors
-    /// [`ArtifactError::Scratch`], [`ArtifactError::Link`], [`ArtifactError::Store`]; then nothing is visible.
+    /// [`ArtifactError::Scratch`], [`ArtifactError::Link`], [`ArtifactError::Store`]; then nothing
+    /// is visible.
     pub async fn put_file(&self, key: &str, path: &Path) -> Result<Stored, ArtifactError> {
         self.noted(self.write_file(key, path).await)
     }
@@ -152,7 +160,8 @@ impl Artifacts {
         };
         let size = self.store.head(&location).await?.size;
         if size != stored.bytes {
-            return Err(ArtifactError::Store(format!("{key} has {size} bytes after an upload of {}", stored.bytes)));
+            let detail = format!("{key} has {size} bytes after an upload of {}", stored.bytes);
+            return Err(ArtifactError::Store(detail.into()));
         }
         Ok(stored)
     }
@@ -168,7 +177,7 @@ impl Artifacts {
             let read = match file.read_buf(&mut chunk).await {
                 Ok(read) => read,
                 Err(source) => {
-                    // If this fails too, the sweep of orphans removes the parts.
+                    // If this fails too, the orphan sweep removes the parts.
                     let _ = upload.abort().await;
                     return Err(scratch(source));
                 }
@@ -183,7 +192,7 @@ impl Artifacts {
                 return Err(error.into());
             }
         }
-        upload.shutdown().await.map_err(|error| ArtifactError::Store(chain(&error)))?;
+        upload.shutdown().await.map_err(ArtifactError::store)?;
         Ok(Stored { bytes, sha256: hex::encode(hash.finalize()) })
     }
 
@@ -201,14 +210,14 @@ impl Artifacts {
             let _ = upload.abort().await;
             return Err(error.into());
         }
-        upload.shutdown().await.map_err(|error| ArtifactError::Store(chain(&error)))
+        upload.shutdown().await.map_err(ArtifactError::store)
     }
 
-    /// The file under `key`, or its bytes in `range`, which may reach beyond the end.
+    /// Opens the file under `key`, or its bytes in `range`, which may extend beyond the end.
     ///
     /// # Errors
-    /// [`ArtifactError::NotFound`]; [`ArtifactError::Range`] for a range that is empty or begins after the end;
-    /// [`ArtifactError::Link`], [`ArtifactError::Store`].
+    /// [`ArtifactError::NotFound`]; [`ArtifactError::Range`] for a range that is empty or begins
+    /// after the end; [`ArtifactError::Link`], [`ArtifactError::Store`].
     pub async fn get_range(&self, key: &str, range: Option<Range<u64>>) -> Result<Download, ArtifactError> {
         let location = self.location(key).await?;
         let range = match range {
@@ -227,8 +236,9 @@ impl Artifacts {
         Ok(Download { size, range, stream: result.into_stream().map_err(ArtifactError::from).boxed() })
     }
 
-    /// The bytes of the file under `key` in each of `ranges`, which must not be empty or reach beyond the end. From an
-    /// object store, ranges with less than a mebibyte between them are read by one request.
+    /// The bytes of the file under `key` in each of `ranges`, which must not be empty or extend
+    /// beyond the end. One request reads all ranges of an object store with gaps below one
+    /// mebibyte.
     ///
     /// # Errors
     /// [`ArtifactError::NotFound`], [`ArtifactError::Link`], [`ArtifactError::Store`].
@@ -247,7 +257,8 @@ impl Artifacts {
     /// Copies the whole file under `key` to `path`, which is replaced.
     ///
     /// # Errors
-    /// [`ArtifactError::NotFound`], [`ArtifactError::Link`], [`ArtifactError::Store`], [`ArtifactError::Scratch`].
+    /// [`ArtifactError::NotFound`], [`ArtifactError::Link`], [`ArtifactError::Store`],
+    /// [`ArtifactError::Scratch`].
     pub async fn get_file(&self, key: &str, path: &Path) -> Result<(), ArtifactError> {
         let scratch = |source| ArtifactError::Scratch { path: path.to_owned(), source };
         let mut stream = self.get_range(key, None).await?.stream;
@@ -258,10 +269,10 @@ impl Artifacts {
         file.flush().await.map_err(scratch)
     }
 
-    /// Those of `keys` under which there is no file.
+    /// Returns the subset of `keys` that have no file.
     ///
     /// # Errors
-    /// [`ArtifactError::Link`], [`ArtifactError::Store`] if that could not be found out.
+    /// [`ArtifactError::Link`], [`ArtifactError::Store`] if the store did not respond.
     pub async fn missing(&self, keys: &[String]) -> Result<Vec<String>, ArtifactError> {
         let looks: Vec<BoxFuture<'_, _>> = keys.iter().map(|key| self.exists(key).boxed()).collect();
         let found: Vec<bool> = futures_util::stream::iter(looks).buffered(HEADS).try_collect().await?;
@@ -289,7 +300,7 @@ impl Artifacts {
                 Err(error) => first = first.and(Err(error)),
             }
         }
-        // S3 removes a thousand in one request.
+        // S3 removes a thousand objects in one request.
         let mut removed = self.store.delete_stream(futures_util::stream::iter(locations).boxed());
         while let Some(result) = removed.next().await {
             match result {
@@ -300,8 +311,8 @@ impl Artifacts {
         first
     }
 
-    /// A URL at which anyone can download the file under `key` for `time`, saved as `name`; `None` if the store does not
-    /// support that.
+    /// A URL at which anyone can download the file under `key` for `time`, saved as `name`; `None`
+    /// if the store does not support that.
     ///
     /// # Errors
     /// [`ArtifactError::Store`].
@@ -318,8 +329,9 @@ impl Artifacts {
         }
     }
 
-    /// Writes and removes a small file, and remembers whether that worked: see [`Artifacts::outage`]. Fails after 5 s. The
-    /// result is reused for a second, and concurrent calls share one write, so that probes may call this often.
+    /// Checks the store by writing and removing a small file, and remembers the result for
+    /// [`Artifacts::outage`]. Fails after 5 s. Calls within a second share one result, so probes
+    /// may call this often.
     ///
     /// # Errors
     /// [`ArtifactError::Store`].
@@ -327,54 +339,56 @@ impl Artifacts {
         let probe = async {
             let key = format!("{PROBES}/{}", uuid::Uuid::new_v4());
             let written = self.write_bytes(&key, Bytes::from_static(&[0; PROBE])).await;
-            // If this fails, the sweep of orphans removes the probe.
+            // If this fails, the orphan sweep removes the probe.
             let _ = self.delete(&[key]).await;
             written.map_err(|error| match error {
-                ArtifactError::Store(detail) => detail,
+                ArtifactError::Store(cause) => with_causes(&*cause),
                 other => other.to_string(),
             })
         };
-        self.availability.check(probe).await.map_err(ArtifactError::Store)
+        self.availability.check(probe).await.map_err(|detail| ArtifactError::Store(detail.into()))
     }
 
-    /// Remembers whether a write failed. Errors that are not the store's (an unreadable scratch file) change nothing.
+    /// Remembers whether a write failed. Errors of another origin, such as an unreadable scratch
+    /// file, change nothing.
     fn noted<T>(&self, result: Result<T, ArtifactError>) -> Result<T, ArtifactError> {
         match &result {
             Ok(_) => self.availability.note(Ok(())),
-            Err(ArtifactError::Store(error)) => self.availability.note(Err(error.clone())),
+            Err(ArtifactError::Store(cause)) => self.availability.note(Err(with_causes(&**cause))),
             Err(_) => {}
         }
         result
     }
 
-    /// The error of the latest write; `None` if it succeeded, or if there was none yet.
+    /// Error of the latest write or check; `None` if it succeeded, or if there was none yet.
     #[must_use]
     pub fn outage(&self) -> Option<String> {
         self.availability.outage()
     }
 
-    /// All objects whose keys begin with `prefix/`; of a local folder also uploads that were interrupted.
+    /// Lists all objects whose keys begin with `prefix/`. The list of a local folder includes
+    /// interrupted uploads.
     pub(super) fn listing(&self, prefix: &str) -> Listing {
         match &self.local {
             Some(root) => Listing::Local(Some(root.walk(prefix))),
-            // Fused, since the last page is read on after the end.
+            // Fused, because the caller polls the stream once more after its end.
             None => Listing::Remote(self.store.list(Some(&Key::from(prefix))).fuse().boxed()),
         }
     }
 
-    /// Removes objects of a [`Listing`]; returns how many.
+    /// Removes objects of a [`Listing`] and returns their number.
     pub(super) async fn remove_listed(&self, keys: Vec<String>) -> Result<u64, ArtifactError> {
         match self.local.clone() {
             Some(root) => {
                 let removed = tokio::task::spawn_blocking(move || root.remove(&keys)).await;
-                removed.map_err(|error| ArtifactError::Store(error.to_string()))
+                removed.map_err(ArtifactError::store)
             }
             None => self.delete(&keys).await.map(|()| keys.len() as u64),
         }
     }
 }
 
-/// The bytes of a file that is uploaded in one request, read by one blocking task; `None` for a larger file.
+/// Reads a file that is uploaded in one request, in one blocking task; `None` for a larger file.
 async fn read_small(path: &Path) -> Result<Option<(Bytes, Stored)>, ArtifactError> {
     let from = path.to_owned();
     let read = tokio::task::spawn_blocking(move || {

@@ -1,9 +1,10 @@
-//! Files of models in an S3 bucket, or in any store that implements the protocol.
+//! An S3 bucket, or a compatible store, as artifact store.
 //!
-//! An upload is visible when it is complete: small files are uploaded in one request, larger ones in parts that the store
-//! joins at the end. Every request carries a SHA-256 of its bytes, which the store verifies; afterwards
-//! the size of the object is compared with the bytes sent, which detects a wrong join. The SHA-256 of the
-//! whole file is part of the job's record and serves as the file's ETag.
+//! An upload becomes visible when it is complete: small files are uploaded in one request, larger
+//! ones in parts that the store joins at the end. Every request carries the SHA-256 of its bytes,
+//! which the store verifies. A comparison of the object's size with the bytes sent then detects a
+//! wrong join. The record of the job contains the SHA-256 of the whole file, which is also its
+//! ETag.
 
 use super::error::ArtifactError;
 use object_store::aws::{AmazonS3Builder, AmazonS3ConfigKey, Checksum};
@@ -14,12 +15,12 @@ use object_store::{BackoffConfig, ClientOptions, ObjectStore, RetryConfig};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How long one request is tried again before it fails. Workers try again on top of that.
+/// Maximum time for which one request is retried. Workers retry the whole upload in addition.
 const RETRY: Duration = Duration::from_secs(8);
-/// Silence after which a request fails. The duration of a download is not limited.
+/// Time without data after which a request fails. The duration of a download is not limited.
 const SILENCE: Duration = Duration::from_secs(20);
 
-/// Makes URLs at which a file can be downloaded without credentials.
+/// Signer of URLs at which a file can be downloaded without credentials.
 #[derive(Clone, Debug)]
 pub(super) struct Signing {
     signer: Arc<dyn Signer>,
@@ -50,7 +51,7 @@ pub(super) fn open(
     variables: impl IntoIterator<Item = (String, String)>,
 ) -> Result<(Arc<dyn ObjectStore>, Signing), ArtifactError> {
     crate::tls::install();
-    let wrong = || ArtifactError::Store(format!("{url} is not s3://BUCKET or s3://BUCKET/PREFIX"));
+    let wrong = || ArtifactError::Store(format!("{url} is not s3://BUCKET or s3://BUCKET/PREFIX").into());
     let path = url.strip_prefix("s3://").ok_or_else(wrong)?;
     let (bucket, prefix) = path.split_once('/').unwrap_or((path, ""));
     if bucket.is_empty() {
@@ -84,7 +85,7 @@ pub(super) fn open(
     Ok((store, signing))
 }
 
-/// Whether a URL is one of this machine.
+/// True if the URL refers to this machine.
 fn is_loopback(endpoint: &str) -> bool {
     let Ok(url) = Url::parse(endpoint) else { return false };
     let host = url.host_str().unwrap_or_default().trim_matches(['[', ']']);

@@ -1,4 +1,4 @@
-//! Faults in builds that can inject them.
+//! Faults in builds with fault injection.
 
 use super::{BadFault, Injected, POINTS, VARIABLE};
 use crate::random::{Stream, below, words};
@@ -18,40 +18,40 @@ enum Kind {
 
 #[derive(Debug)]
 enum Armed {
-    /// At one passage of one point.
+    /// Strikes at one passage of one point.
     Once {
         point: &'static str,
         kind: Kind,
-        /// Passages until it strikes; it strikes once.
+        /// Passages left until it strikes; it strikes once.
         left: AtomicU32,
     },
-    /// At passages of any point.
+    /// Strikes at passages of any point.
     Random {
         seed: u64,
         one_in: u32,
         stall: Duration,
-        /// Passages so far.
+        /// Number of passages so far.
         passages: AtomicU32,
-        /// Faults left.
+        /// Number of faults left.
         left: AtomicU32,
     },
 }
 
-/// One random fault in this many is a stall; the others are errors.
+/// Average number of random faults per stall; the others are errors.
 const STALLS: u32 = 16;
 
-/// The armed faults, if any. Clones share them. [`Faults::random`] strikes at many passages, selected by a seed.
+/// The armed faults, if any. Clones share them.
 #[derive(Clone, Debug, Default)]
 pub struct Faults(Option<Arc<Armed>>);
 
 impl Faults {
-    /// No fault.
+    /// Arms no fault.
     #[must_use]
     pub fn none() -> Self {
         Self(None)
     }
 
-    /// Reads the environment variable; call it once, at start.
+    /// Arms the fault that the environment variable names; to be called once, at the start.
     ///
     /// # Errors
     /// [`BadFault::Unknown`].
@@ -84,15 +84,16 @@ impl Faults {
         Ok(Self(Some(Arc::new(Armed::Once { point, kind, left: AtomicU32::new(passage) }))))
     }
 
-    /// Strikes at one passage in `one_in` of any point, `faults` times in total, with errors and sometimes with a stall of
-    /// `stall`. The passages and the faults depend only on `seed` and the number of the passage.
+    /// Arms `faults` faults, which strike on average at one passage in `one_in` of any point:
+    /// errors, and sometimes a stall of `stall`. The passages and the faults depend only on `seed`
+    /// and the number of the passage.
     #[must_use]
     pub fn random(seed: u64, one_in: u32, faults: u32, stall: Duration) -> Self {
         let (passages, left) = (AtomicU32::new(0), AtomicU32::new(faults));
         Self(Some(Arc::new(Armed::Random { seed, one_in, stall, passages, left })))
     }
 
-    /// Random faults, or passages of the one point, that are still to come.
+    /// Number of random faults, or of passages of the one point, that are left.
     #[must_use]
     pub fn left(&self) -> u32 {
         match self.0.as_deref() {
@@ -146,7 +147,7 @@ impl Faults {
     }
 }
 
-/// Counts down to 0; returns the number before, `None` at 0.
+/// Decrements a number above 0 and returns its previous value; `None` at 0.
 fn take_one(left: &AtomicU32) -> Option<u32> {
     left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1)).ok()
 }

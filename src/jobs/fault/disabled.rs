@@ -1,4 +1,4 @@
-//! Faults in builds that cannot inject any: every point is a no-op.
+//! Faults in builds without fault injection: every point is a no-op.
 
 use super::{BadFault, Injected, VARIABLE};
 
@@ -7,13 +7,13 @@ use super::{BadFault, Injected, VARIABLE};
 pub struct Faults;
 
 impl Faults {
-    /// No fault.
+    /// Arms no fault.
     #[must_use]
     pub fn none() -> Self {
         Self
     }
 
-    /// No fault.
+    /// Arms no fault.
     ///
     /// # Errors
     /// [`BadFault::Disabled`] if the environment arms one.

@@ -1,26 +1,26 @@
-//! Keys of clients: who may do what, and how much. Their secrets are shown once and kept as hashes.
+//! API keys and tickets: what a client may do, and how much. The secret of a key is shown once and
+//! stored as a hash.
 
 mod secret;
-mod store;
 
 pub use secret::{NoSecret, Secret, TicketSecret};
-pub use store::{KeyStore, NewKey, NewTicket};
 
 use super::job::Quota;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::str::FromStr;
+use std::time::Duration;
 
-/// What a key allows.
+/// A right that a key grants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Scope {
-    /// Reading one's own models, and what is no model.
+    /// Read the owner's models, and everything that is not a model.
     Read,
-    /// Requesting, cancelling, repeating and deleting one's own models.
+    /// Request, cancel, repeat and delete the owner's models.
     Submit,
-    /// Everything, with everyone's models.
+    /// Everything, including the models of other owners.
     Admin,
 }
 
@@ -28,7 +28,7 @@ impl Scope {
     /// All scopes.
     pub const ALL: [Self; 3] = [Self::Read, Self::Submit, Self::Admin];
 
-    /// Its name.
+    /// Name in requests and responses.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -45,7 +45,7 @@ impl std::fmt::Display for Scope {
     }
 }
 
-/// A name that is no scope.
+/// Error of a name that is not a scope.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("a scope is read, submit or admin, not `{0}`")]
 pub struct NoScope(String);
@@ -64,7 +64,7 @@ impl FromStr for Scope {
 pub struct Scopes(BTreeSet<Scope>);
 
 impl Scopes {
-    /// Whether it allows what needs `scope`.
+    /// True if the set grants `scope`.
     #[must_use]
     pub fn allow(&self, scope: Scope) -> bool {
         self.0.contains(&scope) || self.0.contains(&Scope::Admin)
@@ -84,13 +84,14 @@ impl std::fmt::Display for Scopes {
     }
 }
 
-/// Whose a key is: 1 to 64 letters, digits, `.`, `_`, `-` and `@`. Several keys may have the same owner.
+/// Owner of keys and models: 1 to 64 letters, digits, `.`, `_`, `-` and `@`. Several keys may have
+/// the same owner.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(transparent)]
 pub struct Owner(String);
 
 impl Owner {
-    /// Its name.
+    /// The name.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.0
@@ -103,7 +104,7 @@ impl std::fmt::Display for Owner {
     }
 }
 
-/// A text that is no owner.
+/// Error of a text that is not an owner.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("an owner is 1 to 64 letters, digits, `.`, `_`, `-` and `@`")]
 pub struct NoOwner;
@@ -118,56 +119,86 @@ impl FromStr for Owner {
     }
 }
 
-/// How much a key allows. What is `None` has the limit of the service.
+/// Limits of a key. `None` means the limit of the service.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct KeyLimits {
-    /// Requests a second, on average over time.
+    /// Requests per second, on average.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rate: Option<f64>,
-    /// What its owner may have.
+    /// Quota of the owner.
     #[serde(flatten)]
     pub quota: Quota,
 }
 
-/// A key, without its secret.
+/// An API key without its secret.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Key {
-    /// The public part of its secret, which names it.
+    /// Public part of the secret, which names the key.
     pub prefix: String,
-    /// SHA-256 of its secret, lower-case hex.
+    /// SHA-256 of the secret, lower-case hex.
     pub hash: String,
-    /// Whose it is.
+    /// Owner.
     pub owner: Owner,
-    /// What it allows.
+    /// Scopes.
     pub scopes: Scopes,
-    /// How much it allows.
+    /// Limits.
     pub limits: KeyLimits,
-    /// When it was made.
+    /// Time of creation.
     pub created_at: Timestamp,
-    /// When it stops working; `None`: never.
+    /// Time at which it expires; `None` for never.
     pub expires_at: Option<Timestamp>,
-    /// When it was revoked.
+    /// Time from which it is revoked.
     pub revoked_at: Option<Timestamp>,
 }
 
 impl Key {
-    /// Whether it works at this time.
+    /// True if the key is valid at this time.
     #[must_use]
     pub fn works_at(&self, now: Timestamp) -> bool {
         self.revoked_at.is_none_or(|at| now < at) && self.expires_at.is_none_or(|at| now < at)
     }
 
-    /// Logs for the audit that it was added.
+    /// Logs the creation of the key for audits.
     pub(crate) fn audit_added(&self) {
         let Self { prefix, owner, scopes, .. } = self;
         tracing::info!(target: "oviduct::audit", action = "key added", key = prefix, %owner, %scopes);
     }
 
-    /// Logs for the audit that it was revoked.
+    /// Logs the revocation of the key for audits.
     pub(crate) fn audit_revoked(&self) {
         tracing::info!(target: "oviduct::audit", action = "key revoked", key = self.prefix, owner = %self.owner);
     }
+}
+
+/// A key to be stored.
+#[derive(Clone, Debug)]
+pub struct NewKey {
+    /// Public part of the secret, which names the key.
+    pub prefix: String,
+    /// SHA-256 of the secret.
+    pub hash: String,
+    /// Owner.
+    pub owner: Owner,
+    /// Scopes.
+    pub scopes: Scopes,
+    /// Limits.
+    pub limits: KeyLimits,
+    /// Time at which it expires; `None` for never.
+    pub expires_at: Option<Timestamp>,
+}
+
+/// A ticket to be stored.
+#[derive(Clone, Debug)]
+pub struct NewTicket {
+    /// SHA-256 of the secret.
+    pub hash: String,
+    /// Prefix of the key whose rights the ticket has.
+    pub key: String,
+    /// Path that the ticket is valid for.
+    pub path: String,
+    /// Time for which the ticket is valid.
+    pub life: Duration,
 }
 
 #[cfg(test)]

@@ -1,25 +1,26 @@
-//! Secrets of keys and tickets. They are random, so their hashes need neither salt nor stretching.
+//! Secrets of API keys and tickets. They are random, so their hashes need neither salt nor
+//! stretching.
 
 use sha2::{Digest, Sha256};
 use subtle::ConstantTimeEq;
 
-/// How a key begins, so that it is recognised by scanners for leaked secrets.
+/// First characters of a key, by which scanners for leaked secrets recognise it.
 const KEY: &str = "oviduct_";
-/// How a ticket begins.
+/// First characters of a ticket.
 const TICKET: &str = "ovt_";
-/// Characters of the prefix of a key.
+/// Length of the prefix of a key, characters.
 const PREFIX: usize = 8;
-/// Random bytes of a secret.
+/// Random part of a secret, bytes.
 const BYTES: usize = 32;
 
-/// The secret of a key: `oviduct_`, a prefix that names it, `_` and 256 random bits in hex. Neither shown by `Debug` nor
-/// serialisable, so that it does not get into a log.
+/// Secret of a key: `oviduct_`, a prefix that names the key, `_` and 256 random bits in hex.
+/// `Debug` hides the secret, and it cannot be serialised, so that it does not get into a log.
 #[derive(Clone)]
 pub struct Secret {
     text: String,
 }
 
-/// A text that is no secret of a key.
+/// Error of a text that is not the secret of a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("a key is `oviduct_`, 8 and 64 hexadecimal digits, separated by `_`")]
 pub struct NoSecret;
@@ -30,9 +31,10 @@ impl std::fmt::Debug for Secret {
     }
 }
 
-/// Random bytes of the operating system as hex.
+/// Random bytes from the operating system, as hex.
 fn random(bytes: usize) -> String {
-    // Version 4 UUIDs have 122 random bits from the operating system; hashing three of them leaves none out.
+    // Version 4 UUIDs have 122 random bits from the operating system; hashing three of them leaves
+    // none out.
     let mut digest = Sha256::new();
     for _ in 0..3 {
         digest.update(uuid::Uuid::new_v4().as_bytes());
@@ -47,16 +49,16 @@ fn hash(text: &str) -> String {
 }
 
 impl Secret {
-    /// A new one.
+    /// A new secret.
     #[must_use]
     pub fn generate() -> Self {
         Self { text: format!("{KEY}{}_{}", random(PREFIX / 2), random(BYTES)) }
     }
 
-    /// Reads what a client sent.
+    /// Parses a secret that a client sent.
     ///
     /// # Errors
-    /// [`NoSecret`] if it has not the form of a secret.
+    /// [`NoSecret`] if the text does not have the form of a secret.
     pub fn parse(text: &str) -> Result<Self, NoSecret> {
         let rest = text.strip_prefix(KEY).ok_or(NoSecret)?;
         let (prefix, random) = rest.split_once('_').ok_or(NoSecret)?;
@@ -64,65 +66,66 @@ impl Secret {
         if valid { Ok(Self { text: text.to_owned() }) } else { Err(NoSecret) }
     }
 
-    /// The secret itself: to be shown once, to whom it is made for.
+    /// The secret itself, to be shown once to its owner.
     #[must_use]
     pub fn reveal(&self) -> &str {
         &self.text
     }
 
-    /// The part that names the key.
+    /// The prefix, which names the key.
     #[must_use]
     pub fn prefix(&self) -> &str {
         &self.text[KEY.len()..KEY.len() + PREFIX]
     }
 
-    /// SHA-256, lower-case hex: what is stored.
+    /// SHA-256 in lower-case hex, which the store keeps.
     #[must_use]
     pub fn hash(&self) -> String {
         hash(&self.text)
     }
 
-    /// Whether it has this hash, in a time that does not depend on where they differ.
+    /// True if the secret has this hash. The duration does not depend on where the two differ.
     #[must_use]
     pub fn matches(&self, hash: &str) -> bool {
         self.hash().as_bytes().ct_eq(hash.as_bytes()).into()
     }
 }
 
-/// Whether a text is that many lower-case hexadecimal digits.
+/// True for a text of `length` lower-case hexadecimal digits.
 fn is_hex(text: &str, length: usize) -> bool {
     text.len() == length && text.bytes().all(|b| b.is_ascii_digit() || (b'a'..=b'f').contains(&b))
 }
 
-/// The secret of a ticket. Looked up by its hash, so no comparison takes a time that depends on it.
+/// Secret of a ticket. The store looks it up by its hash, so the duration of no comparison depends
+/// on the secret.
 #[derive(Clone)]
 pub struct TicketSecret {
     text: String,
 }
 
 impl TicketSecret {
-    /// A new one.
+    /// A new secret.
     #[must_use]
     pub fn generate() -> Self {
         Self { text: format!("{TICKET}{}", random(BYTES)) }
     }
 
-    /// Reads one.
+    /// Parses a ticket that a client sent.
     ///
     /// # Errors
-    /// If the text does not have the form of a ticket.
+    /// [`NoSecret`] if the text does not have the form of a ticket.
     pub fn parse(text: &str) -> Result<Self, NoSecret> {
         let valid = text.strip_prefix(TICKET).is_some_and(|random| is_hex(random, 2 * BYTES));
         if valid { Ok(Self { text: text.to_owned() }) } else { Err(NoSecret) }
     }
 
-    /// The secret itself: to be sent once.
+    /// The secret itself, to be sent once.
     #[must_use]
     pub fn reveal(&self) -> &str {
         &self.text
     }
 
-    /// SHA-256, lower-case hex: what is stored.
+    /// SHA-256 in lower-case hex, which the store keeps.
     #[must_use]
     pub fn hash(&self) -> String {
         hash(&self.text)

@@ -1,37 +1,38 @@
-//! Changes sent to other processes, and received from them, by `NOTIFY` and `LISTEN`.
+//! Changes sent to other processes by `NOTIFY`, and received from them by `LISTEN`.
 //!
-//! A notification is sent after the commit, not within it: PostgreSQL serializes the commits of transactions that notify,
-//! which would limit submissions and heartbeats to one fsync at a time. A task sends the changes that have accumulated,
-//! many in one notification. A process that dies between commit and notification leaves others uninformed, and a lost
-//! connection loses notifications; polling by workers and event streams covers both. When a lost connection is
-//! re-established, the jobs that may have changed meanwhile are reported as changed.
+//! The notification follows the commit instead of being part of it: PostgreSQL serializes the
+//! commits of transactions that notify, which would limit submissions and heartbeats to one fsync
+//! at a time. A task sends the changes that have accumulated, many in one notification.
+//! Notifications are lost if a process dies before it sends them, or with a lost connection;
+//! polling by workers and event streams covers both. After a reconnection, the jobs that may have
+//! changed in the meantime are reported as changed.
 
 use crate::clock::Stopwatch;
 use crate::jobs::job::JobId;
-use crate::jobs::store::Change;
+use crate::jobs::list::Change;
+use crate::lock::Mutex;
 use sqlx::postgres::{PgConnectOptions, PgListener, PgPool, PgPoolOptions};
 use sqlx::{Executor, Row};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::{broadcast, mpsc};
 use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
 
 const CHANNEL: &str = "oviduct_changes";
-/// Most changes in a notification, which may have 8000 bytes.
-const MOST: usize = 120;
-/// Silence after which the connection is tested.
+/// Maximum number of changes in a notification, which PostgreSQL limits to 8000 bytes.
+const MAX_CHANGES: usize = 120;
+/// Time without notifications after which the connection is tested.
 const SILENCE: Duration = Duration::from_secs(15);
-/// Longest wait for a connection to open or to answer.
-const PATIENCE: Duration = Duration::from_secs(5);
+/// Maximum time for a connection to open or to respond.
+const RESPONSE_TIMEOUT: Duration = Duration::from_secs(5);
 /// Wait before a lost connection is opened again.
-const WAIT: Duration = Duration::from_millis(250);
-/// Most jobs of each status reported as changed after a connection was lost.
+const RECONNECT_WAIT: Duration = Duration::from_millis(250);
+/// Maximum number of jobs of each status that are reported as changed after a reconnection.
 const CAUGHT_UP: i64 = 2000;
 
-/// The sending and the listening task; they end when it is dropped.
+/// The sending and the listening task, which end when this value is dropped.
 #[derive(Debug)]
 pub(super) struct Notifier {
     outbox: Mutex<Option<mpsc::UnboundedSender<Change>>>,
@@ -40,7 +41,8 @@ pub(super) struct Notifier {
 }
 
 impl Notifier {
-    /// Starts to send over `pool`, and to listen on a connection of its own; received changes go to `changes`.
+    /// Starts to send over `pool`, and to listen on a separate connection. Received changes go to
+    /// `changes`.
     pub(super) async fn start(
         connect: PgConnectOptions,
         pool: PgPool,
@@ -58,20 +60,20 @@ impl Notifier {
     }
 
     pub(super) fn send(&self, changes: &[Change]) {
-        if let Some(outbox) = self.outbox.lock().unwrap_or_else(PoisonError::into_inner).as_ref() {
+        if let Some(outbox) = self.outbox.lock().as_ref() {
             for change in changes {
-                // The sender ends only with the store.
+                // Fails only if the store is closed.
                 let _ = outbox.send(*change);
             }
         }
     }
 
-    /// Sends the remaining changes.
+    /// Sends the last changes and ends the sending task.
     pub(super) async fn close(&self) {
-        self.outbox.lock().unwrap_or_else(PoisonError::into_inner).take();
-        let mut sender = std::mem::take(&mut *self.sender.lock().unwrap_or_else(PoisonError::into_inner));
-        if timeout(PATIENCE, sender.join_next()).await.is_err() {
-            tracing::warn!("the last changes were not sent to other processes");
+        self.outbox.lock().take();
+        let mut sender = std::mem::take(&mut *self.sender.lock());
+        if timeout(RESPONSE_TIMEOUT, sender.join_next()).await.is_err() {
+            tracing::warn!("could not send the last changes to other processes; they will find them by polling");
         }
     }
 }
@@ -79,17 +81,18 @@ impl Notifier {
 /// Sends changes until the outbox is dropped.
 async fn send_all(pool: PgPool, own: String, mut inbox: mpsc::UnboundedReceiver<Change>) {
     let mut gathered = Vec::new();
-    while inbox.recv_many(&mut gathered, MOST).await > 0 {
+    while inbox.recv_many(&mut gathered, MAX_CHANGES).await > 0 {
         let payload = write(&own, &gathered);
         gathered.clear();
         let sent = sqlx::query("SELECT pg_notify($1, $2)").bind(CHANNEL).bind(payload).execute(&pool).await;
         if let Err(error) = sent {
-            tracing::warn!(%error, "a change was not sent to other processes; they will find it by polling");
+            tracing::warn!(%error, "could not send changes to other processes; they will find them by polling");
         }
     }
 }
 
-/// A notification of the newest change of each job: `sender id version id version …`, `-` for a deleted job.
+/// Formats a notification with the latest change of each job: `sender id version id version …`, `-`
+/// for a deleted job.
 fn write(own: &str, changes: &[Change]) -> String {
     let newest: BTreeMap<JobId, Option<u64>> = changes.iter().map(|change| (change.id, change.version)).collect();
     let mut payload = own.to_owned();
@@ -103,7 +106,7 @@ fn write(own: &str, changes: &[Change]) -> String {
     payload
 }
 
-/// The changes in a notification; none if this process sent it, or if it is malformed.
+/// Parses the changes of a notification. None if this process sent it; skips what is malformed.
 fn read<'p>(own: &str, payload: &'p str) -> impl Iterator<Item = Change> + use<'p> {
     let mut words = payload.split(' ');
     let words = if words.next() == Some(own) { "".split(' ') } else { words };
@@ -122,7 +125,7 @@ fn read<'p>(own: &str, payload: &'p str) -> impl Iterator<Item = Change> + use<'
 async fn listen(connect: &PgConnectOptions) -> Result<PgListener, sqlx::Error> {
     let pool = PgPoolOptions::new()
         .max_connections(1)
-        .acquire_timeout(PATIENCE)
+        .acquire_timeout(RESPONSE_TIMEOUT)
         .max_lifetime(None)
         .idle_timeout(None)
         .connect_lazy_with(connect.clone());
@@ -132,7 +135,7 @@ async fn listen(connect: &PgConnectOptions) -> Result<PgListener, sqlx::Error> {
     Ok(listener)
 }
 
-/// Receives until it is dropped; re-establishes a lost connection and catches up.
+/// Receives until it is dropped. Reopens a lost connection and catches up.
 async fn receive(
     connect: PgConnectOptions,
     mut listener: PgListener,
@@ -152,35 +155,37 @@ async fn receive(
                 }
                 Ok(Ok(None) | Err(_)) => break,
                 Err(_) => {
-                    if !matches!(timeout(PATIENCE, listener.execute("SELECT 1")).await, Ok(Ok(_))) {
+                    if !matches!(timeout(RESPONSE_TIMEOUT, listener.execute("SELECT 1")).await, Ok(Ok(_))) {
                         break;
                     }
                 }
             }
             since = Stopwatch::start();
         }
-        tracing::warn!("the connection for notifications of changes was lost");
+        tracing::warn!("lost the connection for notifications of changes");
         listener = loop {
             match listen(&connect).await {
                 Ok(listener) => break listener,
-                Err(error) => tracing::warn!(%error, "changes by other processes are found by polling alone"),
+                Err(error) => {
+                    tracing::warn!(%error, "could not reopen the connection for notifications; changes by other processes are found by polling")
+                }
             }
-            sleep(WAIT).await;
+            sleep(RECONNECT_WAIT).await;
         };
-        match catch_up(&pool, since.elapsed() + SILENCE + PATIENCE).await {
+        match catch_up(&pool, since.elapsed() + SILENCE + RESPONSE_TIMEOUT).await {
             Ok(missed) => {
-                tracing::info!(jobs = missed.len(), "notifications of changes are received again");
+                tracing::info!(jobs = missed.len(), "reopened the connection for notifications of changes");
                 for change in missed {
                     let _ = changes.send(change);
                 }
             }
-            Err(error) => tracing::warn!(%error, "missed changes are found by polling"),
+            Err(error) => tracing::warn!(%error, "could not read missed changes; they will be found by polling"),
         }
     }
 }
 
-/// Jobs that may have changed within the time `past`: those that run, those that ended lately, and the newest queued ones.
-/// Deleted jobs are noticed when they are read.
+/// Jobs that may have changed within the time `past`: running jobs, jobs that ended recently, and
+/// the newest queued jobs. Readers notice deleted jobs when they read them.
 async fn catch_up(pool: &PgPool, past: Duration) -> Result<Vec<Change>, sqlx::Error> {
     let now: i64 = sqlx::query_scalar("SELECT CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000000 AS BIGINT)")
         .fetch_one(pool)
@@ -222,7 +227,7 @@ mod tests {
 
     #[test]
     fn the_longest_notification_fits() {
-        let longest: Vec<Change> = (0..MOST as u128)
+        let longest: Vec<Change> = (0..MAX_CHANGES as u128)
             .map(|n| Change { id: JobId(uuid::Uuid::from_u128(n)), version: Some(u64::MAX) })
             .collect();
         assert!(write(&"f".repeat(32), &longest).len() < 8000);

@@ -1,29 +1,92 @@
-//! Batches: jobs that are queued, read and removed together.
+//! Batches: jobs that are submitted, listed and deleted together.
 
 use super::codec::{Value, enum_from_sql, json, values};
 use super::error::SqlError;
-use super::operation::{Before, Done, Operation};
+use super::operation::{Done, Operation};
 use super::order::queue_room;
 use super::quota;
 use super::record::{owner, parse_optional, priority, select_jobs, submitter, to_record};
-use super::submit::{self, Ids, place};
+use super::store::Store;
+use super::submit::{self, place};
 use super::tx::Tx;
-use crate::jobs::job::{BatchId, Job, JobId, NewJob};
-use crate::jobs::store::{
-    Batch, BatchFilter, BatchPage, Change, Counts, NewBatch, StoreError, StoreOptions, SubmittedBatch,
-};
-use std::sync::{Arc, Mutex, PoisonError};
+use crate::jobs::batch::{Batch, BatchFilter, BatchPage, NewBatch, SubmittedBatch};
+use crate::jobs::error::StoreError;
+use crate::jobs::job::{BatchId, IdGenerator, Job, JobId, NewJob};
+use crate::jobs::list::{Change, Counts};
+use crate::jobs::options::StoreOptions;
+use crate::lock::Mutex;
+use std::sync::Arc;
 
-/// Queues the jobs of a batch, or finds the batch that was made before with the same idempotency key.
-#[derive(Debug)]
-pub(super) struct SubmitBatch {
-    pub(super) new: NewBatch,
-    pub(super) ids: Arc<Ids>,
-    /// The id of the first try, which later tries use too.
-    pub(super) tried: Mutex<Option<BatchId>>,
+/// Maximum number of batches on a page.
+const PAGE: u32 = 100;
+
+/// Calls for batches.
+impl Store {
+    /// Queues all jobs of a batch in one transaction, or none ([`StoreError::QueueFull`] if there
+    /// is no room for all).
+    ///
+    /// Each is an ordinary job; finished models are reused as by [`Store::submit`]. Ids ascend in
+    /// the order of the jobs.
+    pub async fn submit_batch(&self, new: NewBatch) -> Result<SubmittedBatch, StoreError> {
+        self.change("submit_batch", SubmitBatch { new, ids: self.id_generator(), tried: Mutex::default() }).await
+    }
+
+    /// The batch that its owner created with this idempotency key and body.
+    pub async fn replayed_batch(
+        &self,
+        owner: Option<&str>,
+        key: &str,
+        body: &str,
+    ) -> Result<Option<Batch>, StoreError> {
+        let tx = &mut self.read("replayed_batch").await?;
+        let sql = "SELECT id FROM batches WHERE idempotency_key = $1 AND idempotency_body = $2";
+        match tx.optional(sql, values![submit::scoped(owner, key), body]).await? {
+            Some(row) => {
+                let JobId(id) = row.id("id")?;
+                Ok(read(tx, BatchId(id)).await?)
+            }
+            None => Ok(None),
+        }
+    }
+
+    /// A batch by id.
+    pub async fn batch(&self, id: BatchId) -> Result<Option<Batch>, StoreError> {
+        Ok(read(&mut self.read("batch").await?, id).await?)
+    }
+
+    /// The jobs of a batch after `after`, in the order of the request, without their positions in
+    /// the queue; at most `limit`.
+    pub async fn batch_jobs(&self, id: BatchId, after: Option<JobId>, limit: u32) -> Result<Vec<Job>, StoreError> {
+        let tx = &mut self.read("batch_jobs").await?;
+        let jobs = select_jobs(tx);
+        let sql = format!("{jobs}FROM jobs j WHERE j.batch = $1 AND j.id > $2 ORDER BY j.id LIMIT {limit}");
+        let after = after.map_or_else(String::new, |id| id.to_string());
+        let rows = tx.all(sql, values![id.to_string(), after]).await?;
+        rows.iter().map(|row| Ok(to_record(row)?.job)).collect()
+    }
+
+    /// A page of batches, newest first.
+    pub async fn batches(&self, filter: &BatchFilter) -> Result<BatchPage, StoreError> {
+        Ok(list(&mut self.read("batches").await?, filter).await?)
+    }
+
+    /// Deletes a batch with all its jobs in one transaction. Returns keys as [`Store::delete`]
+    /// does.
+    pub async fn delete_batch(&self, id: BatchId) -> Result<Option<Vec<String>>, StoreError> {
+        self.change("delete_batch", DeleteBatch(id)).await
+    }
 }
 
-/// The result for a batch just queued.
+/// Queues the jobs of a batch, or finds the batch of an earlier request with the same idempotency
+/// key.
+struct SubmitBatch {
+    new: NewBatch,
+    ids: Arc<IdGenerator>,
+    /// Id of the first run, which retries use too.
+    tried: Mutex<Option<BatchId>>,
+}
+
+/// The result of queueing a batch.
 fn accepted(batch: Batch) -> Done<SubmittedBatch> {
     let changes = batch.jobs.iter().map(|&id| Change { id, version: Some(1) }).collect();
     Done::new(SubmittedBatch::Accepted(batch), changes)
@@ -52,8 +115,7 @@ impl Operation for SubmitBatch {
             }
         }
         let now = tx.now().await?;
-        let first = || BatchId(self.ids.at(now).0);
-        let id = *self.tried.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(first);
+        let id = *self.tried.lock().get_or_insert_with(|| BatchId(self.ids.next(now).0));
         tx.execute(
             "INSERT INTO batches (id, created_at, idempotency_key, idempotency_body, priority, submitter, study) \
              VALUES ($1, $2, $3, $4, $5, $6, $7)",
@@ -73,13 +135,13 @@ impl Operation for SubmitBatch {
         for (index, new) in (0_u32..).zip(&self.new.jobs) {
             let owner = self.new.owner.clone();
             let alone = NewJob { idempotency: None, priority: self.new.priority, owner, ..new.clone() };
-            place(tx, options, self.ids.at(now), &alone, Some((id, Some(index))), &mut room).await?;
+            place(tx, options, self.ids.next(now), &alone, Some((id, Some(index))), &mut room).await?;
         }
         Ok(accepted(known(tx, id).await?))
     }
 
-    async fn done_before(&self, tx: &mut Tx<'_>) -> Result<Before<SubmittedBatch>, SqlError> {
-        let tried = *self.tried.lock().unwrap_or_else(PoisonError::into_inner);
+    async fn recover_committed(&self, tx: &mut Tx<'_>) -> Result<Option<Done<SubmittedBatch>>, SqlError> {
+        let tried = *self.tried.lock();
         let batch = match tried {
             Some(id) => read(tx, id).await?,
             None => None,
@@ -88,25 +150,8 @@ impl Operation for SubmitBatch {
     }
 }
 
-/// The batch that its owner made with this key and body.
-pub(super) async fn replayed(
-    tx: &mut Tx<'_>,
-    owner: Option<&str>,
-    key: &str,
-    body: &str,
-) -> Result<Option<Batch>, SqlError> {
-    let sql = "SELECT id FROM batches WHERE idempotency_key = $1 AND idempotency_body = $2";
-    match tx.optional(sql, values![submit::scoped(owner, key), body]).await? {
-        Some(row) => {
-            let JobId(id) = row.id("id")?;
-            read(tx, BatchId(id)).await
-        }
-        None => Ok(None),
-    }
-}
-
-pub(super) async fn read(tx: &mut Tx<'_>, id: BatchId) -> Result<Option<Batch>, SqlError> {
-    // One statement, so that the jobs are those of one moment.
+async fn read(tx: &mut Tx<'_>, id: BatchId) -> Result<Option<Batch>, SqlError> {
+    // One statement, so that the result is consistent.
     let rows = tx
         .all(
             "SELECT b.created_at, b.priority, b.submitter, j.id, j.status, j.batch_index FROM batches b \
@@ -119,7 +164,7 @@ pub(super) async fn read(tx: &mut Tx<'_>, id: BatchId) -> Result<Option<Batch>, 
     };
     let created_at = first.time("created_at")?;
     let priority = priority(first.int("priority")?);
-    // A study never changes. It is read apart, because a join would repeat it for each job.
+    // A separate query, because a join would repeat the study for each job. A study never changes.
     let study = tx.optional("SELECT study FROM batches WHERE id = $1", values![id.to_string()]).await?;
     let study = study.map(|row| parse_optional(&row, "study")).transpose()?.flatten();
     let (jobs, places) = (Vec::with_capacity(rows.len()), Vec::with_capacity(rows.len()));
@@ -128,7 +173,7 @@ pub(super) async fn read(tx: &mut Tx<'_>, id: BatchId) -> Result<Option<Batch>, 
     for (row, order) in rows.iter().zip(0_u32..) {
         if let Some(job) = row.optional_id("id")? {
             batch.jobs.push(job);
-            // Versions before studies recorded no place.
+            // Versions before studies did not record the index.
             let place = row.optional_int("batch_index")?.and_then(|place| u32::try_from(place).ok());
             batch.places.push(place.unwrap_or(order));
             *batch.counts.of_mut(enum_from_sql(row.text("status")?)?) += 1;
@@ -137,18 +182,7 @@ pub(super) async fn read(tx: &mut Tx<'_>, id: BatchId) -> Result<Option<Batch>, 
     Ok(Some(batch))
 }
 
-/// A page of a batch's jobs.
-pub(super) async fn jobs(tx: &mut Tx<'_>, id: BatchId, after: Option<JobId>, limit: u32) -> Result<Vec<Job>, SqlError> {
-    let sql = format!("{}FROM jobs j WHERE j.batch = $1 AND j.id > $2 ORDER BY j.id LIMIT {limit}", select_jobs(tx));
-    let after = after.map_or_else(String::new, |id| id.to_string());
-    let rows = tx.all(sql, values![id.to_string(), after]).await?;
-    rows.iter().map(|row| Ok(to_record(row)?.job)).collect()
-}
-
-/// Most batches on a page.
-const PAGE: u32 = 100;
-
-pub(super) async fn list(tx: &mut Tx<'_>, filter: &BatchFilter) -> Result<BatchPage, SqlError> {
+async fn list(tx: &mut Tx<'_>, filter: &BatchFilter) -> Result<BatchPage, SqlError> {
     let limit = filter.limit.clamp(1, PAGE);
     let mut sql = "SELECT id, created_at, priority, submitter FROM batches WHERE TRUE".to_owned();
     let mut values = Vec::new();
@@ -192,7 +226,7 @@ pub(super) async fn list(tx: &mut Tx<'_>, filter: &BatchFilter) -> Result<BatchP
     Ok(BatchPage { batches, next })
 }
 
-/// Counts the jobs of batches by status, in the index alone.
+/// Counts the jobs of batches by status, from an index alone.
 async fn count(tx: &mut Tx<'_>, batches: &mut [Batch]) -> Result<(), SqlError> {
     let sql = format!(
         "SELECT batch, status, COUNT(*) AS n FROM jobs{}$1)) AND batch IS NOT NULL GROUP BY batch, status",
@@ -209,13 +243,10 @@ async fn count(tx: &mut Tx<'_>, batches: &mut [Batch]) -> Result<(), SqlError> {
 }
 
 async fn known(tx: &mut Tx<'_>, id: BatchId) -> Result<Batch, SqlError> {
-    let gone = || StoreError::Database(format!("batch {id} vanished within a transaction"));
-    Ok(read(tx, id).await?.ok_or_else(gone)?)
+    read(tx, id).await?.ok_or_else(|| SqlError::Inconsistent(format!("batch {id}")))
 }
 
-/// Removes a batch and its jobs. Gives the keys that no record names any more.
-#[derive(Debug)]
-pub(super) struct DeleteBatch(pub(super) BatchId);
+struct DeleteBatch(BatchId);
 
 impl Operation for DeleteBatch {
     type Output = Option<Vec<String>>;

@@ -1,63 +1,120 @@
-//! Claims: the heads of the lanes that a worker may run, several at a time.
+//! Claims: a worker takes the first jobs of the lanes that it may run, several at a time.
 //!
-//! SQLite has one writer, which reads the heads and applies the event to each. On PostgreSQL one statement finds them,
-//! skipping rows that another claim has locked, and updates them; it has the effect of [`Event::Claim`], and the suite
-//! compares both with the state machine.
+//! SQLite has one writer, which reads the heads of the lanes and applies the event to each job. On
+//! PostgreSQL one statement finds the jobs, skips rows that another claim has locked, and updates
+//! them. It has the effect of [`Event::Claim`]; the test suite compares both with the state
+//! machine.
 //!
-//! A GPU runs several models in step, so they must be of like size: its claim takes the first due job and then only due
-//! jobs of the same batch key.
+//! A GPU simulates several models of similar size together. Its claim takes the first due job and
+//! then only due jobs with the same batch key.
 //!
-//! Expired leases are ended before, in a transaction of their own. A record that this version cannot read (a later one
-//! wrote it) fails with the reason, and the next job is claimed.
+//! An earlier transaction ends expired leases. A job that this version cannot read, because a later
+//! one wrote it, fails with the reason, and the claim takes the next job.
 
 use super::codec::{Value, enum_to_sql, until, values};
 use super::error::SqlError;
-use super::lease::{self, End, Record as Ending};
-use super::operation::{Before, Done, LONG_PATIENCE, Operation, PATIENCE};
+use super::lease::{self, AttemptEffect, End, Expire};
+use super::operation::{Done, LONG_RETRY_LIMIT, Operation, RETRY_LIMIT};
 use super::order;
 use super::pause::unpaused;
 use super::read;
 use super::record::{Record, select_jobs, to_record};
+use super::store::Store;
 use super::tx::{Dialect, Tx};
+use crate::clock::Stopwatch;
 use crate::generate::Backend;
+use crate::jobs::attempt::ClaimedJob;
+use crate::jobs::error::StoreError;
 use crate::jobs::job::{Job, JobId, Problem};
+use crate::jobs::list::Change;
+use crate::jobs::options::StoreOptions;
 use crate::jobs::state::{self, Event};
-use crate::jobs::store::{Change, ClaimedJob, StoreOptions};
+use crate::lock::Mutex;
 use jiff::Timestamp;
 use std::collections::VecDeque;
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Longest delay before a job may be tried again. One with a longer delay was given it by a wrong clock: it is due.
-const LONGEST_DELAY: Duration = Duration::from_secs(120);
+/// Maximum retry delay that claims respect. A longer delay can only result from a wrong clock, so
+/// such a job counts as due.
+const MAX_RETRY_DELAY: Duration = Duration::from_secs(120);
+
+/// The call that claims jobs.
+impl Store {
+    /// Claims up to `limit` jobs that `backend` may run, in the order in which they are due. Claims
+    /// none while the worker or all workers are paused.
+    ///
+    /// Jobs of higher priority come first. Within a priority, submitters take turns, and the jobs
+    /// of each submitter are claimed oldest first. For [`Backend::Gpu`], the jobs after the first
+    /// are due jobs with the [`batch_key`](crate::jobs::NewJob::batch_key) of the first, by
+    /// priority, turn and age; without a key, there are none.
+    ///
+    /// The call also returns jobs whose lease has expired to their earlier place in the queue,
+    /// unless the database has been available to this process for less than `lease`: then their
+    /// holders may have been unable to renew. Jobs without attempts left fail instead
+    /// (`attempts-exhausted`, with the history), cancelled ones end as cancelled. A job that this
+    /// version cannot read fails (`spec`).
+    pub async fn claim(
+        &self,
+        worker: &str,
+        backend: Backend,
+        lease: Duration,
+        limit: u32,
+    ) -> Result<Vec<ClaimedJob>, StoreError> {
+        self.before("claim").await?;
+        let result = self.claim_due(worker, backend, lease, limit).await;
+        self.after("claim", result)
+    }
+
+    async fn claim_due(
+        &self,
+        worker: &str,
+        backend: Backend,
+        lease: Duration,
+        limit: u32,
+    ) -> Result<Vec<ClaimedJob>, StoreError> {
+        let since = Stopwatch::start();
+        let look = async { look(&mut self.reader().await?, worker, backend).await };
+        let found = look.await.map_err(|error| self.noted(error))?;
+        if since.elapsed() >= lease {
+            // The database hung for so long that no worker may have been able to renew its lease.
+            self.note_outage();
+        }
+        let may_expire = self.may_expire(found.at, lease);
+        if found.leases_expired && may_expire {
+            // Only leases that had expired at the look, not leases that expire while an outage
+            // interrupts this.
+            self.transact(Expire { before: found.at }).await?;
+        } else if !found.jobs_due {
+            return Ok(Vec::new());
+        }
+        self.transact(Claim { worker: worker.to_owned(), backend, lease, limit, tried: Mutex::default() }).await
+    }
+}
 
 /// Claims up to `limit` jobs.
-#[derive(Debug)]
-pub(super) struct Claim {
-    pub(super) worker: String,
-    pub(super) backend: Backend,
-    pub(super) lease: Duration,
-    pub(super) limit: u32,
-    /// The jobs that the last try claimed, and their attempts.
-    pub(super) tried: Mutex<Vec<(JobId, u32)>>,
+struct Claim {
+    worker: String,
+    backend: Backend,
+    lease: Duration,
+    limit: u32,
+    /// The jobs that the latest run claimed, with their attempts.
+    tried: Mutex<Vec<(JobId, u32)>>,
 }
 
-/// What a claim of a worker would find.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Found {
-    /// The time of the look, by the clock of leases.
-    pub(super) at: Timestamp,
-    /// Whether leases have expired.
-    pub(super) expired: bool,
-    /// Whether jobs are due, and the worker is not paused.
-    pub(super) due: bool,
+/// What a claim would find.
+struct Look {
+    /// Time of the look, by the clock of leases.
+    at: Timestamp,
+    leases_expired: bool,
+    /// True if jobs are due and the worker is not paused.
+    jobs_due: bool,
 }
 
-/// Looks whether there is anything to do. Usually there is not, and no writer is needed.
-pub(super) async fn look(tx: &mut Tx<'_>, worker: &str, backend: Backend) -> Result<Found, SqlError> {
+/// Looks for work without a writer, because usually there is none.
+async fn look(tx: &mut Tx<'_>, worker: &str, backend: Backend) -> Result<Look, SqlError> {
     let now = tx.steady().await?;
-    let mut values = values![now, until(now, LONGEST_DELAY), worker];
-    // Not EXISTS: for that PostgreSQL may choose to read the table, in the hope of an early match.
+    let mut values = values![now, until(now, MAX_RETRY_DELAY), worker];
+    // Not EXISTS: for EXISTS, PostgreSQL may read the table in the hope of an early match.
     let jobs = order::lanes(tx);
     let lane = |lane| {
         values.push(Value::from(enum_to_sql(lane)));
@@ -75,15 +132,15 @@ pub(super) async fn look(tx: &mut Tx<'_>, worker: &str, backend: Backend) -> Res
         unpaused("$3")
     );
     let row = tx.one(sql, values).await?;
-    Ok(Found { at: now, expired: row.flag("expired")?, due: row.flag("due")? })
+    Ok(Look { at: now, leases_expired: row.flag("expired")?, jobs_due: row.flag("due")? })
 }
 
 /// The jobs claimed so far.
-#[derive(Debug, Default)]
+#[derive(Default)]
 struct Claimed {
     jobs: Vec<ClaimedJob>,
     changes: Vec<Change>,
-    /// Batch key of the last of them.
+    /// Batch key of the last job.
     batch_key: Option<String>,
 }
 
@@ -100,18 +157,19 @@ impl Operation for Claim {
         } else {
             self.fill(tx, options, &mut claimed, self.limit, None).await?;
         }
-        *self.tried() = claimed.jobs.iter().map(|claimed| (claimed.job.id, claimed.attempt)).collect();
+        *self.tried.lock() = claimed.jobs.iter().map(|claimed| (claimed.job.id, claimed.attempt)).collect();
         Ok(Done::new(claimed.jobs, claimed.changes))
     }
 
-    async fn done_before(&self, tx: &mut Tx<'_>) -> Result<Before<Vec<ClaimedJob>>, SqlError> {
-        let tried = self.tried().clone();
+    async fn recover_committed(&self, tx: &mut Tx<'_>) -> Result<Option<Done<Vec<ClaimedJob>>>, SqlError> {
+        let tried = self.tried.lock().clone();
         let mut claimed = Claimed::default();
         let until = until(tx.steady().await?, self.lease);
         for (id, attempt) in tried {
-            // Waits at the job's row for a commit that is still under way; an update alone would not see what it leaves.
+            // Waits at the job's row for a commit that is still under way; an update alone would
+            // not see its result.
             lease::load_for_renewal(tx, id).await?;
-            // The lease begins anew.
+            // The lease begins again.
             let held = tx
                 .execute(
                     "UPDATE jobs SET lease_until = $4 \
@@ -128,10 +186,10 @@ impl Operation for Claim {
         Ok((!claimed.jobs.is_empty()).then(|| Done::new(claimed.jobs, claimed.changes)))
     }
 
-    /// Jobs that a commit without an answer may have claimed are worth a long wait: nobody else runs them until their leases
-    /// expire.
-    fn patience(&self) -> Duration {
-        if self.tried().is_empty() { PATIENCE } else { LONG_PATIENCE }
+    /// Long if a commit whose response was lost may have claimed jobs: nobody else runs them until
+    /// their leases expire.
+    fn retry_limit(&self) -> Duration {
+        if self.tried.lock().is_empty() { RETRY_LIMIT } else { LONG_RETRY_LIMIT }
     }
 }
 
@@ -148,17 +206,14 @@ async fn fail(
         title: "This version cannot read the job".into(),
         detail: format!("{why}; a later version may have queued it"),
     };
-    let record = Ending::Failed(claimed.job.backend.clone(), problem);
-    let end = End { id: claimed.job.id, fence: claimed.fence(), event: Event::Fail(claimed.fence()), record };
+    let effect = AttemptEffect::Failed(claimed.job.backend.clone(), problem);
+    let end = End { id: claimed.job.id, fence: claimed.fence(), event: Event::Fail(claimed.fence()), effect };
     Ok(end.run(tx, options).await?.changes)
 }
 
 impl Claim {
-    fn tried(&self) -> MutexGuard<'_, Vec<(JobId, u32)>> {
-        self.tried.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Claims due jobs until there are `limit`, or no more are due. With a batch key, only those that have it.
+    /// Claims due jobs until there are `limit`, or no more are due. With a batch key, only jobs
+    /// with that key.
     async fn fill(
         &self,
         tx: &mut Tx<'_>,
@@ -178,7 +233,7 @@ impl Claim {
             };
             let mut all_read = true;
             for Record { job, unread, batch_key, .. } in taken {
-                // The row of the attempt was written after the record was read.
+                // The statement read the record before it wrote the row of the attempt.
                 let job = Job { worker: Some(self.worker.clone()), ..job };
                 let job = ClaimedJob { attempt: job.attempts, worker: self.worker.clone(), job };
                 if let Some(why) = unread {
@@ -219,7 +274,7 @@ impl Claim {
                  ORDER BY rank, turn, id LIMIT $4",
                 unpaused("$5")
             );
-            let values = values![value, steady, until(steady, LONGEST_DELAY), limit, &self.worker];
+            let values = values![value, steady, until(steady, MAX_RETRY_DELAY), limit, &self.worker];
             let waiting = tx.all(sql, values).await?;
             let waiting: Result<VecDeque<_>, SqlError> =
                 waiting.iter().map(|row| Ok((row.int("rank")?, row.id("id")?))).collect();
@@ -245,7 +300,8 @@ impl Claim {
         let (jobs, now, unpaused) = (select_jobs(tx), tx.now().await?, unpaused("$3"));
         // Limits are in the text, so that a plan made once for all values expects few rows.
         let (due, of) = match batch_key {
-            // Only the index of batch keys fits: no other has this order, and IS TRUE excludes the index by status.
+            // Only the index of batch keys fits: no other has this order, and IS TRUE rules out the
+            // index by status.
             Some(key) => (
                 format!(
                     "due AS MATERIALIZED (SELECT id, ROW_NUMBER() OVER (ORDER BY rank, turn, id) AS place FROM (\
@@ -255,7 +311,8 @@ impl Claim {
                 ),
                 Value::from(key),
             ),
-            // To take the better of the lanes' heads again and again is to sort by the last id of each lane and rank so far.
+            // Repeatedly taking the better of the lanes' heads equals sorting by the largest id of
+            // each lane and rank so far.
             None => (
                 format!(
                     "heads AS MATERIALIZED (SELECT lane.name, head.* FROM unnest($1::text[]) AS lane (name) \
@@ -278,12 +335,13 @@ impl Claim {
              SELECT id, attempts, $3, $2 FROM claimed) \
              {jobs} FROM due JOIN claimed j ON j.id = due.id ORDER BY due.place"
         );
-        let values = values![of, now, &self.worker, until(now, self.lease), until(now, LONGEST_DELAY)];
+        let values = values![of, now, &self.worker, until(now, self.lease), until(now, MAX_RETRY_DELAY)];
         tx.all(sql, values).await?.iter().map(to_record).collect()
     }
 }
 
-/// The ids that are due, from lanes each in its order: again and again the head of higher priority, or else the older one.
+/// The ids that are due, from lanes that are each in order: repeatedly the head of higher priority,
+/// or the older one.
 fn due(mut lanes: Vec<VecDeque<(i64, JobId)>>, limit: u32) -> Vec<JobId> {
     let next = || {
         let lane = lanes.iter_mut().filter(|lane| !lane.is_empty()).min_by_key(|lane| lane.front().copied())?;

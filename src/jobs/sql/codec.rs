@@ -5,13 +5,13 @@ use crate::jobs::job::JobId;
 use jiff::Timestamp;
 use std::time::Duration;
 
-/// The values of the parameters of a query, in order.
+/// Values of the parameters of a query, in order.
 macro_rules! values {
     ($($value:expr),* $(,)?) => { vec![$($crate::jobs::sql::codec::Value::from($value)),*] };
 }
 pub(super) use values;
 
-/// The value of a parameter.
+/// Value of a parameter.
 #[derive(Clone, Debug)]
 pub(in crate::jobs) enum Value {
     Int(Option<i64>),
@@ -38,7 +38,7 @@ impl From<Option<u32>> for Value {
     }
 }
 
-/// Counts beyond the range of the database do not occur; they would become its greatest value.
+/// Saturates at the largest integer of the database, which no count reaches.
 impl From<u64> for Value {
     fn from(value: u64) -> Self {
         Self::Int(Some(i64::try_from(value).unwrap_or(i64::MAX)))
@@ -110,10 +110,10 @@ pub(super) fn json<T: serde::Serialize>(value: &T) -> String {
 }
 
 pub(super) fn parse<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, SqlError> {
-    serde_json::from_str(text).map_err(|error| broken(&error))
+    serde_json::from_str(text).map_err(broken)
 }
 
-/// A unit variant as the string that serde names it by.
+/// The serde name of a unit variant.
 pub(super) fn enum_to_sql<T: serde::Serialize>(value: T) -> String {
     match serde_json::to_value(value) {
         Ok(serde_json::Value::String(name)) => name,
@@ -121,9 +121,9 @@ pub(super) fn enum_to_sql<T: serde::Serialize>(value: T) -> String {
     }
 }
 
-/// The unit variant that serde names so.
+/// The unit variant with this serde name.
 pub(super) fn enum_from_sql<T: serde::de::DeserializeOwned>(name: &str) -> Result<T, SqlError> {
-    serde_json::from_value(serde_json::Value::String(name.to_owned())).map_err(|error| broken(&error))
+    serde_json::from_value(serde_json::Value::String(name.to_owned())).map_err(broken)
 }
 
 /// The time `wait` after `now`.

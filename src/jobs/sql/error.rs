@@ -1,16 +1,22 @@
 //! Errors of operations on the database.
 
-use crate::jobs::store::StoreError;
+use crate::jobs::error::{Cause, StoreError};
 
-/// Why an operation on the database failed.
+/// Reason why an operation on the database failed.
 #[derive(Debug, thiserror::Error)]
 pub(in crate::jobs) enum SqlError {
-    /// A refusal by the store itself.
+    /// The store refused the operation.
     #[error(transparent)]
     Store(#[from] StoreError),
     /// Another transaction holds the lock of the owner's submissions.
     #[error("another submission of the same owner is under way")]
     OwnerLocked,
+    /// A column has a value that this version cannot read.
+    #[error("a broken record: {0}")]
+    BrokenRecord(#[source] Cause),
+    /// A record changed or vanished although this transaction had locked it.
+    #[error("{0} changed within a transaction")]
+    Inconsistent(String),
     /// The database failed or is unavailable.
     #[error(transparent)]
     Database(#[from] sqlx::Error),
@@ -20,13 +26,25 @@ impl From<SqlError> for StoreError {
     fn from(error: SqlError) -> Self {
         match error {
             SqlError::Store(error) => error,
-            SqlError::OwnerLocked => Self::Database(error.to_string()),
-            SqlError::Database(error) => Self::Database(error.to_string()),
+            SqlError::Database(error) => Self::Database(Box::new(error)),
+            error => Self::Database(Box::new(error)),
         }
     }
 }
 
-/// The error of a column whose content this version cannot read.
-pub(super) fn broken(error: &dyn std::error::Error) -> SqlError {
-    SqlError::Store(StoreError::Database(format!("a broken record: {error}")))
+/// The error of a column with a value that this version cannot read.
+pub(super) fn broken(error: impl std::error::Error + Send + Sync + 'static) -> SqlError {
+    SqlError::BrokenRecord(Box::new(error))
+}
+
+/// Consequence of an error of the database for the caller.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::jobs) enum Severity {
+    /// The operation was refused, or would fail again.
+    Permanent,
+    /// A retry can succeed: a deadlock, or a race for a key.
+    Transient,
+    /// The database is unavailable, at least to this process. A retry can succeed, but workers may
+    /// have been unable to renew their leases.
+    Outage,
 }

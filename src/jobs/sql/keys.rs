@@ -1,22 +1,73 @@
-//! Keys of clients and tickets.
+//! API keys and tickets.
 
 use super::codec::{json, parse, until, values};
 use super::error::{SqlError, broken};
 use super::operation::{Done, Operation};
+use super::store::Store;
 use super::tx::{Dialect, Row, Tx};
-use crate::jobs::keys::{Key, NewKey, NewTicket, NoOwner};
-use crate::jobs::store::{StoreError, StoreOptions};
+use crate::jobs::error::StoreError;
+use crate::jobs::keys::{Key, NewKey, NewTicket};
+use crate::jobs::options::StoreOptions;
 use jiff::Timestamp;
 use std::time::Duration;
 
 const COLUMNS: &str = "prefix, hash, owner, scopes, limits, created_at, expires_at, revoked_at";
 
+/// Calls for API keys and tickets.
+impl Store {
+    /// Stores a key.
+    pub async fn add_key(&self, new: NewKey) -> Result<Key, StoreError> {
+        let key = self.change("add_key", AddKey { new, only_first: false }).await?;
+        key.ok_or_else(|| StoreError::Database("a key was not stored".into()))
+    }
+
+    /// Stores a key if there is no other, not even a revoked one; otherwise returns `None`.
+    pub async fn add_first_key(&self, new: NewKey) -> Result<Option<Key>, StoreError> {
+        self.change("add_first_key", AddKey { new, only_first: true }).await
+    }
+
+    /// The time of the store, and all keys, the oldest first, including keys that are no longer
+    /// valid.
+    pub async fn keys(&self) -> Result<(Timestamp, Vec<Key>), StoreError> {
+        let tx = &mut self.read("keys").await?;
+        let sql = format!("SELECT {COLUMNS} FROM keys ORDER BY created_at, prefix");
+        let keys = tx.all(sql, values![]).await?.iter().map(to_key).collect::<Result<_, _>>()?;
+        Ok((tx.now().await?, keys))
+    }
+
+    /// Revokes a key `after` this time, unless it is revoked earlier already; `None` if no key has
+    /// this prefix.
+    pub async fn revoke_key(&self, prefix: &str, after: Duration) -> Result<Option<Key>, StoreError> {
+        self.change("revoke_key", RevokeKey { prefix: prefix.to_owned(), after }).await
+    }
+
+    /// Stores a ticket, removes expired tickets, and returns the time at which the new one expires.
+    pub async fn add_ticket(&self, new: NewTicket) -> Result<Timestamp, StoreError> {
+        self.change("add_ticket", AddTicket(new)).await
+    }
+
+    /// The prefix of the key whose ticket [`Store::use_ticket`] would use up.
+    pub async fn ticket(&self, hash: &str, path: &str) -> Result<Option<String>, StoreError> {
+        let tx = &mut self.read("ticket").await?;
+        let sql = "SELECT key FROM tickets WHERE hash = $1 AND path = $2 AND expires_at > $3";
+        let now = tx.now().await?;
+        let row = tx.optional(sql, values![hash, path, now]).await?;
+        Ok(row.map(|row| row.text("key").map(str::to_owned)).transpose()?)
+    }
+
+    /// Uses up a ticket for this path and returns the prefix of its key. `None` if the ticket does
+    /// not exist, has expired, or is for another path; a ticket for another path stays valid.
+    pub async fn use_ticket(&self, hash: &str, path: &str) -> Result<Option<String>, StoreError> {
+        self.change("use_ticket", UseTicket { hash: hash.to_owned(), path: path.to_owned() }).await
+    }
+}
+
 fn to_key(row: &Row) -> Result<Key, SqlError> {
     Ok(Key {
         prefix: row.text("prefix")?.to_owned(),
         hash: row.text("hash")?.to_owned(),
-        owner: row.text("owner")?.parse().map_err(|error: NoOwner| broken(&error))?,
-        // What only a later version knows is nothing that this one may allow.
+        owner: row.text("owner")?.parse().map_err(broken)?,
+        // Scopes that only a later version knows grant nothing in this one.
         scopes: parse::<Vec<String>>(row.text("scopes")?)?.iter().filter_map(|name| name.parse().ok()).collect(),
         limits: parse(row.text("limits")?)?,
         created_at: row.time("created_at")?,
@@ -25,23 +76,15 @@ fn to_key(row: &Row) -> Result<Key, SqlError> {
     })
 }
 
-/// The time, and all keys, the oldest first.
-pub(super) async fn keys(tx: &mut Tx<'_>) -> Result<(Timestamp, Vec<Key>), SqlError> {
-    let sql = format!("SELECT {COLUMNS} FROM keys ORDER BY created_at, prefix");
-    let keys = tx.all(sql, values![]).await?.iter().map(to_key).collect::<Result<_, _>>()?;
-    Ok((tx.now().await?, keys))
-}
-
 async fn key(tx: &mut Tx<'_>, prefix: &str) -> Result<Option<Key>, SqlError> {
     let sql = format!("SELECT {COLUMNS} FROM keys WHERE prefix = $1");
     tx.optional(sql, values![prefix]).await?.as_ref().map(to_key).transpose()
 }
 
-/// Stores a key; with `first`, only if there is none.
-#[derive(Debug)]
-pub(super) struct AddKey {
-    pub(super) new: NewKey,
-    pub(super) first: bool,
+struct AddKey {
+    new: NewKey,
+    /// Stores the key only if there is no other.
+    only_first: bool,
 }
 
 impl Operation for AddKey {
@@ -50,8 +93,9 @@ impl Operation for AddKey {
     async fn run(&self, tx: &mut Tx<'_>, _: &StoreOptions) -> Result<Done<Option<Key>>, SqlError> {
         let now = tx.now().await?;
         let new = &self.new;
-        if self.first {
-            // Two processes that start at the same time make one key. SQLite has one writer anyway.
+        if self.only_first {
+            // Two processes that start at the same time create one key. SQLite has one writer
+            // anyway.
             if tx.dialect() == Dialect::Postgres {
                 tx.execute("LOCK TABLE keys IN SHARE ROW EXCLUSIVE MODE", values![]).await?;
             }
@@ -60,23 +104,24 @@ impl Operation for AddKey {
                 return Ok(Done::quiet(None));
             }
         }
-        // A repeated try finds its own row.
+        // A retry after a lost response finds its own row.
         let sql = "INSERT INTO keys (prefix, hash, owner, scopes, limits, created_at, expires_at) \
                    VALUES ($1, $2, $3, $4, $5, $6, $7) ON CONFLICT (prefix) DO NOTHING";
         let (scopes, limits) = (json(&new.scopes), json(&new.limits));
         tx.execute(sql, values![&new.prefix, &new.hash, new.owner.name(), scopes, limits, now, new.expires_at]).await?;
         match key(tx, &new.prefix).await? {
             Some(key) if key.hash == new.hash => Ok(Done::quiet(Some(key))),
-            _ => Err(StoreError::Database(format!("there is a key {} already; make another", new.prefix)).into()),
+            _ => {
+                let detail = format!("there is a key {} already; make another", new.prefix);
+                Err(StoreError::Database(detail.into()).into())
+            }
         }
     }
 }
 
-/// Ends a key.
-#[derive(Debug)]
-pub(super) struct RevokeKey {
-    pub(super) prefix: String,
-    pub(super) after: Duration,
+struct RevokeKey {
+    prefix: String,
+    after: Duration,
 }
 
 impl Operation for RevokeKey {
@@ -90,9 +135,7 @@ impl Operation for RevokeKey {
     }
 }
 
-/// Stores a ticket.
-#[derive(Debug)]
-pub(super) struct AddTicket(pub(super) NewTicket);
+struct AddTicket(NewTicket);
 
 impl Operation for AddTicket {
     type Output = Timestamp;
@@ -109,19 +152,9 @@ impl Operation for AddTicket {
     }
 }
 
-/// The prefix of the key of a ticket that is good for a path.
-pub(super) async fn ticket(tx: &mut Tx<'_>, hash: &str, path: &str) -> Result<Option<String>, SqlError> {
-    let sql = "SELECT key FROM tickets WHERE hash = $1 AND path = $2 AND expires_at > $3";
-    let now = tx.now().await?;
-    let row = tx.optional(sql, values![hash, path, now]).await?;
-    row.map(|row| row.text("key").map(str::to_owned)).transpose()
-}
-
-/// Uses up a ticket.
-#[derive(Debug)]
-pub(super) struct UseTicket {
-    pub(super) hash: String,
-    pub(super) path: String,
+struct UseTicket {
+    hash: String,
+    path: String,
 }
 
 impl Operation for UseTicket {

@@ -1,25 +1,122 @@
-//! Leases: expiry, renewal, the end of an attempt, cancelling. Every event goes through [`State::on`].
+//! Leases: expiry, renewal, the end of an attempt, cancellation. Every event goes through
+//! [`State::on`].
 
 use super::codec::{enum_from_sql, enum_to_sql, json, until, values};
 use super::error::SqlError;
-use super::operation::{Before, Done, LONG_PATIENCE, Operation};
+use super::operation::{Done, LONG_RETRY_LIMIT, Operation};
 use super::read::{self, known_job};
 use super::share;
+use super::store::Store;
 use super::submit::insert_files;
 use super::tx::Tx;
+use super::upkeep::FreeUpkeep;
+use crate::jobs::attempt::{Attempt, ClaimedJob, Directive, Finished};
+use crate::jobs::error::StoreError;
 use crate::jobs::job::{BackendReport, Job, JobId, JobProgress, LiveSection, Problem, Status};
+use crate::jobs::list::Change;
+use crate::jobs::options::StoreOptions;
 use crate::jobs::state::{self, AttemptEnd, Event, Fence, Next, State};
-use crate::jobs::store::{Attempt, Change, Directive, Finished, StoreError, StoreOptions};
 use jiff::Timestamp;
 use std::time::Duration;
 
-/// Most leases that are ended in one transaction.
+/// Maximum number of leases that one transaction ends.
 const EXPIRED: u32 = 1000;
 
-/// Ends attempts whose lease ended at `before` or earlier, at most [`EXPIRED`] of them. Gives their jobs.
-#[derive(Debug)]
-pub(in crate::jobs) struct Expire {
-    pub(in crate::jobs) before: Timestamp,
+/// Calls of a worker for the job that it holds, and cancellation.
+impl Store {
+    /// Renews the lease and records progress. Only new progress or a new backend increases the
+    /// version and notifies others.
+    pub async fn heartbeat(
+        &self,
+        claimed: &ClaimedJob,
+        lease: Duration,
+        backend: &BackendReport,
+        progress: Option<&JobProgress>,
+        section: Option<&LiveSection>,
+    ) -> Result<Directive, StoreError> {
+        let (id, fence, backend) = (claimed.job.id, claimed.fence(), backend.clone());
+        let (progress, section) = (progress.copied(), section.cloned());
+        self.change("heartbeat", Renew { id, fence, lease, backend, progress, section }).await
+    }
+
+    /// Records `key` as the latest checkpoint, from which the next attempt resumes. Returns the key
+    /// that it replaces, for removal from the artifact store.
+    ///
+    /// Fails with [`StoreError::Fenced`] if the lease was lost. The version does not grow. The key
+    /// outlives the attempt; the end of the job removes it from the record.
+    pub async fn set_checkpoint(&self, claimed: &ClaimedJob, key: &str) -> Result<Option<String>, StoreError> {
+        let (id, fence) = (claimed.job.id, claimed.fence());
+        self.change("set_checkpoint", SetCheckpoint { id, fence, key: key.to_owned() }).await
+    }
+
+    /// Ends the job as succeeded. Its files and its state become visible together.
+    pub async fn finish(&self, claimed: ClaimedJob, finished: Finished) -> Result<Job, StoreError> {
+        self.end("finish", &claimed, Event::Finish, AttemptEffect::Finished(finished)).await
+    }
+
+    /// Ends the job as failed.
+    pub async fn fail(&self, claimed: ClaimedJob, backend: BackendReport, problem: Problem) -> Result<Job, StoreError> {
+        self.end("fail", &claimed, Event::Fail, AttemptEffect::Failed(backend, problem)).await
+    }
+
+    /// Ends the job as cancelled.
+    pub async fn cancelled(&self, claimed: ClaimedJob) -> Result<Job, StoreError> {
+        self.end("cancelled", &claimed, Event::Stopped, AttemptEffect::None).await
+    }
+
+    /// Returns the job to its place in the queue; the attempt does not count. The row of the
+    /// attempt records the problem, if there is one, as `kind: detail`. A job that was cancelled in
+    /// the meantime ends as cancelled.
+    pub async fn release(&self, claimed: ClaimedJob, problem: Option<Problem>) -> Result<(), StoreError> {
+        let effect = problem.map_or(AttemptEffect::None, AttemptEffect::Fault);
+        self.end("release", &claimed, Event::Release, effect).await.map(drop)
+    }
+
+    /// Queues the job again after a transient error; the attempt counts. The job is due again after
+    /// a delay (1 s, doubled for each counted attempt). After the last attempt it fails
+    /// (`attempts-exhausted`, with the history).
+    pub async fn retry(&self, claimed: ClaimedJob, problem: Problem) -> Result<Job, StoreError> {
+        self.end("retry", &claimed, Event::Retry, AttemptEffect::Fault(problem)).await
+    }
+
+    async fn end(
+        &self,
+        call: &'static str,
+        claimed: &ClaimedJob,
+        event: fn(Fence) -> Event,
+        effect: AttemptEffect,
+    ) -> Result<Job, StoreError> {
+        let (id, fence) = (claimed.job.id, claimed.fence());
+        self.change(call, End { id, event: event(fence.clone()), fence, effect }).await
+    }
+
+    /// Cancels a job: a queued job ends immediately; a running job is asked to stop; a job that has
+    /// ended stays unchanged. If this call ends the job, [`Job::checkpoint`] is the key that its
+    /// record named until then, for removal from the artifact store.
+    pub async fn cancel(&self, id: JobId) -> Result<Option<Job>, StoreError> {
+        self.change("cancel", Cancel(id)).await
+    }
+
+    /// Ends the attempts that an earlier process left running, and frees its locks of upkeep tasks;
+    /// to be called at the start of the only process that uses the store, before any worker. Each
+    /// attempt counts as one whose worker vanished. Returns the jobs.
+    pub async fn recover(&self) -> Result<Vec<JobId>, StoreError> {
+        self.transact(FreeUpkeep).await?;
+        let mut jobs = Vec::new();
+        loop {
+            let expired = self.transact(Expire { before: Timestamp::MAX }).await?;
+            if expired.is_empty() {
+                return Ok(jobs);
+            }
+            jobs.extend(expired);
+        }
+    }
+}
+
+/// Ends attempts whose lease ended at `before` or earlier, at most [`EXPIRED`] of them. Returns
+/// their jobs.
+pub(super) struct Expire {
+    pub(super) before: Timestamp,
 }
 
 impl Operation for Expire {
@@ -32,7 +129,7 @@ impl Operation for Expire {
 }
 
 async fn expire(tx: &mut Tx<'_>, options: &StoreOptions, before: Timestamp) -> Result<Vec<Change>, SqlError> {
-    // Rows that another transaction is writing are left to it.
+    // Skips rows that another transaction is writing.
     let sql = format!(
         "SELECT id FROM jobs{} WHERE status = 'running' AND lease_until <= $1 ORDER BY lease_until LIMIT {EXPIRED}{}",
         tx.either(" INDEXED BY jobs_leases", ""),
@@ -48,14 +145,13 @@ async fn expire(tx: &mut Tx<'_>, options: &StoreOptions, before: Timestamp) -> R
 }
 
 /// Renews a lease and records progress.
-#[derive(Debug)]
-pub(super) struct Renew {
-    pub(super) id: JobId,
-    pub(super) fence: Fence,
-    pub(super) lease: Duration,
-    pub(super) backend: BackendReport,
-    pub(super) progress: Option<JobProgress>,
-    pub(super) section: Option<LiveSection>,
+struct Renew {
+    id: JobId,
+    fence: Fence,
+    lease: Duration,
+    backend: BackendReport,
+    progress: Option<JobProgress>,
+    section: Option<LiveSection>,
 }
 
 impl Operation for Renew {
@@ -97,12 +193,11 @@ impl Operation for Renew {
     }
 }
 
-/// Records the key of the newest checkpoint. Gives the key that it replaces.
-#[derive(Debug)]
-pub(super) struct SetCheckpoint {
-    pub(super) id: JobId,
-    pub(super) fence: Fence,
-    pub(super) key: String,
+/// Records the key of the latest checkpoint. Returns the key that it replaces.
+struct SetCheckpoint {
+    id: JobId,
+    fence: Fence,
+    key: String,
 }
 
 impl Operation for SetCheckpoint {
@@ -122,22 +217,21 @@ async fn named_checkpoint(tx: &mut Tx<'_>, id: JobId) -> Result<Option<String>, 
     Ok(row.optional_text("checkpoint")?.map(str::to_owned))
 }
 
-/// What the end of an attempt adds to the record.
-#[derive(Debug)]
-pub(super) enum Record {
-    Nothing,
+/// Data that the end of an attempt adds to the records of the job and the attempt.
+pub(super) enum AttemptEffect {
+    None,
     Finished(Finished),
     Failed(BackendReport, Problem),
+    /// Problem of the attempt alone.
     Fault(Problem),
 }
 
 /// Ends the attempt of a claimed job by `event`.
-#[derive(Debug)]
 pub(super) struct End {
     pub(super) id: JobId,
     pub(super) fence: Fence,
     pub(super) event: Event,
-    pub(super) record: Record,
+    pub(super) effect: AttemptEffect,
 }
 
 impl Operation for End {
@@ -148,9 +242,9 @@ impl Operation for End {
         let (state, _) = load(tx, id).await?.ok_or(StoreError::Fenced)?;
         let next = state.on(&self.event, options.max_attempts).map_err(|_| StoreError::Fenced)?;
         let mut fault = None;
-        match &self.record {
-            Record::Nothing => {}
-            Record::Finished(finished) => {
+        match &self.effect {
+            AttemptEffect::None => {}
+            AttemptEffect::Finished(finished) => {
                 tx.execute(
                     "UPDATE jobs SET summary = $2, engine_used = $3 WHERE id = $1",
                     values![id, json(&finished.summary), &finished.engine],
@@ -159,12 +253,12 @@ impl Operation for End {
                 set_backend(tx, id, &finished.backend).await?;
                 insert_files(tx, id, finished.files.iter()).await?;
             }
-            Record::Failed(backend, problem) => {
+            AttemptEffect::Failed(backend, problem) => {
                 set_backend(tx, id, backend).await?;
                 set_problem(tx, id, problem).await?;
                 fault = Some(problem);
             }
-            Record::Fault(problem) => fault = Some(problem),
+            AttemptEffect::Fault(problem) => fault = Some(problem),
         }
         if let Some(problem) = fault {
             tx.execute(
@@ -177,12 +271,12 @@ impl Operation for End {
         Ok(Done::new(known_job(tx, id).await?, changes))
     }
 
-    /// The computed model is worth a long wait; the fence holds whatever happens meanwhile.
-    fn patience(&self) -> Duration {
-        LONG_PATIENCE
+    /// Long, because the finished model would be lost. The fence protects the job in the meantime.
+    fn retry_limit(&self) -> Duration {
+        LONG_RETRY_LIMIT
     }
 
-    async fn done_before(&self, tx: &mut Tx<'_>) -> Result<Before<Job>, SqlError> {
+    async fn recover_committed(&self, tx: &mut Tx<'_>) -> Result<Option<Done<Job>>, SqlError> {
         // Waits at the job's row for a commit that is still under way.
         load(tx, self.id).await?;
         // Only the holder ends its attempt with these events, and only once.
@@ -211,9 +305,7 @@ impl Operation for End {
     }
 }
 
-/// Cancels. Gives the job, if it exists.
-#[derive(Debug)]
-pub(super) struct Cancel(pub(super) JobId);
+struct Cancel(JobId);
 
 impl Operation for Cancel {
     type Output = Option<Job>;
@@ -229,15 +321,15 @@ impl Operation for Cancel {
     }
 }
 
-/// A job that was cancelled just now, or asked to stop.
-#[derive(Debug)]
+/// Result of cancelling a job.
 pub(super) struct Cancelled {
     pub(super) changes: Vec<Change>,
-    /// The checkpoint that its record named, if it has ended by this.
+    /// The checkpoint that the record named, if the cancellation ended the job.
     pub(super) checkpoint: Option<String>,
 }
 
-/// Cancels a job, if it is in `status` or that is `None`. `None` if that changes nothing, or there is no such job.
+/// Cancels a job; with `status`, only if it is in that status. `None` if nothing changes or the job
+/// does not exist.
 pub(super) async fn cancel(
     tx: &mut Tx<'_>,
     options: &StoreOptions,
@@ -254,7 +346,7 @@ pub(super) async fn cancel(
     Ok(Some(Cancelled { changes, checkpoint }))
 }
 
-/// Applies an event that the job's state is known to allow.
+/// Applies an event that the state of the job is known to allow.
 pub(super) async fn apply(
     tx: &mut Tx<'_>,
     options: &StoreOptions,
@@ -262,9 +354,9 @@ pub(super) async fn apply(
     event: &Event,
     lease_until: Option<Timestamp>,
 ) -> Result<Vec<Change>, SqlError> {
-    let gone = || StoreError::Database(format!("job {id} changed within a transaction"));
-    let (state, _) = load(tx, id).await?.ok_or_else(gone)?;
-    let next = state.on(event, options.max_attempts).map_err(|_| gone())?;
+    let changed = || SqlError::Inconsistent(format!("job {id}"));
+    let (state, _) = load(tx, id).await?.ok_or_else(changed)?;
+    let next = state.on(event, options.max_attempts).map_err(|_| changed())?;
     write(tx, id, &next, lease_until).await
 }
 
@@ -273,7 +365,8 @@ async fn load(tx: &mut Tx<'_>, id: JobId) -> Result<Option<(State, u64)>, SqlErr
     load_locked(tx, id, " FOR UPDATE").await
 }
 
-/// The same for what does not end the job: submissions that will wait for it are not waited for.
+/// The state and version for a change that does not end the job. The weaker lock lets submissions
+/// proceed that will wait for the job.
 pub(super) async fn load_for_renewal(tx: &mut Tx<'_>, id: JobId) -> Result<Option<(State, u64)>, SqlError> {
     load_locked(tx, id, " FOR NO KEY UPDATE").await
 }
@@ -297,8 +390,8 @@ async fn load_locked(tx: &mut Tx<'_>, id: JobId, lock: &'static str) -> Result<O
     .transpose()
 }
 
-/// Writes a state: ends the attempt that ran, then updates the record, and those of jobs that waited for its end. A running
-/// job keeps its lease unless `lease_until` gives a new one.
+/// Writes a state: ends the attempt that ran, then updates the record of the job and the records of
+/// jobs that waited for its end. A running job keeps its lease unless `lease_until` is a new one.
 async fn write(
     tx: &mut Tx<'_>,
     id: JobId,
@@ -319,10 +412,10 @@ async fn write(
         set_problem(tx, id, &Attempt::exhausted(&history)).await?;
     }
     if state.status == Status::Queued {
-        // The progress of an attempt is lost with it.
+        // The progress ends with the attempt.
         let available = match next.ended {
             Some(AttemptEnd::Retried) => until(tx.steady().await?, state::retry_delay(state.spent)).as_microsecond(),
-            // At once, even if the clock is set back.
+            // Immediately, even if the clock is set back.
             _ => 0,
         };
         tx.execute(

@@ -1,27 +1,34 @@
-//! What the stores on SQLite and PostgreSQL share: every query that both databases understand, written once.
+//! The job store on SQLite and PostgreSQL: every query that both databases understand, written
+//! once.
 //!
-//! An [`Engine`] runs an [`Operation`] in a transaction ([`Tx`]). The operation loads the state of the job (and locks its
-//! row, if other connections could change it), asks the pure state machine, and writes the result. Where the two databases
-//! differ, the operation asks [`Tx::dialect`]. Parameters are `$1`, `$2`, …; times are microseconds since 1970 UTC; ids are
-//! hyphenated UUIDv7, so they sort by age.
+//! A call of [`Store`] reads, or runs an [`Operation`](operation::Operation) in a transaction
+//! ([`Tx`]). The operation loads the state of the job (and locks its row, if other connections
+//! could change it), asks the pure state machine, and writes the result. Where the two databases
+//! differ, it asks [`Tx::dialect`]. Parameters are `$1`, `$2`, …; times are microseconds since 1970
+//! UTC; ids are hyphenated UUIDv7, so they sort by age.
 //!
-//! | file | subject |
+//! | file | subject, with its calls |
 //! |---|---|
-//! | `store` | the [`Store`](super::Store) trait over either engine; retries |
-//! | `tx`, `codec`, `error`, `operation` | connections, values, errors, what runs in a transaction |
-//! | `submit`, `batch`, `claim`, `lease`, `workers`, `pause`, `upkeep` | the operations |
-//! | `bulk` | many jobs in one transaction |
+//! | `store` | [`Store`]: retries, notification, test hook |
+//! | `engine` | the connections to either database |
+//! | `tx`, `codec`, `error`, `operation` | transactions, values, errors, operations |
+//! | `submit` | submissions, reuse, deletion |
+//! | `batch` | batches |
+//! | `bulk` | changes of many jobs in one transaction |
+//! | `claim`, `order` | claims; turns and positions in the queue |
+//! | `lease` | heartbeats, attempt ends, cancellation, expiry |
 //! | `share` | equal requests that wait for one growth |
-//! | `keys` | keys of clients, tickets |
-//! | `order` | turns and positions in the queue |
-//! | `quota` | what an owner has |
+//! | `read`, `record` | jobs, lists, attempts and counts; rows to jobs |
+//! | `workers`, `pause` | the list of workers; pauses |
+//! | `keys`, `quota` | API keys and tickets; quotas of owners |
+//! | `upkeep` | locks of periodic tasks; keys in use |
 //! | `migrations` | the tables from one version to the next |
-//! | `record`, `read` | rows to jobs and attempts; lists and counts |
 
 mod batch;
 mod bulk;
 mod claim;
 mod codec;
+mod engine;
 mod error;
 mod keys;
 mod lease;
@@ -39,11 +46,9 @@ mod tx;
 mod upkeep;
 mod workers;
 
-pub(super) use error::SqlError;
-pub(super) use lease::Expire;
+pub(super) use engine::Engine;
+pub(super) use error::{Severity, SqlError};
 pub(super) use migrations::{migrations, migrator};
-pub(super) use operation::{Done, Operation};
-pub use store::SqlStore;
-pub(super) use store::{Engine, Reader, Trouble, run_or_find};
-pub(super) use tx::{Connection, Time, Tx};
-pub(super) use upkeep::FreeUpkeep;
+pub use store::{Hook, Store};
+pub(super) use tx::{Connection, Time, roll_back};
+pub use upkeep::UpkeepTask;

@@ -1,58 +1,59 @@
-//! What runs in one transaction.
+//! Operations: what runs in one transaction.
 
 use super::error::SqlError;
 use super::tx::Tx;
-use crate::jobs::store::{Change, StoreOptions};
+use crate::jobs::list::Change;
+use crate::jobs::options::StoreOptions;
 use std::future::Future;
 use std::time::Duration;
 
-/// How long most operations are tried again.
-pub(super) const PATIENCE: Duration = Duration::from_secs(5);
-/// The same for those that end an attempt, or may have begun one.
-pub(super) const LONG_PATIENCE: Duration = Duration::from_secs(60);
+/// Time for which the store retries most operations.
+pub(super) const RETRY_LIMIT: Duration = Duration::from_secs(5);
+/// Time for which the store retries operations that end an attempt, or may have begun one.
+pub(super) const LONG_RETRY_LIMIT: Duration = Duration::from_secs(60);
 
-/// Something done in one transaction.
+/// A change of the database in one transaction.
 pub(in crate::jobs) trait Operation: Send + Sync + 'static {
-    /// What the caller gets.
+    /// Result for the caller.
     type Output: Send + 'static;
 
-    /// Does it. Is called again if the transaction was rolled back.
+    /// Makes the change. The store calls this again if the transaction was rolled back.
     fn run(
         &self,
         tx: &mut Tx<'_>,
         options: &StoreOptions,
     ) -> impl Future<Output = Result<Done<Self::Output>, SqlError>> + Send;
 
-    /// The result of an earlier run whose commit succeeded although its answer was lost. `None` if no run was committed, or
-    /// if running again leads to the same result.
-    fn done_before(&self, _tx: &mut Tx<'_>) -> impl Future<Output = Result<Before<Self::Output>, SqlError>> + Send {
+    /// The result of an earlier run whose commit succeeded although the response was lost. `None`
+    /// if no run was committed, or if running again has the same result.
+    fn recover_committed(
+        &self,
+        _tx: &mut Tx<'_>,
+    ) -> impl Future<Output = Result<Option<Done<Self::Output>>, SqlError>> + Send {
         async { Ok(None) }
     }
 
-    /// How long it is tried again after errors that may pass.
-    fn patience(&self) -> Duration {
-        PATIENCE
+    /// Maximum time for which the store retries this operation after transient errors.
+    fn retry_limit(&self) -> Duration {
+        RETRY_LIMIT
     }
 }
 
-/// The result of an operation.
+/// Result of an operation.
 #[derive(Debug)]
 pub(in crate::jobs) struct Done<T> {
-    /// What the caller gets.
+    /// Result for the caller.
     pub(in crate::jobs) output: T,
-    /// What subscribers are notified of.
+    /// Changes that subscribers are notified of.
     pub(in crate::jobs) changes: Vec<Change>,
 }
-
-/// The result of an earlier run, if that was committed.
-pub(in crate::jobs) type Before<T> = Option<Done<T>>;
 
 impl<T> Done<T> {
     pub(super) fn new(output: T, changes: Vec<Change>) -> Self {
         Self { output, changes }
     }
 
-    /// Nothing that subscribers need to know.
+    /// A result without changes that subscribers need to know.
     pub(super) fn quiet(output: T) -> Self {
         Self::new(output, Vec::new())
     }

@@ -1,42 +1,70 @@
-//! The order in which jobs are claimed, and positions in it.
+//! The order of claims, and positions in the queue.
 //!
-//! Each backend that a request may ask for has a lane of its own, so that a worker never reads past jobs that it cannot
-//! run. Within a lane, jobs are claimed by (`rank`, `turn`, age). The rank is the negated priority, so that the order is one
-//! direction of one index. Turns are counted within a lane and a rank. A submission gets its turn once, when it is queued:
-//! one after the last queued job of its submitter (the owner of the job), but not before the present turn (that of the job
-//! claimed last, or of the first that waits). So submitters take turns however many jobs each has queued; a new submitter
-//! waits for one turn of each other; an absent one accumulates no credit; and with a single submitter and one priority the
-//! order is that of age. A released job keeps its rank and turn. Between lanes the head of higher priority goes first, then
-//! the older one.
+//! Each backend that a request may ask for has a lane, so a worker never reads past jobs that it
+//! cannot run. Within a lane, workers claim jobs by (`rank`, `turn`, age). Between lanes, the head
+//! of higher priority goes first, then the older one.
 //!
-//! Every query here reads a few ends of indexes, whatever the length of the queue: a turn costs three; a position is
-//! counted, up to [`POSITIONS`].
+//! The rank is the negated priority, so that one index in one direction has this order. A
+//! submission gets its turn once, when it is queued: one after the turn of the last queued job of
+//! its submitter (the owner of the job), and at least the present turn. The present turn is the
+//! turn of the latest claimed job or of the first queued job. Turns are counted within a lane and a
+//! rank. Consequences:
+//!
+//! - Submitters take turns, however many jobs each has queued.
+//! - A new submitter waits for at most one job of each other submitter.
+//! - An idle submitter earns no credit.
+//! - With a single submitter and one priority, jobs run oldest first.
+//! - A released job keeps its rank and turn.
+//!
+//! Every query here reads a few ends of indexes, whatever the length of the queue. A turn takes
+//! three; a position is counted, up to [`POSITIONS`].
 
 use super::codec::{enum_to_sql, values};
 use super::error::SqlError;
 use super::record::{Record, submitter};
+use super::store::Store;
 use super::tx::Tx;
 use crate::generate::Backend;
+use crate::jobs::error::StoreError;
 use crate::jobs::job::{Job, NewJob, Priority, Status};
+use crate::jobs::options::StoreOptions;
 use crate::jobs::state;
-use crate::jobs::store::StoreOptions;
 
-/// Positions in the queue are exact up to this one; jobs further back report this one.
+/// Largest exact position in the queue; jobs further back report this one.
 const POSITIONS: u64 = 1000;
 
-/// Rank of a priority: the higher the priority, the smaller, and the earlier the claim.
+/// The call for the length of the queue of a worker.
+impl Store {
+    /// Number of queued jobs that a worker of `backend` may claim; each lane counts at most 1000.
+    pub async fn count_claimable_jobs(&self, backend: Backend) -> Result<u64, StoreError> {
+        let tx = &mut self.read("count_claimable_jobs").await?;
+        let mut jobs = 0;
+        for lane in state::accepted(backend) {
+            let sql = format!(
+                "SELECT COUNT(*) AS n FROM (SELECT 1 FROM {} WHERE status = 'queued' AND NOT shares \
+                 AND backend_requested = $1 LIMIT 1000) AS lane",
+                lanes(tx)
+            );
+            jobs += tx.one(sql, values![enum_to_sql(lane)]).await?.count::<u64>("n")?;
+        }
+        Ok(jobs)
+    }
+}
+
+/// Rank of a priority: a higher priority has a smaller rank and is claimed earlier.
 pub(super) fn rank(priority: Priority) -> i64 {
     -priority.get()
 }
 
-/// The table of jobs, to be read by the index of those that wait for a claim.
+/// The table of jobs, read by the index of claimable jobs.
 pub(super) fn lanes(tx: &Tx<'_>) -> &'static str {
     tx.either("jobs INDEXED BY jobs_claimable", "jobs")
 }
 
-/// The turn of a job that is about to be queued.
+/// The turn of a job to be queued.
 pub(super) async fn turn(tx: &mut Tx<'_>, new: &NewJob) -> Result<i64, SqlError> {
-    // An aggregate over a lane would do; ORDER BY with LIMIT leaves the planner no choice but the end of the index.
+    // An aggregate over a lane would return the same; ORDER BY with LIMIT makes the planner read
+    // the end of the index.
     let sql = format!(
         "SELECT (SELECT turn FROM jobs WHERE status = 'running' AND backend_requested = $1 AND rank = $2 \
          ORDER BY turn DESC LIMIT 1) AS running, \
@@ -52,28 +80,14 @@ pub(super) async fn turn(tx: &mut Tx<'_>, new: &NewJob) -> Result<i64, SqlError>
     Ok(row.optional_int("own")?.map_or(present, |own| present.max(own + 1)))
 }
 
-/// How many more jobs the queue takes. Its length is kept by triggers, as rows to be summed.
+/// Number of jobs that the queue still accepts. Triggers keep its length, as rows to be summed.
 pub(super) async fn queue_room(tx: &mut Tx<'_>, options: &StoreOptions) -> Result<u64, SqlError> {
     let length = "SELECT CAST(COALESCE(SUM(jobs), 0) AS BIGINT) AS queued FROM queue_length";
     Ok(options.queue_limit.saturating_sub(tx.one(length, vec![]).await?.count("queued")?))
 }
 
-/// How many queued jobs `backend` may claim, each lane counted up to 1000.
-pub(super) async fn waiting(tx: &mut Tx<'_>, backend: Backend) -> Result<u64, SqlError> {
-    let mut waiting = 0;
-    for lane in state::accepted(backend) {
-        let sql = format!(
-            "SELECT COUNT(*) AS n FROM (SELECT 1 FROM {} WHERE status = 'queued' AND NOT shares \
-             AND backend_requested = $1 LIMIT 1000) AS lane",
-            lanes(tx)
-        );
-        waiting += tx.one(sql, values![enum_to_sql(lane)]).await?.count::<u64>("n")?;
-    }
-    Ok(waiting)
-}
-
-/// Sets the positions of queued jobs, lane by lane: each is counted from the one before it, so that a page costs one pass
-/// over part of an index.
+/// Sets the positions of queued jobs, lane by lane. Each position is counted from the previous one,
+/// so a page costs one pass over part of an index.
 pub(super) async fn set_positions(tx: &mut Tx<'_>, records: &mut [Record]) -> Result<(), SqlError> {
     type Place = (i64, i64, String);
     const FIRST: Place = (i64::MIN, i64::MIN, String::new());

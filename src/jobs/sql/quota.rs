@@ -1,15 +1,17 @@
-//! What an owner has, compared with its quota.
+//! Quotas: the jobs and bytes of an owner compared with its limits.
 
 use super::codec::values;
 use super::error::SqlError;
 use super::tx::Tx;
+use crate::jobs::error::{Quantity, StoreError};
 use crate::jobs::job::Quota;
-use crate::jobs::store::{Quantity, StoreError};
 use std::time::Duration;
 
-/// Lets submissions of an owner with a quota come one after the other, or several could each find room for themselves alone. To
-/// be called first, before keys of idempotency are looked for. While another takes long, as one of a large batch does, the
-/// transaction is given up and tried again later, so that it does not hold a connection.
+/// Serialises the submissions of an owner with a quota; otherwise several could each find room for
+/// themselves. To be called before the transaction looks for idempotency keys.
+///
+/// If another submission takes long, such as a large batch, the transaction fails and the store
+/// retries it later, so that it does not occupy a connection.
 pub(super) async fn lock_owner(tx: &mut Tx<'_>, owner: Option<&str>, quota: Quota) -> Result<(), SqlError> {
     let sql = tx.either("", "SELECT pg_try_advisory_xact_lock(hashtextextended($1, 1)) AS taken");
     let Some(owner) = owner.filter(|_| quota != Quota::default() && !sql.is_empty()) else { return Ok(()) };
@@ -22,7 +24,8 @@ pub(super) async fn lock_owner(tx: &mut Tx<'_>, owner: Option<&str>, quota: Quot
     Err(SqlError::OwnerLocked)
 }
 
-/// Refuses `more` jobs of an owner that would exceed its quota. Reused models count as jobs here, although they end at once.
+/// Refuses `more` jobs of an owner that would exceed its quota. Reused models count as jobs here,
+/// although they end immediately.
 pub(super) async fn check(tx: &mut Tx<'_>, owner: Option<&str>, quota: Quota, more: u64) -> Result<(), SqlError> {
     let Some(owner) = owner else { return Ok(()) };
     if let Some(limit) = quota.unfinished {
@@ -40,11 +43,11 @@ pub(super) async fn check(tx: &mut Tx<'_>, owner: Option<&str>, quota: Quota, mo
     Ok(())
 }
 
-/// Queued and running jobs of an owner, counted up to `limit`.
+/// Number of queued and running jobs of an owner; each status counts at most `limit`.
 async fn unfinished(tx: &mut Tx<'_>, owner: &str, limit: u64) -> Result<u64, SqlError> {
     let mut used = 0;
     for status in ["queued", "running"] {
-        // The second condition is that of the partial index.
+        // The second condition makes the partial index apply.
         let sql = format!(
             "SELECT COUNT(*) AS n FROM (SELECT 1 FROM jobs WHERE submitter = $1 AND submitter <> '' \
              AND status = '{status}' LIMIT {limit}) AS counted"
@@ -54,7 +57,7 @@ async fn unfinished(tx: &mut Tx<'_>, owner: &str, limit: u64) -> Result<u64, Sql
     Ok(used)
 }
 
-/// Bytes of files that the records of an owner's jobs name. Kept by triggers, as rows to be summed.
+/// Bytes of files that the jobs of an owner name. Triggers keep them, as rows to be summed.
 async fn bytes(tx: &mut Tx<'_>, owner: &str) -> Result<u64, SqlError> {
     let sql = "SELECT CAST(COALESCE(SUM(bytes), 0) AS BIGINT) AS n FROM kept_bytes WHERE submitter = $1";
     tx.one(sql, values![owner]).await?.count("n")

@@ -1,18 +1,134 @@
-//! Reading records: jobs, lists, attempts, counts.
+//! Reads: jobs, lists, attempts and counts.
 
 use super::codec::{Value, enum_from_sql, enum_to_sql, values};
 use super::error::SqlError;
 use super::order::set_positions;
 use super::record::{Record, optional_enum, owned, select_jobs, to_record};
+use super::store::Store;
 use super::tx::Tx;
 use crate::generate::Backend;
+use crate::jobs::attempt::Attempt;
+use crate::jobs::error::StoreError;
 use crate::jobs::job::{Job, JobId};
-use crate::jobs::store::{Attempt, Counts, LANES, ListFilter, Page, StoreError};
+use crate::jobs::list::{Counts, ListFilter, Page};
 use jiff::Timestamp;
 use std::time::Duration;
 
-/// Most jobs on a page.
+/// Maximum number of jobs on a page.
 const PAGE: u32 = 1000;
+/// The backends that a request may ask for. Each has a lane of the queue.
+const LANES: [Backend; 4] = [Backend::Auto, Backend::Gpu, Backend::Cpu, Backend::CpuSingle];
+
+/// Calls that read jobs and counts.
+impl Store {
+    /// A job by id.
+    pub async fn get(&self, id: JobId) -> Result<Option<Job>, StoreError> {
+        Ok(job(&mut self.read("get").await?, id).await?)
+    }
+
+    /// A page of jobs, newest first.
+    pub async fn list(&self, filter: &ListFilter) -> Result<Page, StoreError> {
+        let tx = &mut self.read("list").await?;
+        let limit = filter.limit.clamp(1, PAGE);
+        let mut values = Vec::new();
+        let matching = matching(tx, filter, &mut values);
+        // One more than requested shows whether there is a next page.
+        let sql = format!("{}{matching} LIMIT {}", select_jobs(tx), limit + 1);
+        let rows = tx.all(sql, values).await?;
+        let mut records = rows.iter().map(to_record).collect::<Result<Vec<_>, _>>()?;
+        let more = records.len() > limit as usize;
+        records.truncate(limit as usize);
+        set_positions(tx, &mut records).await?;
+        let jobs: Vec<Job> = records.into_iter().map(|record| record.job).collect();
+        let next = if more { jobs.last().map(|job| job.id) } else { None };
+        Ok(Page { jobs, next })
+    }
+
+    /// The attempts of a job, oldest first; empty if the job does not exist.
+    pub async fn attempts(&self, id: JobId) -> Result<Vec<Attempt>, StoreError> {
+        Ok(attempts(&mut self.read("attempts").await?, id).await?)
+    }
+
+    /// Jobs that ended more than `age` ago by the clock of the store, or all that have ended, in
+    /// the order of their ends; at most `limit`.
+    pub async fn ended(&self, age: Option<Duration>, limit: u32) -> Result<Vec<JobId>, StoreError> {
+        let tx = &mut self.read("ended").await?;
+        let before = match age {
+            Some(age) => tx.now().await?.saturating_sub(age).unwrap_or(Timestamp::MIN),
+            None => Timestamp::MAX,
+        };
+        let sql = format!(
+            "SELECT id FROM jobs{} WHERE finished_at < $1 ORDER BY finished_at, id LIMIT {limit}",
+            tx.either(" INDEXED BY jobs_by_end", ""),
+        );
+        tx.all(sql, values![before]).await?.iter().map(|row| Ok(row.id("id")?)).collect()
+    }
+
+    /// Bytes of all files that jobs name; each key counts once.
+    pub async fn stored_bytes(&self) -> Result<u64, StoreError> {
+        let tx = &mut self.read("stored_bytes").await?;
+        let sql = format!(
+            "SELECT CAST(COALESCE(SUM(bytes), 0) AS BIGINT) AS n \
+             FROM (SELECT MAX(bytes) AS bytes FROM files{} GROUP BY key) AS kept",
+            tx.either(" INDEXED BY files_by_key", ""),
+        );
+        Ok(tx.one(sql, values![]).await?.count("n")?)
+    }
+
+    /// Numbers of all jobs by status, in one query, so the result is consistent. The cost does not
+    /// depend on the numbers.
+    pub async fn counts(&self) -> Result<Counts, StoreError> {
+        let tx = &mut self.read("counts").await?;
+        // Triggers count queued and ended jobs; there are no more running jobs than workers.
+        let sql = "SELECT 'queued' AS status, CAST(COALESCE(SUM(jobs), 0) AS BIGINT) AS n FROM queue_length \
+                   UNION ALL SELECT 'running', COUNT(*) FROM jobs WHERE status = 'running' \
+                   UNION ALL SELECT status, CAST(SUM(jobs) AS BIGINT) FROM ended_jobs GROUP BY status";
+        let mut counts = Counts::default();
+        for row in tx.all(sql, values![]).await? {
+            *counts.of_mut(enum_from_sql(row.text("status")?)?) = row.count("n")?;
+        }
+        Ok(counts)
+    }
+
+    /// Numbers of queued jobs by requested backend. The cost does not depend on the numbers.
+    pub async fn queued_by_backend(&self) -> Result<[(Backend, u64); 4], StoreError> {
+        let tx = &mut self.read("queued_by_backend").await?;
+        let sql = "SELECT backend, CAST(SUM(jobs) AS BIGINT) AS n FROM queue_length GROUP BY backend";
+        let mut queued = LANES.map(|backend| (backend, 0));
+        for row in tx.all(sql, values![]).await? {
+            let name = row.text("backend")?;
+            // A later version may know further backends.
+            if let Some((_, jobs)) = queued.iter_mut().find(|(backend, _)| backend.name() == name) {
+                *jobs = row.count("n")?;
+            }
+        }
+        Ok(queued)
+    }
+
+    /// Age of the oldest queued job by requested backend; zero if none is queued. The cost does not
+    /// depend on the number of jobs.
+    pub async fn queue_ages(&self) -> Result<[(Backend, Duration); 4], StoreError> {
+        let tx = &mut self.read("queue_ages").await?;
+        let now = tx.now().await?;
+        let index = tx.either(" INDEXED BY jobs_queue_by_age", "");
+        let queued = tx.either("status = 'queued'", "(status = 'queued') IS TRUE");
+        let oldest = |lane: Backend| {
+            let lane = enum_to_sql(lane);
+            format!(
+                "(SELECT created_at FROM jobs{index} WHERE {queued} AND backend_requested = '{lane}' ORDER BY id LIMIT 1) \
+                 AS \"{lane}\""
+            )
+        };
+        let row = tx.one(format!("SELECT {}", LANES.map(oldest).join(", ")), vec![]).await?;
+        let mut ages = LANES.map(|backend| (backend, Duration::ZERO));
+        for (backend, age) in &mut ages {
+            let since = row.optional_time(&enum_to_sql(*backend))?.unwrap_or(now);
+            // Zero if the clock was set back after the submission.
+            *age = Duration::try_from(now.duration_since(since)).unwrap_or_default();
+        }
+        Ok(ages)
+    }
+}
 
 async fn record(tx: &mut Tx<'_>, id: JobId) -> Result<Option<Record>, SqlError> {
     let sql = format!("{}FROM jobs j WHERE j.id = $1", select_jobs(tx));
@@ -26,25 +142,26 @@ pub(super) async fn job(tx: &mut Tx<'_>, id: JobId) -> Result<Option<Job>, SqlEr
     Ok(record(tx, id).await?.map(|record| record.job))
 }
 
-/// A record that this transaction has just read or written.
+/// The record of a job that this transaction has read or written.
 pub(super) async fn known_record(tx: &mut Tx<'_>, id: JobId) -> Result<Record, SqlError> {
-    let gone = || StoreError::Database(format!("job {id} vanished within a transaction"));
-    Ok(record(tx, id).await?.ok_or_else(gone)?)
+    record(tx, id).await?.ok_or_else(|| SqlError::Inconsistent(format!("job {id}")))
 }
 
-/// A job that this transaction has just read or written.
+/// A job that this transaction has read or written.
 pub(super) async fn known_job(tx: &mut Tx<'_>, id: JobId) -> Result<Job, SqlError> {
     Ok(known_record(tx, id).await?.job)
 }
 
-/// The jobs `j` of a filter, newest first, from FROM to ORDER BY; adds its values to `values`.
+/// The clauses from FROM to ORDER BY that select the jobs `j` of a filter, newest first. Adds their
+/// values to `values`.
 pub(super) fn matching(tx: &Tx<'_>, filter: &ListFilter, values: &mut Vec<Value>) -> String {
     let mut sql = String::new();
     let mut next = |value: Value| {
         values.push(value);
         format!("${}", values.len())
     };
-    // With a label, its index leads, in order of age (CROSS JOIN keeps SQLite to that); else the table of jobs.
+    // With a label, the query follows the index of labels in order of age (CROSS JOIN forces SQLite
+    // to); otherwise the table of jobs.
     match filter.labels.first() {
         None => sql += "FROM jobs j WHERE TRUE",
         Some((name, value)) => {
@@ -57,14 +174,15 @@ pub(super) fn matching(tx: &Tx<'_>, filter: &ListFilter, values: &mut Vec<Value>
         }
     }
     let id = if filter.labels.is_empty() { "j.id" } else { "a.job_id" };
-    // In the text, for the partial index of fits.
+    // In the text, so that the partial index of fits applies.
     sql += &format!(" AND j.kind = '{}'", enum_to_sql(filter.kind));
     if let Some(owner) = &filter.owner {
-        // The second condition is that of the partial indexes.
+        // The second condition makes the partial indexes apply.
         sql += &format!(" AND j.submitter = {} AND j.submitter <> ''", next(owner.into()));
     }
     if let Some(status) = filter.status {
-        // In the text, not a parameter: which index is the right one depends on how many jobs have this status.
+        // In the text instead of a parameter, because the best index depends on the number of jobs
+        // with this status.
         sql += &format!(" AND j.status = '{}'", enum_to_sql(status));
     }
     if let Some(preset) = &filter.preset {
@@ -82,7 +200,7 @@ pub(super) fn matching(tx: &Tx<'_>, filter: &ListFilter, values: &mut Vec<Value>
     if let Some(batch) = filter.batch {
         sql += &format!(" AND j.batch = {}", next(batch.to_string().into()));
     }
-    // Ids are in order of time: their index leads to the first that may match.
+    // Ids are in order of time, so their index leads to the first possible match.
     if let Some(after) = filter.created_after {
         sql += &format!(" AND {id} >= {}", next(JobId::least_at(after).into()));
         sql += &format!(" AND j.created_at >= {}", next(after.into()));
@@ -96,22 +214,6 @@ pub(super) fn matching(tx: &Tx<'_>, filter: &ListFilter, values: &mut Vec<Value>
     }
     sql += &format!(" ORDER BY {id} DESC");
     sql
-}
-
-pub(super) async fn list(tx: &mut Tx<'_>, filter: &ListFilter) -> Result<Page, SqlError> {
-    let limit = filter.limit.clamp(1, PAGE);
-    let mut values = Vec::new();
-    let matching = matching(tx, filter, &mut values);
-    // One more than asked for shows whether there is a next page.
-    let sql = format!("{}{matching} LIMIT {}", select_jobs(tx), limit + 1);
-    let rows = tx.all(sql, values).await?;
-    let mut records = rows.iter().map(to_record).collect::<Result<Vec<_>, _>>()?;
-    let more = records.len() > limit as usize;
-    records.truncate(limit as usize);
-    set_positions(tx, &mut records).await?;
-    let jobs: Vec<Job> = records.into_iter().map(|record| record.job).collect();
-    let next = if more { jobs.last().map(|job| job.id) } else { None };
-    Ok(Page { jobs, next })
 }
 
 pub(super) async fn attempts(tx: &mut Tx<'_>, id: JobId) -> Result<Vec<Attempt>, SqlError> {
@@ -128,71 +230,4 @@ pub(super) async fn attempts(tx: &mut Tx<'_>, id: JobId) -> Result<Vec<Attempt>,
             })
         })
         .collect()
-}
-
-pub(super) async fn ended(tx: &mut Tx<'_>, age: Option<Duration>, limit: u32) -> Result<Vec<JobId>, SqlError> {
-    let before = match age {
-        Some(age) => tx.now().await?.saturating_sub(age).unwrap_or(Timestamp::MIN),
-        None => Timestamp::MAX,
-    };
-    let sql = format!(
-        "SELECT id FROM jobs{} WHERE finished_at < $1 ORDER BY finished_at, id LIMIT {limit}",
-        tx.either(" INDEXED BY jobs_by_end", ""),
-    );
-    tx.all(sql, values![before]).await?.iter().map(|row| row.id("id")).collect()
-}
-
-pub(super) async fn stored_bytes(tx: &mut Tx<'_>) -> Result<u64, SqlError> {
-    let sql = format!(
-        "SELECT CAST(COALESCE(SUM(bytes), 0) AS BIGINT) AS n \
-         FROM (SELECT MAX(bytes) AS bytes FROM files{} GROUP BY key) AS kept",
-        tx.either(" INDEXED BY files_by_key", ""),
-    );
-    tx.one(sql, values![]).await?.count("n")
-}
-
-pub(super) async fn counts(tx: &mut Tx<'_>) -> Result<Counts, SqlError> {
-    // Queued and ended jobs are counted by triggers; there are no more running jobs than workers.
-    let sql = "SELECT 'queued' AS status, CAST(COALESCE(SUM(jobs), 0) AS BIGINT) AS n FROM queue_length \
-               UNION ALL SELECT 'running', COUNT(*) FROM jobs WHERE status = 'running' \
-               UNION ALL SELECT status, CAST(SUM(jobs) AS BIGINT) FROM ended_jobs GROUP BY status";
-    let mut counts = Counts::default();
-    for row in tx.all(sql, values![]).await? {
-        *counts.of_mut(enum_from_sql(row.text("status")?)?) = row.count("n")?;
-    }
-    Ok(counts)
-}
-
-pub(super) async fn queued_by_backend(tx: &mut Tx<'_>) -> Result<[(Backend, u64); 4], SqlError> {
-    let sql = "SELECT backend, CAST(SUM(jobs) AS BIGINT) AS n FROM queue_length GROUP BY backend";
-    let mut queued = LANES.map(|backend| (backend, 0));
-    for row in tx.all(sql, values![]).await? {
-        let name = row.text("backend")?;
-        // A later version may know further backends.
-        if let Some((_, jobs)) = queued.iter_mut().find(|(backend, _)| backend.name() == name) {
-            *jobs = row.count("n")?;
-        }
-    }
-    Ok(queued)
-}
-
-pub(super) async fn queue_ages(tx: &mut Tx<'_>) -> Result<[(Backend, Duration); 4], SqlError> {
-    let now = tx.now().await?;
-    let (index, queued) =
-        (tx.either(" INDEXED BY jobs_queue_by_age", ""), tx.either("status = 'queued'", "(status = 'queued') IS TRUE"));
-    let oldest = |lane: Backend| {
-        let lane = enum_to_sql(lane);
-        format!(
-            "(SELECT created_at FROM jobs{index} WHERE {queued} AND backend_requested = '{lane}' ORDER BY id LIMIT 1) \
-             AS \"{lane}\""
-        )
-    };
-    let row = tx.one(format!("SELECT {}", LANES.map(oldest).join(", ")), vec![]).await?;
-    let mut ages = LANES.map(|backend| (backend, Duration::ZERO));
-    for (backend, age) in &mut ages {
-        let since = row.optional_time(&enum_to_sql(*backend))?.unwrap_or(now);
-        // Zero if the clock was set back since.
-        *age = Duration::try_from(now.duration_since(since)).unwrap_or_default();
-    }
-    Ok(ages)
 }

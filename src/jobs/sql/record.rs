@@ -1,4 +1,5 @@
-//! Rows to jobs. Values that only a later version can read are left out; such a job is shown as far as it is understood.
+//! Rows to jobs. A value that only a later version can read is left out; the rest of such a job is
+//! still shown.
 
 use super::codec::{self, enum_from_sql, parse};
 use super::error::SqlError;
@@ -9,19 +10,19 @@ use crate::model::BodyKind;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 
-/// A job with what only the queue needs.
+/// A job with columns that only the queue needs.
 #[derive(Debug)]
 pub(super) struct Record {
     pub(super) job: Job,
-    /// Its turn among the jobs of the same backend and priority.
+    /// Turn among the jobs of the same backend and priority.
     pub(super) turn: i64,
-    /// Which jobs a GPU may run together with it; `None`: none.
+    /// Key of the jobs that a GPU may simulate together with this one; `None` if there are none.
     pub(super) batch_key: Option<String>,
-    /// Why this version cannot run it, if it cannot: a later version may have written what this one does not know.
+    /// Reason why this version cannot run the job, usually a value that a later version wrote.
     pub(super) unread: Option<String>,
 }
 
-/// Everything of a job in one row; `j` is the table of jobs.
+/// SELECT clause of a whole job in one row; `j` is the table of jobs.
 pub(super) fn select_jobs(tx: &Tx<'_>) -> &'static str {
     tx.either(
         "SELECT j.*, \
@@ -39,17 +40,17 @@ pub(super) fn select_jobs(tx: &Tx<'_>) -> &'static str {
     )
 }
 
-/// A JSON value; `None` if it is missing or only a later version can read it.
+/// A JSON value; `None` if it is null or only a later version can read it.
 pub(super) fn parse_optional<T: DeserializeOwned>(row: &Row, column: &str) -> Result<Option<T>, SqlError> {
     Ok(row.optional_text(column)?.and_then(|text| parse(text).ok()))
 }
 
-/// An enum; `None` if it is missing or only a later version knows it.
+/// An enum; `None` if it is null or only a later version knows it.
 pub(super) fn optional_enum<T: DeserializeOwned>(row: &Row, column: &str) -> Result<Option<T>, SqlError> {
     Ok(row.optional_text(column)?.and_then(|name| enum_from_sql(name).ok()))
 }
 
-/// An owner as it is stored; all jobs without one have the same submitter.
+/// Stored form of an owner; all jobs without an owner have the same submitter.
 pub(super) fn submitter(owner: Option<&str>) -> String {
     owner.unwrap_or_default().to_owned()
 }
@@ -63,13 +64,13 @@ pub(super) fn owned(row: &Row, column: &str) -> Result<Option<String>, SqlError>
     Ok(row.optional_text(column)?.map(str::to_owned))
 }
 
-/// A priority; one outside this version's range becomes the nearest end of the range.
+/// A priority, clamped to the range of this version.
 pub(super) fn priority(value: i64) -> Priority {
     Priority::try_from(value.clamp(Priority::MIN, Priority::MAX)).unwrap_or_default()
 }
 
-/// Outputs as text: the formats; with other bodies than the tissue or with units, an object that names them too. Versions
-/// without bodies wrote formats only.
+/// Stored form of outputs: the list of formats, or an object if they also name bodies other than
+/// the tissue, or units. Versions without bodies wrote lists only.
 pub(super) fn outputs_to_sql(outputs: &Outputs) -> String {
     if *outputs == Outputs::from(outputs.formats.clone()) {
         return codec::json(&outputs.formats);
@@ -77,7 +78,7 @@ pub(super) fn outputs_to_sql(outputs: &Outputs) -> String {
     json!({ "formats": outputs.formats, "bodies": outputs.bodies, "units": outputs.units }).to_string()
 }
 
-/// The outputs asked for that this version knows, and why that is not all of them.
+/// The requested outputs that this version knows, and the reason why some are missing.
 pub(super) fn outputs_from_sql(text: &str) -> (Outputs, Option<String>) {
     let mut unread = None;
     let stored: Value = serde_json::from_str(text).unwrap_or_else(|error| {
@@ -112,7 +113,7 @@ fn known<T: DeserializeOwned>(list: &Value, unread: &mut Option<String>) -> Vec<
     known
 }
 
-/// A row of [`select_jobs`]; the position in the queue is left empty.
+/// Converts a row of [`select_jobs`], without the position in the queue.
 pub(super) fn to_record(row: &Row) -> Result<Record, SqlError> {
     let (outputs, mut unread) = outputs_from_sql(row.text("outputs")?);
     let spec = serde_json::from_str(row.text("spec")?).unwrap_or_else(|error| {
@@ -137,7 +138,7 @@ pub(super) fn to_record(row: &Row) -> Result<Record, SqlError> {
         priority: priority(row.int("rank")?.saturating_neg()),
         trace: owned(row, "trace")?,
         backend: BackendReport {
-            // No claim of this version takes a job of a backend that it does not know.
+            // Claims of this version never take a job of a backend that it does not know.
             requested: enum_from_sql(row.text("backend_requested")?).unwrap_or(Backend::Auto),
             used: optional_enum(row, "backend_used")?,
             device: owned(row, "device")?,

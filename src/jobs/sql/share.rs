@@ -1,19 +1,22 @@
-//! Equal requests share one growth.
+//! Shared growth: equal requests wait for one growth.
 //!
-//! A submission that allows reuse waits for an equal job that is queued or running instead of growing the same model again:
-//! its flag `shares` hides it from claims. It ends with that job, in the same transaction:
+//! A submission that allows reuse waits for an equal job that is queued or running, instead of
+//! growing the same model again. The flag `shares` of the waiting job hides it from claims. The
+//! waiting job ends in the transaction that ends its partner:
 //!
-//! - The job succeeds: so do the jobs that wait, as reuses of its files.
-//! - It fails: so do they, with the same problem. The same request would fail again.
-//! - It is cancelled or deleted, or its files are not what they want: one of them is queued, and the others wait for it.
+//! - The partner succeeds: waiting jobs succeed as reuses of its files.
+//! - It fails: waiting jobs fail with the same problem, because the same request would fail again.
+//! - It is cancelled or deleted, or does not have the files that they want: the first waiting job
+//!   is queued, and the others wait for that one.
 //!
-//! Who waits for whom is not recorded: jobs are equal if digest, preset, owner and requested backend are. A job waits only for
-//! one that has all its outputs, and that will not be claimed after jobs less urgent than itself.
+//! The partner is not recorded: jobs are equal if their digest, preset, owner and requested backend
+//! are. A job waits only for a partner that has all its outputs and that will not be claimed after
+//! jobs less urgent than the waiting job. If a running partner returns to the queue behind such
+//! jobs, a more urgent waiting job is queued instead.
 //!
-//! A running job that is queued again, behind jobs less urgent than one that waits for it, is not waited for by that one.
-//!
-//! On PostgreSQL a submission locks the job that it will wait for, so that this one does not end unnoticed. Its lock (`FOR KEY
-//! SHARE`) conflicts with that of an end (`FOR UPDATE`), but not with those of claims and heartbeats (`FOR NO KEY UPDATE`).
+//! On PostgreSQL a submission locks its partner, so that the partner does not end unnoticed. The
+//! lock (`FOR KEY SHARE`) conflicts with the lock of an attempt end (`FOR UPDATE`), but not with
+//! the locks of claims and heartbeats (`FOR NO KEY UPDATE`).
 
 use super::codec::{Value, enum_to_sql, json, values};
 use super::error::SqlError;
@@ -21,17 +24,30 @@ use super::operation::{Done, Operation};
 use super::order::rank;
 use super::read::known_job;
 use super::record::{outputs_from_sql, submitter};
+use super::store::Store;
 use super::tx::{Row, Tx};
 use crate::generate::Outputs;
+use crate::jobs::error::StoreError;
 use crate::jobs::job::{Job, JobId, NewJob, Status};
+use crate::jobs::list::Change;
+use crate::jobs::options::StoreOptions;
 use crate::jobs::state;
-use crate::jobs::store::{Change, StoreOptions};
 
-/// Candidates to wait for that a submission looks at.
+/// Maximum number of equal jobs that a submission considers as partners.
 const CANDIDATES: usize = 16;
 
-/// Lets equal submissions come one after the other, so that one of several at the same time waits for another. A batch does
-/// without: a lock for each of its jobs would be many, held for long.
+/// The call for stranded jobs.
+impl Store {
+    /// Queues stranded jobs again: jobs that wait for an equal job although that job has ended.
+    /// This happens if an older version, which does not know shared growth, ended it. Returns the
+    /// queued jobs.
+    pub async fn queue_stranded(&self) -> Result<Vec<JobId>, StoreError> {
+        self.change("queue_stranded", QueueStranded).await
+    }
+}
+
+/// Serialises equal submissions, so that of several at the same time one waits for another. Batches
+/// take no such lock: they would hold one for each job, for a long time.
 pub(super) async fn lock_digest(tx: &mut Tx<'_>, new: &NewJob) -> Result<(), SqlError> {
     let lock = tx.either("", "SELECT pg_advisory_xact_lock(hashtextextended($1, 0))");
     if new.reuse && !lock.is_empty() {
@@ -40,7 +56,8 @@ pub(super) async fn lock_digest(tx: &mut Tx<'_>, new: &NewJob) -> Result<(), Sql
     Ok(())
 }
 
-/// Whether there is an equal job for `new` to wait for. It does not end until the transaction has.
+/// True if there is a partner for `new` to wait for. The partner does not end before the
+/// transaction.
 pub(super) async fn in_flight(tx: &mut Tx<'_>, new: &NewJob) -> Result<bool, SqlError> {
     if !new.reuse {
         return Ok(false);
@@ -56,7 +73,7 @@ pub(super) async fn in_flight(tx: &mut Tx<'_>, new: &NewJob) -> Result<bool, Sql
         if !includes(row.text("outputs")?, &new.outputs) {
             continue;
         }
-        // The same conditions of what may have changed since.
+        // Checks again the conditions that may have changed.
         let sql = format!(
             "SELECT id FROM jobs WHERE id = $1 AND finished_at IS NULL AND NOT cancel_requested \
              AND (status = 'running' OR rank <= $2){}",
@@ -69,13 +86,13 @@ pub(super) async fn in_flight(tx: &mut Tx<'_>, new: &NewJob) -> Result<bool, Sql
     Ok(false)
 }
 
-/// Whether the outputs of a record include all of `wanted`.
+/// True if the outputs of a record include all of `wanted`.
 fn includes(outputs: &str, wanted: &Outputs) -> bool {
     let (outputs, unread) = outputs_from_sql(outputs);
     unread.is_none() && outputs.include(wanted)
 }
 
-/// From FROM on: the jobs `f` that wait for jobs like `l`, whose id is `$1`.
+/// The clauses from FROM that select the jobs `f` that wait for jobs like `l`, whose id is `$1`.
 fn waiting(tx: &Tx<'_>) -> String {
     format!(
         "FROM jobs l {} jobs f{} ON f.digest = l.digest AND f.preset = l.preset AND f.submitter = l.submitter \
@@ -86,7 +103,7 @@ fn waiting(tx: &Tx<'_>) -> String {
     )
 }
 
-/// Ends or queues the jobs that waited for one that has just ended. None wait for one that waited itself.
+/// Ends or queues the jobs that wait for a job that has ended. No job waits for a waiting job.
 pub(super) async fn settle(tx: &mut Tx<'_>, id: JobId, ended: Status) -> Result<Vec<Change>, SqlError> {
     if ended == Status::Cancelled {
         return promote(tx, id).await;
@@ -115,7 +132,7 @@ pub(super) async fn settle(tx: &mut Tx<'_>, id: JobId, ended: Status) -> Result<
     Ok(changes)
 }
 
-/// Ends the jobs with these outputs that wait for `job` as reuses of its files.
+/// Ends waiting jobs with these outputs as reuses of the files of `job`.
 async fn succeed(tx: &mut Tx<'_>, job: &Job, outputs: &str, wanted: &Outputs) -> Result<Vec<Change>, SqlError> {
     let sql = format!(
         "UPDATE jobs SET status = 'succeeded', version = version + 1, finished_at = $2, reused_from = $1, summary = $3, \
@@ -166,12 +183,13 @@ async fn fail(tx: &mut Tx<'_>, job: &Job) -> Result<Vec<Change>, SqlError> {
     tx.all(sql, values).await?.iter().map(to_change).collect()
 }
 
-/// Queues the first of the jobs that wait for `id`; the others wait for it from now on.
+/// Queues the first of the jobs that wait for `id`. The others then wait for that one.
 pub(super) async fn promote(tx: &mut Tx<'_>, id: JobId) -> Result<Vec<Change>, SqlError> {
     queue_first(tx, id, "").await
 }
 
-/// Queues the first of the jobs that wait for `id`, which is queued again, if it is more urgent.
+/// Queues the first of the jobs that wait for `id`, which has returned to the queue, if the waiting
+/// job is more urgent.
 pub(super) async fn promote_more_urgent(tx: &mut Tx<'_>, id: JobId) -> Result<Vec<Change>, SqlError> {
     queue_first(tx, id, "AND f.rank < l.rank").await
 }
@@ -179,7 +197,7 @@ pub(super) async fn promote_more_urgent(tx: &mut Tx<'_>, id: JobId) -> Result<Ve
 async fn queue_first(tx: &mut Tx<'_>, id: JobId, condition: &str) -> Result<Vec<Change>, SqlError> {
     let first = format!("SELECT f.id {} AND NOT l.shares {condition} ORDER BY f.rank, f.id LIMIT 1", waiting(tx));
     while let Some(row) = tx.optional(first.clone(), values![id]).await? {
-        // It may have been cancelled meanwhile; then it is the turn of the next.
+        // If the job was cancelled in the meantime, the next one is queued.
         let sql = "UPDATE jobs SET shares = FALSE, version = version + 1 \
                    WHERE id = $1 AND finished_at IS NULL RETURNING id, version";
         if let Some(row) = tx.optional(sql, values![row.id("id")?]).await? {
@@ -189,15 +207,13 @@ async fn queue_first(tx: &mut Tx<'_>, id: JobId, condition: &str) -> Result<Vec<
     Ok(Vec::new())
 }
 
-/// Queues jobs that wait although no equal job is in flight: a version before shared growth ended that.
-#[derive(Debug)]
-pub(super) struct QueueStranded;
+struct QueueStranded;
 
 impl Operation for QueueStranded {
     type Output = Vec<JobId>;
 
     async fn run(&self, tx: &mut Tx<'_>, _: &StoreOptions) -> Result<Done<Vec<JobId>>, SqlError> {
-        // One of each kind: the others wait for it.
+        // One of each group of equal jobs; the others wait for it.
         let sql = "UPDATE jobs SET shares = FALSE, version = version + 1 WHERE id IN (SELECT id FROM (\
                    SELECT f.id, ROW_NUMBER() OVER (PARTITION BY f.digest, f.preset, f.submitter, f.backend_requested \
                    ORDER BY f.rank, f.id) AS place FROM jobs f WHERE f.finished_at IS NULL AND f.shares \

@@ -1,45 +1,62 @@
-//! Queueing jobs and removing them.
+//! Submission of jobs, reuse of finished models, and deletion.
 
 use super::codec::{Value, enum_from_sql, enum_to_sql, json, values};
 use super::error::SqlError;
-use super::operation::{Before, Done, Operation};
+use super::operation::{Done, Operation};
 use super::order::{queue_room, rank, turn};
 use super::quota;
 use super::read::{self, known_job};
 use super::record::{outputs_to_sql, submitter};
 use super::share;
+use super::store::Store;
 use super::tx::Tx;
 use crate::generate::Backend;
-use crate::jobs::job::{BatchId, File, Job, JobId, NewJob, Status};
+use crate::jobs::error::StoreError;
+use crate::jobs::job::{BatchId, File, IdGenerator, Job, JobId, NewJob, Status, Submitted};
+use crate::jobs::list::Change;
+use crate::jobs::options::StoreOptions;
 use crate::jobs::state;
-use crate::jobs::store::{Change, StoreError, StoreOptions, Submitted};
-use jiff::Timestamp;
-use std::sync::{Arc, Mutex, PoisonError};
+use crate::lock::Mutex;
+use std::sync::Arc;
 
-/// Makes ids of jobs, each greater than all that this process made before, also within one millisecond.
-#[derive(Debug)]
-pub(super) struct Ids(Mutex<uuid::ContextV7>);
-
-impl Ids {
-    pub(super) fn new() -> Self {
-        Self(Mutex::new(uuid::ContextV7::new()))
+/// Calls that create and delete single jobs.
+impl Store {
+    /// Queues a job, reuses a finished model, or returns the job of an earlier request with the
+    /// same idempotency key.
+    pub async fn submit(&self, new: NewJob) -> Result<Submitted, StoreError> {
+        self.change("submit", Submit { new, ids: self.id_generator(), tried: Mutex::default() }).await
     }
 
-    pub(super) fn at(&self, now: Timestamp) -> JobId {
-        let seconds = u64::try_from(now.as_second()).unwrap_or_default();
-        let nanos = u32::try_from(now.subsec_nanosecond()).unwrap_or_default();
-        let context = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        JobId(uuid::Uuid::new_v7(uuid::Timestamp::from_unix(&*context, seconds, nanos)))
+    /// The job that its owner created with this idempotency key and body; see
+    /// [`NewJob::idempotency`].
+    pub async fn replayed(&self, owner: Option<&str>, key: &str, body: &str) -> Result<Option<Job>, StoreError> {
+        let tx = &mut self.read("replayed").await?;
+        let sql = "SELECT id FROM jobs WHERE idempotency_key = $1 AND idempotency_body = $2";
+        match tx.optional(sql, values![scoped(owner, key), body]).await? {
+            Some(row) => Ok(read::job(tx, row.id("id")?).await?),
+            None => Ok(None),
+        }
+    }
+
+    /// The finished model of the same owner that [`Store::submit`] would reuse for `new`.
+    pub async fn reusable(&self, new: &NewJob) -> Result<Option<Job>, StoreError> {
+        Ok(reusable(&mut self.read("reusable").await?, new).await?)
+    }
+
+    /// Deletes the record, which fences out a running attempt. Returns the keys for removal from
+    /// the artifact store: the checkpoint, and files that no other job names. `None` if the job
+    /// does not exist.
+    pub async fn delete(&self, id: JobId) -> Result<Option<Vec<String>>, StoreError> {
+        self.change("delete", Delete(id)).await
     }
 }
 
-/// Queues a job, or finds the one that was made before with the same idempotency key.
-#[derive(Debug)]
-pub(super) struct Submit {
-    pub(super) new: NewJob,
-    pub(super) ids: Arc<Ids>,
-    /// The id of the first try, which later tries use too.
-    pub(super) tried: Mutex<Option<JobId>>,
+/// Queues a job, or finds the job of an earlier request with the same idempotency key.
+struct Submit {
+    new: NewJob,
+    ids: Arc<IdGenerator>,
+    /// Id of the first run, which retries use too.
+    tried: Mutex<Option<JobId>>,
 }
 
 impl Operation for Submit {
@@ -59,9 +76,10 @@ impl Operation for Submit {
             }
         }
         let mut room = queue_room(tx, options).await?;
-        // The same id at every try: if an earlier commit is still under way, this one conflicts at the primary key.
+        // Every retry uses the same id: if an earlier commit is still under way, this one conflicts
+        // at the primary key.
         let now = tx.now().await?;
-        let id = *self.tried.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(|| self.ids.at(now));
+        let id = *self.tried.lock().get_or_insert_with(|| self.ids.next(now));
         quota::check(tx, new.owner.as_deref(), new.quota, 1).await?;
         let batch = batch_of(tx, new.retry_of).await?;
         share::lock_digest(tx, new).await?;
@@ -72,8 +90,8 @@ impl Operation for Submit {
         Ok(Done::new(submitted, vec![change]))
     }
 
-    async fn done_before(&self, tx: &mut Tx<'_>) -> Result<Before<Submitted>, SqlError> {
-        let tried = *self.tried.lock().unwrap_or_else(PoisonError::into_inner);
+    async fn recover_committed(&self, tx: &mut Tx<'_>) -> Result<Option<Done<Submitted>>, SqlError> {
+        let tried = *self.tried.lock();
         let job = match tried {
             Some(id) => read::job(tx, id).await?,
             None => None,
@@ -89,7 +107,8 @@ impl Operation for Submit {
     }
 }
 
-/// The batch of the job that is repeated, and its place there. The batch stays until the transaction has added to it.
+/// The batch of the job that a new one repeats, and its index there. The lock keeps the batch until
+/// the transaction has added to it.
 async fn batch_of(tx: &mut Tx<'_>, repeated: Option<JobId>) -> Result<Option<(BatchId, Option<u32>)>, SqlError> {
     let Some(id) = repeated else { return Ok(None) };
     let sql = format!(
@@ -101,28 +120,14 @@ async fn batch_of(tx: &mut Tx<'_>, repeated: Option<JobId>) -> Result<Option<(Ba
     Ok(row.optional_id("id")?.map(|JobId(id)| (BatchId(id), place)))
 }
 
-/// An idempotency key as it is stored: keys of different owners are different. Neither a key nor an owner contains the
-/// separator.
+/// Stored form of an idempotency key, which contains the owner. Neither a key nor an owner contains
+/// the separator.
 pub(super) fn scoped(owner: Option<&str>, key: &str) -> String {
     owner.map_or_else(|| key.to_owned(), |owner| format!("{owner}\u{1f}{key}"))
 }
 
-/// The job that its owner made with this key and body.
-pub(super) async fn replayed(
-    tx: &mut Tx<'_>,
-    owner: Option<&str>,
-    key: &str,
-    body: &str,
-) -> Result<Option<Job>, SqlError> {
-    let sql = "SELECT id FROM jobs WHERE idempotency_key = $1 AND idempotency_body = $2";
-    match tx.optional(sql, values![scoped(owner, key), body]).await? {
-        Some(row) => read::job(tx, row.id("id")?).await,
-        None => Ok(None),
-    }
-}
-
-/// Queues a job if there is `room` for it, or reuses a finished model; `batch` is its batch and its place there. Returns
-/// whether it was reused.
+/// Queues a job if there is `room` for it, or reuses a finished model. `batch` is its batch and its
+/// index there. Returns true if it was reused.
 pub(super) async fn place(
     tx: &mut Tx<'_>,
     options: &StoreOptions,
@@ -131,7 +136,7 @@ pub(super) async fn place(
     batch: Option<(BatchId, Option<u32>)>,
     room: &mut u64,
 ) -> Result<bool, SqlError> {
-    // In this order: an equal job that ends between the two is found finished.
+    // In this order, so that an equal job that ends between the two queries is found finished.
     let in_flight = share::in_flight(tx, new).await?;
     let source = reusable(tx, new).await?;
     let shares = in_flight && source.is_none();
@@ -142,10 +147,10 @@ pub(super) async fn place(
     Ok(source.is_some())
 }
 
-/// The finished model of the same owner that `new` would reuse: the first one made that still exists. Its row stays until the
-/// transaction has named its files. Its preset is the same, because the files contain the preset's name, which is not part of
-/// the digest.
-pub(super) async fn reusable(tx: &mut Tx<'_>, new: &NewJob) -> Result<Option<Job>, SqlError> {
+/// The finished model of the same owner that `new` would reuse: the oldest that still exists. The
+/// lock keeps its row until the transaction has named its files. Presets must be equal too: files
+/// contain the name of the preset, but the digest does not.
+async fn reusable(tx: &mut Tx<'_>, new: &NewJob) -> Result<Option<Job>, SqlError> {
     if !new.reuse {
         return Ok(None);
     }
@@ -184,7 +189,7 @@ async fn insert(
 ) -> Result<(), SqlError> {
     let now = tx.now().await?;
     let seed = i64::try_from(new.seed)
-        .map_err(|_| StoreError::Database(format!("seed {} is beyond the range of records", new.seed)))?;
+        .map_err(|_| StoreError::Database(format!("seed {} is beyond the range of records", new.seed).into()))?;
     let turn = if source.is_some() { 0 } else { turn(tx, new).await? };
     let backend = source.map(|job| &job.backend);
     tx.execute(
@@ -269,9 +274,7 @@ async fn insert_rows(tx: &mut Tx<'_>, sql: &'static str, rows: Vec<Vec<Value>>) 
     Ok(())
 }
 
-/// Removes a record. Gives the keys that no other record names.
-#[derive(Debug)]
-pub(super) struct Delete(pub(super) JobId);
+struct Delete(JobId);
 
 impl Operation for Delete {
     type Output = Option<Vec<String>>;
@@ -282,15 +285,14 @@ impl Operation for Delete {
     }
 }
 
-/// A record that was removed just now.
-#[derive(Debug)]
+/// Result of deleting a record.
 pub(super) struct Deleted {
     /// Keys that no other record names.
     pub(super) keys: Vec<String>,
     pub(super) changes: Vec<Change>,
 }
 
-/// Removes a record, if it is in `status` or that is `None`.
+/// Deletes a record; with `status`, only if the job is in that status.
 pub(super) async fn delete(tx: &mut Tx<'_>, id: JobId, status: Option<Status>) -> Result<Option<Deleted>, SqlError> {
     // Locks the batch before the job, in the order of DeleteBatch. A job's batch never changes.
     let batch = match tx.optional("SELECT batch FROM jobs WHERE id = $1", values![id]).await? {
@@ -328,7 +330,7 @@ pub(super) async fn delete(tx: &mut Tx<'_>, id: JobId, status: Option<Status>) -
     Ok(Some(Deleted { keys, changes }))
 }
 
-/// Deletes the batch, and with it its idempotency key, if it has no jobs left.
+/// Deletes the batch and its idempotency key if it has no jobs left.
 pub(super) async fn delete_empty_batch(tx: &mut Tx<'_>, batch: &String) -> Result<(), SqlError> {
     let sql = "DELETE FROM batches WHERE id = $1 AND NOT EXISTS (SELECT 1 FROM jobs WHERE batch = $1)";
     tx.execute(sql, values![batch]).await?;

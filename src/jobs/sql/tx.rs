@@ -5,38 +5,62 @@ use super::error::{SqlError, broken};
 use crate::clock::{Clock, Stopwatch};
 use crate::jobs::job::JobId;
 use jiff::Timestamp;
+use sqlx::pool::PoolConnection;
 use sqlx::postgres::{PgArguments, PgRow};
 use sqlx::query::Query;
 use sqlx::sqlite::{SqliteArguments, SqliteRow};
-use sqlx::{AssertSqlSafe, PgConnection, Postgres, Row as _, SqlSafeStr, SqlStr, Sqlite, SqliteConnection};
+use sqlx::{
+    AssertSqlSafe, PgConnection, Postgres, Row as _, SqlSafeStr, SqlStr, Sqlite, SqliteConnection, Transaction,
+};
 use std::borrow::Cow;
 #[cfg(test)]
 use std::time::Duration;
 
-/// Which dialect of SQL the database understands.
+/// Dialect of SQL.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::jobs) enum Dialect {
     Sqlite,
     Postgres,
 }
 
-/// An open connection, in a transaction or not.
+/// A connection on loan from a pool.
 #[derive(Debug)]
-pub(in crate::jobs) enum Connection<'c> {
+pub(in crate::jobs) enum Connection {
+    /// To SQLite, in a transaction if the caller has begun one.
+    Sqlite(PoolConnection<Sqlite>),
+    /// To PostgreSQL, for reading.
+    Postgres(PoolConnection<Postgres>),
+    /// To PostgreSQL, in a transaction that is rolled back when dropped.
+    PostgresTransaction(Transaction<'static, Postgres>),
+}
+
+/// The driver's connection, by database.
+enum Driver<'c> {
     Sqlite(&'c mut SqliteConnection),
     Postgres(&'c mut PgConnection),
 }
 
-/// Where the time of leases and records comes from.
+impl Connection {
+    fn driver(&mut self) -> Driver<'_> {
+        match self {
+            Self::Sqlite(connection) => Driver::Sqlite(connection),
+            Self::Postgres(connection) => Driver::Postgres(connection),
+            Self::PostgresTransaction(transaction) => Driver::Postgres(transaction),
+        }
+    }
+}
+
+/// Source of the time of leases and records.
 #[derive(Clone, Debug)]
 pub(in crate::jobs) enum Time {
-    /// A clock of this process: no other process has the store open.
+    /// A clock of this process; no other process has the store open.
     Clock(Clock, Steady),
     /// The database's clock, the same for all processes that share it.
     Database,
 }
 
-/// The clock's time when the store was opened, and the time elapsed since: setting the clock has no effect.
+/// Time of the clock when the store was opened, and the time elapsed since. Setting the clock has
+/// no effect on it.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::jobs) struct Steady {
     start: Timestamp,
@@ -44,12 +68,12 @@ pub(in crate::jobs) struct Steady {
 }
 
 impl Time {
-    pub(in crate::jobs) fn of(clock: Clock) -> Self {
+    pub(in crate::jobs) fn from_clock(clock: Clock) -> Self {
         let steady = Steady { start: clock.now(), since: Stopwatch::start() };
         Self::Clock(clock, steady)
     }
 
-    /// The time of leases and delays; `None` if it is that of records.
+    /// The time of leases and delays; `None` if it is the time of records.
     fn steady(&self) -> Option<Timestamp> {
         match self {
             Self::Clock(Clock::System, Steady { start, since }) => Some(until(*start, since.elapsed())),
@@ -58,15 +82,16 @@ impl Time {
     }
 }
 
-/// A connection, usually in a transaction, with the time.
+/// A connection, in a transaction unless it only reads, with the time.
 #[derive(Debug)]
 pub(in crate::jobs) struct Tx<'c> {
-    connection: Connection<'c>,
+    connection: Connection,
     time: &'c Time,
     now: Option<Timestamp>,
 }
 
-/// Queries are assembled from constants of this module's siblings; input of clients is only ever a parameter.
+/// Marks a query as safe: siblings of this module assemble queries from constants, and input of
+/// clients is always a parameter.
 fn constant(sql: impl Into<Cow<'static, str>>) -> SqlStr {
     match sql.into() {
         Cow::Borrowed(sql) => sql.into_sql_str(),
@@ -93,18 +118,48 @@ fn for_postgres<'q>(sql: SqlStr, values: Vec<Value>) -> Query<'q, Postgres, PgAr
 }
 
 impl<'c> Tx<'c> {
-    pub(in crate::jobs) fn new(connection: Connection<'c>, time: &'c Time) -> Self {
+    pub(in crate::jobs) fn new(connection: Connection, time: &'c Time) -> Self {
         Self { connection, time, now: None }
+    }
+
+    /// Commits the transaction. If this fails, the transaction was rolled back, or the outcome is
+    /// unknown.
+    pub(in crate::jobs) async fn commit(self) -> Result<(), SqlError> {
+        match self.connection {
+            Connection::Sqlite(mut connection) => {
+                let committed = sqlx::query("COMMIT").execute(&mut *connection).await;
+                if committed.is_err() {
+                    roll_back(&mut connection).await;
+                }
+                committed?;
+            }
+            Connection::Postgres(_) => {}
+            Connection::PostgresTransaction(transaction) => transaction.commit().await?,
+        }
+        Ok(())
+    }
+
+    /// Rolls the transaction back. Returns only then, because the next claim would skip rows that
+    /// are still locked.
+    pub(in crate::jobs) async fn roll_back(self) {
+        match self.connection {
+            Connection::Sqlite(mut connection) => roll_back(&mut connection).await,
+            Connection::Postgres(_) => {}
+            Connection::PostgresTransaction(transaction) => {
+                // If this fails, the connection is lost, and its locks with it.
+                let _ = transaction.rollback().await;
+            }
+        }
     }
 
     pub(in crate::jobs) fn dialect(&self) -> Dialect {
         match self.connection {
             Connection::Sqlite(_) => Dialect::Sqlite,
-            Connection::Postgres(_) => Dialect::Postgres,
+            Connection::Postgres(_) | Connection::PostgresTransaction(_) => Dialect::Postgres,
         }
     }
 
-    /// One text for SQLite, another for PostgreSQL.
+    /// The first text on SQLite, the second on PostgreSQL.
     pub(in crate::jobs) fn either(&self, sqlite: &'static str, postgres: &'static str) -> &'static str {
         match self.dialect() {
             Dialect::Sqlite => sqlite,
@@ -135,16 +190,16 @@ impl<'c> Tx<'c> {
         }
     }
 
-    /// Runs a statement; returns how many rows it changed.
+    /// Runs a statement and returns the number of changed rows.
     pub(in crate::jobs) async fn execute(
         &mut self,
         sql: impl Into<Cow<'static, str>>,
         values: Vec<Value>,
     ) -> Result<u64, SqlError> {
         let sql = constant(sql);
-        Ok(match &mut self.connection {
-            Connection::Sqlite(tx) => for_sqlite(sql, values).execute(&mut **tx).await?.rows_affected(),
-            Connection::Postgres(tx) => for_postgres(sql, values).execute(&mut **tx).await?.rows_affected(),
+        Ok(match self.connection.driver() {
+            Driver::Sqlite(driver) => for_sqlite(sql, values).execute(driver).await?.rows_affected(),
+            Driver::Postgres(driver) => for_postgres(sql, values).execute(driver).await?.rows_affected(),
         })
     }
 
@@ -155,26 +210,26 @@ impl<'c> Tx<'c> {
         values: Vec<Value>,
     ) -> Result<Vec<Row>, SqlError> {
         let sql = constant(sql);
-        Ok(match &mut self.connection {
-            Connection::Sqlite(tx) => {
-                for_sqlite(sql, values).fetch_all(&mut **tx).await?.into_iter().map(Row::Sqlite).collect()
+        Ok(match self.connection.driver() {
+            Driver::Sqlite(driver) => {
+                for_sqlite(sql, values).fetch_all(driver).await?.into_iter().map(Row::Sqlite).collect()
             }
-            Connection::Postgres(tx) => {
-                for_postgres(sql, values).fetch_all(&mut **tx).await?.into_iter().map(Row::Postgres).collect()
+            Driver::Postgres(driver) => {
+                for_postgres(sql, values).fetch_all(driver).await?.into_iter().map(Row::Postgres).collect()
             }
         })
     }
 
-    /// The row of a query, if there is one.
+    /// The row of a query; `None` if there is none.
     pub(in crate::jobs) async fn optional(
         &mut self,
         sql: impl Into<Cow<'static, str>>,
         values: Vec<Value>,
     ) -> Result<Option<Row>, SqlError> {
         let sql = constant(sql);
-        Ok(match &mut self.connection {
-            Connection::Sqlite(tx) => for_sqlite(sql, values).fetch_optional(&mut **tx).await?.map(Row::Sqlite),
-            Connection::Postgres(tx) => for_postgres(sql, values).fetch_optional(&mut **tx).await?.map(Row::Postgres),
+        Ok(match self.connection.driver() {
+            Driver::Sqlite(driver) => for_sqlite(sql, values).fetch_optional(driver).await?.map(Row::Sqlite),
+            Driver::Postgres(driver) => for_postgres(sql, values).fetch_optional(driver).await?.map(Row::Postgres),
         })
     }
 
@@ -186,6 +241,11 @@ impl<'c> Tx<'c> {
     ) -> Result<Row, SqlError> {
         Ok(self.optional(sql, values).await?.ok_or(sqlx::Error::RowNotFound)?)
     }
+}
+
+/// Rolls back a transaction on SQLite. Fails if SQLite has rolled back already, which is harmless.
+pub(in crate::jobs) async fn roll_back(connection: &mut SqliteConnection) {
+    let _ = sqlx::query("ROLLBACK").execute(connection).await;
 }
 
 /// A row of either database.
@@ -226,11 +286,11 @@ impl Row {
     }
 
     /// A count, as any integer type.
-    pub(in crate::jobs) fn count<T: TryFrom<i64, Error: std::error::Error>>(
+    pub(in crate::jobs) fn count<T: TryFrom<i64, Error: std::error::Error + Send + Sync + 'static>>(
         &self,
         column: &str,
     ) -> Result<T, SqlError> {
-        T::try_from(self.int(column)?).map_err(|error| broken(&error))
+        T::try_from(self.int(column)?).map_err(broken)
     }
 
     pub(in crate::jobs) fn id(&self, column: &str) -> Result<JobId, SqlError> {
@@ -251,11 +311,11 @@ impl Row {
 }
 
 fn timestamp(micros: i64) -> Result<Timestamp, SqlError> {
-    Timestamp::from_microsecond(micros).map_err(|error| broken(&error))
+    Timestamp::from_microsecond(micros).map_err(broken)
 }
 
 fn id(text: &str) -> Result<JobId, SqlError> {
-    text.parse().map(JobId).map_err(|error: uuid::Error| broken(&error))
+    text.parse().map(JobId).map_err(broken)
 }
 
 #[cfg(test)]
@@ -264,7 +324,7 @@ mod tests {
 
     #[test]
     fn leases_do_not_follow_a_clock_that_is_set() {
-        // As if the clock had been set back by an hour since the store was opened.
+        // The clock was set back by an hour since the store was opened.
         let hour = Duration::from_secs(3600);
         let start = until(Clock::System.now(), hour);
         let time = Time::Clock(Clock::System, Steady { start, since: Stopwatch::start() });
@@ -272,7 +332,7 @@ mod tests {
         assert!(first >= start && first < until(start, hour));
         std::thread::sleep(Duration::from_millis(2));
         assert!(time.steady().unwrap() > first);
-        let manual = Time::of(Clock::manual(start));
+        let manual = Time::from_clock(Clock::manual(start));
         assert!(manual.steady().is_none(), "tests move a manual clock");
     }
 }

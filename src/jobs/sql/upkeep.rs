@@ -1,19 +1,67 @@
-//! Upkeep: which process may sweep, and which keys of the artifact store are in use.
+//! Upkeep: the process that may sweep, and the keys of the artifact store that are in use.
 
 use super::codec::{until, values};
 use super::error::SqlError;
 use super::operation::{Done, Operation};
+use super::store::Store;
 use super::tx::Tx;
-use crate::jobs::store::{StoreOptions, UpkeepTask};
+use crate::jobs::error::StoreError;
+use crate::jobs::options::StoreOptions;
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-/// Takes or renews the lock of an upkeep task. Gives whether `owner` has it.
-#[derive(Debug)]
-pub(super) struct AcquireUpkeep {
-    pub(super) task: UpkeepTask,
-    pub(super) owner: String,
-    pub(super) lease: Duration,
+/// A periodic task that one process at a time does for all processes that share the stores.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum UpkeepTask {
+    /// Deletion of models by age and size.
+    Retention,
+    /// Removal of orphans.
+    Orphans,
+}
+
+impl UpkeepTask {
+    /// Name of its lock.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Retention => "retention",
+            Self::Orphans => "orphans",
+        }
+    }
+}
+
+/// Calls for upkeep.
+impl Store {
+    /// Takes the lock of an upkeep task for `lease`, or renews it. Returns true if `owner` holds
+    /// the lock.
+    pub async fn acquire_upkeep(&self, task: UpkeepTask, owner: &str, lease: Duration) -> Result<bool, StoreError> {
+        self.change("acquire_upkeep", AcquireUpkeep { task, owner: owner.to_owned(), lease }).await
+    }
+
+    /// Returns the subset of `keys` in use: named by a record as a file or a checkpoint, or under
+    /// the prefix of a running attempt. One query, so the result is consistent.
+    pub async fn keys_in_use(&self, keys: &[String]) -> Result<BTreeSet<String>, StoreError> {
+        let tx = &mut self.read("keys_in_use").await?;
+        let any = tx.either("IN (SELECT value FROM json_each($1))", "= ANY ($1)");
+        // A running attempt contributes the prefix of its keys, which equals no key.
+        let sql = format!(
+            "SELECT key FROM files WHERE key {any} UNION SELECT checkpoint FROM jobs WHERE checkpoint {any} \
+             UNION SELECT 'models/' || id || '/' || attempts || '/' FROM jobs WHERE status = 'running'"
+        );
+        let rows = tx.all(sql, values![keys.to_vec()]).await?;
+        let used = rows.iter().map(|row| row.text("key")).collect::<Result<BTreeSet<_>, _>>()?;
+        let prefix = |key: &str| key.match_indices('/').nth(2).map(|(at, slash)| key[..at + slash.len()].to_owned());
+        let is_used = |key: &&String| {
+            used.contains(key.as_str()) || prefix(key).is_some_and(|prefix| used.contains(prefix.as_str()))
+        };
+        Ok(keys.iter().filter(is_used).cloned().collect())
+    }
+}
+
+struct AcquireUpkeep {
+    task: UpkeepTask,
+    owner: String,
+    lease: Duration,
 }
 
 impl Operation for AcquireUpkeep {
@@ -33,9 +81,8 @@ impl Operation for AcquireUpkeep {
     }
 }
 
-/// Frees the locks of all upkeep tasks: no other process has the store open.
-#[derive(Debug)]
-pub(in crate::jobs) struct FreeUpkeep;
+/// Frees the locks of all upkeep tasks, for a store that no other process has open.
+pub(super) struct FreeUpkeep;
 
 impl Operation for FreeUpkeep {
     type Output = ();
@@ -44,19 +91,4 @@ impl Operation for FreeUpkeep {
         tx.execute("DELETE FROM upkeep", values![]).await?;
         Ok(Done::quiet(()))
     }
-}
-
-/// Those of `keys` that a record names or that belong to a running attempt, of one moment.
-pub(super) async fn keys_in_use(tx: &mut Tx<'_>, keys: &[String]) -> Result<BTreeSet<String>, SqlError> {
-    let any = tx.either("IN (SELECT value FROM json_each($1))", "= ANY ($1)");
-    // A running attempt gives the prefix of its keys, which no key is equal to.
-    let sql = format!(
-        "SELECT key FROM files WHERE key {any} UNION SELECT checkpoint FROM jobs WHERE checkpoint {any} \
-         UNION SELECT 'models/' || id || '/' || attempts || '/' FROM jobs WHERE status = 'running'"
-    );
-    let rows = tx.all(sql, values![keys.to_vec()]).await?;
-    let used = rows.iter().map(|row| row.text("key")).collect::<Result<BTreeSet<_>, _>>()?;
-    let prefix = |key: &str| key.match_indices('/').nth(2).map(|(at, slash)| key[..at + slash.len()].to_owned());
-    let is_used = |key: &&String| used.contains(key.as_str()) || prefix(key).is_some_and(|p| used.contains(p.as_str()));
-    Ok(keys.iter().filter(is_used).cloned().collect())
 }

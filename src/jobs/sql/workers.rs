@@ -3,25 +3,65 @@
 use super::codec::{enum_from_sql, enum_to_sql, values};
 use super::error::SqlError;
 use super::operation::{Done, Operation};
+use super::store::Store;
 use super::tx::{Row, Tx};
 use crate::generate::Backend;
+use crate::jobs::error::StoreError;
 use crate::jobs::job::JobId;
 use crate::jobs::operators::{Pause, WorkerInfo};
-use crate::jobs::store::StoreOptions;
+use crate::jobs::options::StoreOptions;
 use jiff::Timestamp;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// Workers seen within this time are listed.
-pub(super) const SEEN: Duration = Duration::from_secs(5 * 60);
-/// The scope of the pause of all workers. No worker has this name: names begin with that of a host.
+/// Age of the last heartbeat up to which a worker is listed.
+const LISTED_FOR: Duration = Duration::from_secs(5 * 60);
+/// Scope of the pause of all workers. No worker has this name, because names begin with a host
+/// name.
 pub(super) const ALL: &str = "*";
-/// Rows of workers not seen for this long are deleted.
-const FORGET: Duration = Duration::from_secs(24 * 60 * 60);
+/// Age of the last heartbeat after which the row of a worker is deleted.
+const KEPT_FOR: Duration = Duration::from_secs(24 * 60 * 60);
 
-/// Records a worker as seen now, by the store's clock.
-#[derive(Debug)]
-pub(super) struct WorkerSeen(pub(super) WorkerInfo);
+/// Calls for the list of workers. `within` is the maximum age of their last heartbeat, by the clock
+/// of the store.
+impl Store {
+    /// Records the heartbeat of a worker.
+    pub async fn worker_seen(&self, worker: &WorkerInfo) -> Result<(), StoreError> {
+        self.change("worker_seen", WorkerSeen(worker.clone())).await
+    }
+
+    /// Workers with a heartbeat in the last five minutes, with the jobs that they hold, and their
+    /// pauses.
+    pub async fn workers(&self) -> Result<Vec<WorkerInfo>, StoreError> {
+        self.workers_within(LISTED_FOR).await
+    }
+
+    /// Workers with a heartbeat `within` this time.
+    pub async fn workers_within(&self, within: Duration) -> Result<Vec<WorkerInfo>, StoreError> {
+        Ok(workers(&mut self.read("workers").await?, within).await?)
+    }
+
+    /// Number of workers of `backend` with a heartbeat `within` this time.
+    pub async fn count_live_workers(&self, backend: Backend, within: Duration) -> Result<u64, StoreError> {
+        let tx = &mut self.read("count_live_workers").await?;
+        let since = since(tx, within).await?;
+        let sql = "SELECT COUNT(*) AS n FROM workers WHERE backend = $1 AND heartbeat_at >= $2";
+        Ok(tx.one(sql, values![enum_to_sql(backend), since]).await?.count("n")?)
+    }
+
+    /// Number of workers of `backend` with a heartbeat `within` this time that are neither paused
+    /// nor drained individually. Ignores a pause of all workers.
+    pub async fn count_unpaused_workers(&self, backend: Backend, within: Duration) -> Result<u64, StoreError> {
+        let tx = &mut self.read("count_unpaused_workers").await?;
+        let since = since(tx, within).await?;
+        let sql = "SELECT COUNT(*) AS n FROM workers WHERE backend = $1 AND heartbeat_at >= $2 \
+                   AND id NOT IN (SELECT scope FROM claiming)";
+        Ok(tx.one(sql, values![enum_to_sql(backend), since]).await?.count("n")?)
+    }
+}
+
+/// Records a heartbeat at the present time of the store.
+struct WorkerSeen(WorkerInfo);
 
 impl Operation for WorkerSeen {
     type Output = ();
@@ -35,7 +75,7 @@ impl Operation for WorkerSeen {
             values![&worker.id, &worker.host, enum_to_sql(worker.backend), &worker.device, worker.jobs_done, now,],
         )
         .await?;
-        let old = now.saturating_sub(FORGET).unwrap_or(Timestamp::MIN);
+        let old = now.saturating_sub(KEPT_FOR).unwrap_or(Timestamp::MIN);
         if tx.execute("DELETE FROM workers WHERE heartbeat_at < $1", values![old]).await? > 0 {
             let sql = "DELETE FROM claiming WHERE scope <> $1 AND scope NOT IN (SELECT id FROM workers)";
             tx.execute(sql, values![ALL]).await?;
@@ -44,13 +84,12 @@ impl Operation for WorkerSeen {
     }
 }
 
-/// The latest heartbeat of which a worker counts as seen within this time.
+/// The earliest time of a heartbeat `within` this time.
 async fn since(tx: &mut Tx<'_>, within: Duration) -> Result<Timestamp, SqlError> {
     Ok(tx.now().await?.saturating_sub(within).unwrap_or(Timestamp::MIN))
 }
 
-/// Workers seen within this time, with the jobs whose leases they hold, and their pauses.
-pub(super) async fn workers(tx: &mut Tx<'_>, within: Duration) -> Result<Vec<WorkerInfo>, SqlError> {
+async fn workers(tx: &mut Tx<'_>, within: Duration) -> Result<Vec<WorkerInfo>, SqlError> {
     let since = since(tx, within).await?;
     let sql = "SELECT w.*, c.drain, c.since, c.set_by FROM workers w LEFT JOIN claiming c ON c.scope = w.id \
                WHERE w.heartbeat_at >= $1 ORDER BY w.id";
@@ -84,24 +123,9 @@ pub(super) fn to_pause(row: &Row) -> Result<Option<Pause>, SqlError> {
     Ok(Some(Pause { drain: row.flag("drain")?, since, by }))
 }
 
-/// Whether the worker of this name was seen within [`SEEN`].
+/// True if [`Store::workers`] lists the worker of this name.
 pub(super) async fn is_listed(tx: &mut Tx<'_>, worker: &str) -> Result<bool, SqlError> {
-    let since = since(tx, SEEN).await?;
+    let since = since(tx, LISTED_FOR).await?;
     let sql = "SELECT id FROM workers WHERE id = $1 AND heartbeat_at >= $2";
     Ok(tx.optional(sql, values![worker, since]).await?.is_some())
-}
-
-/// How many workers that compute with `backend` were seen within this time.
-pub(super) async fn alive(tx: &mut Tx<'_>, backend: Backend, within: Duration) -> Result<u64, SqlError> {
-    let since = since(tx, within).await?;
-    let sql = "SELECT COUNT(*) AS n FROM workers WHERE backend = $1 AND heartbeat_at >= $2";
-    tx.one(sql, values![enum_to_sql(backend), since]).await?.count("n")
-}
-
-/// How many of those have no pause of their own.
-pub(super) async fn claimers(tx: &mut Tx<'_>, backend: Backend, within: Duration) -> Result<u64, SqlError> {
-    let since = since(tx, within).await?;
-    let sql = "SELECT COUNT(*) AS n FROM workers WHERE backend = $1 AND heartbeat_at >= $2 \
-               AND id NOT IN (SELECT scope FROM claiming)";
-    tx.one(sql, values![enum_to_sql(backend), since]).await?.count("n")
 }

@@ -1,37 +1,35 @@
-//! The job store on SQLite: one file, or memory for tests. Its operations are in `jobs::sql`.
+//! SQLite as the database of a job store: one file, or memory for tests.
 //!
-//! WAL with one writing connection and several reading ones, so readers never wait for a writer.
-//! `synchronous = FULL`: an accepted job survives a power failure; a commit costs one fsync, which is small compared with a
-//! model. Writers begin with `BEGIN IMMEDIATE`, so that what they read is still true when they write.
+//! The file is in WAL mode, with one connection that writes and several that read, so readers never
+//! wait for a writer. `synchronous = FULL` makes an accepted job survive a power failure. A commit
+//! costs one fsync, which is short compared with the growth of a model.
 //!
-//! Full disk: the write-ahead log is kept some megabytes longer than checkpoints need, so that records can still be changed
-//! and removed. When that is used up too, changes fail until there is space again.
-//!
-//! A file is opened by one process at a time (a lock file beside it ensures that), which is what makes
-//! [`SqliteStore::recover`] sound. Time is that of the process's clock; leases and delays use monotonic time, so that
-//! setting the clock ends no attempt.
-//!
-//! The file is checked at start (`check`): a damaged one would otherwise fail only at the first query that reads a
-//! damaged page.
+//! - **Writers** begin with `BEGIN IMMEDIATE`, so what they read is still true when they write.
+//! - **Full disk**: the write-ahead log is some megabytes longer than checkpoints need, so records
+//!   can still be changed and deleted on a full disk. Once this reserve is used up, changes fail
+//!   until there is space.
+//! - **One process** at a time opens a file; a lock file next to it ensures that. Therefore
+//!   [`Store::recover`](super::Store::recover) may end the attempts of earlier processes.
+//! - **Time** is the clock of the process. Leases and delays use monotonic time, so setting the
+//!   clock ends no attempt.
+//! - **Damage** is searched for at the start (`check`). Otherwise a damaged file would fail only at
+//!   the first query that reads a damaged page.
 
-use super::job::JobId;
+use super::error::StoreError;
 use super::operators::PoolUse;
-use super::sql::{
-    Connection, Done, Engine, Expire, FreeUpkeep, Operation, Reader, SqlError, SqlStore, Time, Trouble, Tx, migrations,
-    migrator, run_or_find,
-};
-use super::store::{Change, StoreError, StoreOptions};
+use super::options::StoreOptions;
+use super::sql::{Connection, Severity, SqlError, migrations, migrator, roll_back};
 use crate::clock::Stopwatch;
-use jiff::Timestamp;
 use sqlx::sqlite::{
     SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous,
 };
 use sqlx::{AssertSqlSafe, ConnectOptions, Connection as _};
 use std::fs::{File, TryLockError};
-use std::path::Path;
+use std::io;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// The tables, and how they became what they are.
+/// Migrations of the tables, oldest first.
 const MIGRATIONS: [(&str, &str); 12] = migrations![
     "0001_jobs",
     "0002_operations",
@@ -47,15 +45,16 @@ const MIGRATIONS: [(&str, &str); 12] = migrations![
     "0012_fits",
 ];
 
-/// How long a connection waits for a lock of another process before it fails.
+/// Maximum wait of a connection for a lock of another process.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
-/// Least length of the write-ahead log, bytes. SQLite writes it back into the database file from 4 MB on, and then overwrites
-/// it from its beginning.
+/// Minimum length of the write-ahead log, bytes. At 4 MB, SQLite writes the log back into the
+/// database file and then overwrites it from the beginning; the rest is the reserve for a full
+/// disk.
 const LOG: u64 = 8 << 20;
-/// Longest wait for a free connection.
-const ACQUIRE: Duration = Duration::from_secs(10);
-/// Longest time of the check at start. It reads the whole file, at some 100 MB/s or more; in a larger file the rest is not
-/// checked.
+/// Maximum wait for a free connection.
+const ACQUIRE_TIMEOUT: Duration = Duration::from_secs(10);
+/// Maximum time of the check at the start, which reads 100 MB/s or more. In a file that takes
+/// longer, the rest is not checked.
 const CHECK_TIME: Duration = Duration::from_secs(20);
 
 /// Primary result codes of SQLite.
@@ -71,34 +70,43 @@ mod code {
     pub(super) const NOTADB: u32 = 26;
 }
 
-/// The job store on SQLite. Clones share it.
-pub type SqliteStore = SqlStore<Sqlite>;
+/// Reason why a database file cannot be used.
+#[derive(Debug, thiserror::Error)]
+enum FileError {
+    #[error("{}: {source}", .path.display())]
+    Io { path: PathBuf, source: io::Error },
+    #[error("{} is in use by another process", .path.display())]
+    InUse { path: PathBuf },
+    #[error(
+        "{} is damaged ({detail}). Restore it from a backup: docs/operations.md, \"Backup and restore\"",
+        .path.display()
+    )]
+    Damaged { path: PathBuf, detail: String, source: Option<sqlx::Error> },
+}
+
+impl From<FileError> for StoreError {
+    fn from(error: FileError) -> Self {
+        Self::Database(Box::new(error))
+    }
+}
 
 /// The connections to a SQLite database.
 #[derive(Debug)]
-pub struct Sqlite {
+pub(super) struct Sqlite {
     writer: SqlitePool,
     reader: SqlitePool,
-    time: Time,
-    /// Held while the store is open.
+    /// Held while the file is open.
     lock: Option<File>,
 }
 
-impl SqliteStore {
-    /// Opens the store in the file at `path`, which is created if it does not exist, and brings its tables up to date.
-    /// Jobs that an earlier process left running keep their leases; see [`SqliteStore::recover`].
-    ///
-    /// # Errors
-    /// [`StoreError::Database`] if the file cannot be opened or is damaged, or another process has it open.
-    pub async fn open(path: impl AsRef<Path>, options: StoreOptions) -> Result<Self, StoreError> {
-        let path = path.as_ref();
-        let failed = |error: std::io::Error| StoreError::Database(format!("{}: {error}", path.display()));
+impl Sqlite {
+    /// Opens the file at `path`, creates it if it does not exist, and migrates its tables.
+    pub(super) async fn open(path: &Path, options: &StoreOptions) -> Result<Self, StoreError> {
+        let failed = |source| FileError::Io { path: path.to_owned(), source };
         if let Some(parent) = path.parent() {
             std::fs::create_dir_all(parent).map_err(failed)?;
         }
-        let Some(lock) = lock(path)? else {
-            return Err(StoreError::Database(format!("{} is in use by another process", path.display())));
-        };
+        let Some(lock) = lock(path)? else { return Err(FileError::InUse { path: path.to_owned() }.into()) };
         let connect = connect_options(path);
         check(path, &connect).await?;
         let writer = pool(1).connect_with(connect.clone()).await.map_err(SqlError::from)?;
@@ -106,67 +114,85 @@ impl SqliteStore {
         reserve(&writer).await?;
         let reader =
             pool(options.readers).connect_with(connect.pragma("query_only", "ON")).await.map_err(SqlError::from)?;
-        Ok(Self::with(writer, reader, Some(lock), options))
+        Ok(Self { writer, reader, lock: Some(lock) })
     }
 
-    /// Opens the file at `path` to manage its keys, also while another process has it open; then it must be up to date.
-    /// Nothing else may be done with this store.
-    ///
-    /// # Errors
-    /// As [`SqliteStore::open`].
-    pub async fn open_for_keys(path: impl AsRef<Path>) -> Result<Self, StoreError> {
-        let path = path.as_ref();
-        // Whoever has it open has checked it and brought it up to date.
+    /// Opens a file that another process has open, for changes of single rows. `None` if no other
+    /// process has it open.
+    pub(super) async fn open_shared(path: &Path) -> Result<Option<Self>, StoreError> {
+        // The other process has checked and migrated the file.
         if !path.exists() || lock(path)?.is_some() {
-            return Self::open(path, StoreOptions::default()).await;
+            return Ok(None);
         }
         let connect = connect_options(path).create_if_missing(false);
         let writer = pool(1).connect_with(connect).await.map_err(SqlError::from)?;
-        Ok(Self::with(writer.clone(), writer, None, StoreOptions::default()))
+        Ok(Some(Self { reader: writer.clone(), writer, lock: None }))
     }
 
-    /// Opens an empty store in memory, for tests: one connection reads and writes; the data are lost with it.
-    ///
-    /// # Errors
-    /// [`StoreError::Database`].
-    pub async fn open_in_memory(options: StoreOptions) -> Result<Self, StoreError> {
+    /// Opens an empty database in memory. One connection reads and writes; the data are lost with
+    /// it.
+    pub(super) async fn open_in_memory() -> Result<Self, StoreError> {
         let connect = SqliteConnectOptions::new().in_memory(true).foreign_keys(true);
         let writer = pool(1).connect_with(connect).await.map_err(SqlError::from)?;
         migrate(&writer).await?;
-        Ok(Self::with(writer.clone(), writer, None, options))
+        Ok(Self { reader: writer.clone(), writer, lock: None })
     }
 
-    fn with(writer: SqlitePool, reader: SqlitePool, lock: Option<File>, options: StoreOptions) -> Self {
-        let engine = Sqlite { writer, reader, time: Time::of(options.clock.clone()), lock };
-        Self::over(engine, options, Self::channel())
+    /// A connection in a new transaction.
+    pub(super) async fn begin(&self) -> Result<Connection, SqlError> {
+        let mut connection = self.writer.acquire().await?;
+        begin(&mut connection).await?;
+        Ok(Connection::Sqlite(connection))
     }
 
-    /// Ends at once the attempts that an earlier process left running, and frees its locks of upkeep tasks: to be called at
-    /// start, before any worker. Each attempt counts as one whose worker vanished. Returns the jobs concerned.
-    ///
-    /// # Errors
-    /// [`StoreError::Database`].
-    pub async fn recover(&self) -> Result<Vec<JobId>, StoreError> {
-        self.run(FreeUpkeep).await?;
-        let mut jobs = Vec::new();
-        loop {
-            let some = self.run(Expire { before: Timestamp::MAX }).await?;
-            if some.is_empty() {
-                return Ok(jobs);
-            }
-            jobs.extend(some);
+    /// A connection for reading alone.
+    pub(super) async fn reader(&self) -> Result<Connection, SqlError> {
+        Ok(Connection::Sqlite(self.reader.acquire().await?))
+    }
+
+    /// Consequence of an error for the caller.
+    pub(super) fn severity(&self, error: &SqlError) -> Severity {
+        let SqlError::Database(error) = error else { return Severity::Permanent };
+        let passing = [code::BUSY, code::LOCKED, code::IOERR, code::FULL, code::CANTOPEN, code::PROTOCOL];
+        let timed_out = matches!(error, sqlx::Error::PoolTimedOut);
+        if timed_out || primary(error).is_some_and(|code| passing.contains(&code)) {
+            Severity::Outage
+        } else {
+            Severity::Permanent
+        }
+    }
+
+    /// Use of the pools of connections.
+    pub(super) fn pools(&self) -> Vec<PoolUse> {
+        vec![pool_use("readers", &self.reader), pool_use("writer", &self.writer)]
+    }
+
+    /// True after [`Sqlite::close`].
+    pub(super) fn is_closed(&self) -> bool {
+        self.writer.is_closed()
+    }
+
+    /// Closes all connections and releases the lock of the file.
+    pub(super) async fn close(&self) {
+        self.reader.close().await;
+        // Last, so that it writes the log back into the database file.
+        self.writer.close().await;
+        // Explicitly: a child process between fork and exec shares the handle, and with it the
+        // lock.
+        if let Some(Err(error)) = self.lock.as_ref().map(File::unlock) {
+            tracing::warn!(%error, "could not release the lock of the job store; the next start may have to wait for it");
         }
     }
 }
 
-/// Locks the file at `path` for this process; `None` if another one has it open.
-fn lock(path: &Path) -> Result<Option<File>, StoreError> {
-    let failed = |error| StoreError::Database(format!("{}: {error}", path.display()));
+/// Locks the file at `path` for this process; `None` if another process has it open.
+fn lock(path: &Path) -> Result<Option<File>, FileError> {
+    let failed = |source| FileError::Io { path: path.to_owned(), source };
     let lock = File::create(path.with_added_extension("lock")).map_err(failed)?;
     match lock.try_lock() {
         Err(TryLockError::WouldBlock) => return Ok(None),
         Err(TryLockError::Error(error)) => {
-            tracing::warn!(path = %path.display(), %error, "the job store could not be locked; make sure that only one process uses it");
+            tracing::warn!(path = %path.display(), %error, "could not lock the job store; make sure that only one process uses it");
         }
         Ok(()) => {}
     }
@@ -189,14 +215,9 @@ fn primary(error: &sqlx::Error) -> Option<u32> {
     Some(code & 0xff)
 }
 
-/// Refuses a damaged file: `PRAGMA quick_check`, for at most [`CHECK_TIME`].
+/// Refuses a damaged file, by `PRAGMA quick_check` of at most [`CHECK_TIME`].
 async fn check(path: &Path, connect: &SqliteConnectOptions) -> Result<(), StoreError> {
-    let damaged = |detail: &str| {
-        StoreError::Database(format!(
-            "{} is damaged ({detail}). Restore it from a backup: docs/operations.md, \"Backup and restore\"",
-            path.display()
-        ))
-    };
+    let damaged = |detail, source| FileError::Damaged { path: path.to_owned(), detail, source }.into();
     let since = Stopwatch::start();
     let found = async {
         let mut connection = connect.clone().connect().await?;
@@ -208,26 +229,27 @@ async fn check(path: &Path, connect: &SqliteConnectOptions) -> Result<(), StoreE
     };
     match found.await {
         Ok(found) if found == "ok" => Ok(()),
-        Ok(found) => Err(damaged(&found.lines().collect::<Vec<_>>().join(" "))),
+        Ok(found) => Err(damaged(found.lines().collect::<Vec<_>>().join(" "), None)),
         Err(error) => match primary(&error) {
             Some(code::INTERRUPT) => {
                 let seconds = CHECK_TIME.as_secs();
-                tracing::warn!(path = %path.display(), seconds, "the job store is too large to be checked whole at start");
+                tracing::warn!(path = %path.display(), seconds, "the job store is too large to check all of it at the start");
                 Ok(())
             }
-            Some(code::CORRUPT | code::NOTADB) => Err(damaged(&error.to_string())),
+            Some(code::CORRUPT | code::NOTADB) => Err(damaged(error.to_string(), Some(error))),
             _ => Err(SqlError::from(error).into()),
         },
     }
 }
 
 fn pool(connections: u32) -> SqlitePoolOptions {
-    // A connection to memory must never be closed: the data would be lost. Nor are connections tested before each use: they
-    // do not fail by themselves, and one is closed if the caller is dropped while it is being tested.
+    // Closing a connection to memory would lose the data. Connections are not tested before use
+    // either: they do not fail by themselves, and the pool closes a connection if its caller is
+    // dropped during the test.
     SqlitePoolOptions::new()
         .min_connections(1)
         .max_connections(connections)
-        .acquire_timeout(ACQUIRE)
+        .acquire_timeout(ACQUIRE_TIMEOUT)
         .idle_timeout(None)
         .max_lifetime(None)
         .test_before_acquire(false)
@@ -239,102 +261,36 @@ fn pool_use(name: &'static str, pool: &SqlitePool) -> PoolUse {
 }
 
 async fn migrate(pool: &SqlitePool) -> Result<(), StoreError> {
-    migrator(&MIGRATIONS).run(pool).await.map_err(|error| StoreError::Database(error.to_string()))
+    migrator(&MIGRATIONS).run(pool).await.map_err(|error| StoreError::Database(Box::new(error)))
 }
 
-/// Makes the log as long as [`LOG`] by a large write that is rolled back: the file keeps its length. If the disk is full
-/// already, the store opens without this reserve.
+/// Extends the log to [`LOG`] by a large write that is rolled back, which leaves the length of the
+/// file unchanged. If the disk is full already, the store opens without this reserve.
 async fn reserve(writer: &SqlitePool) -> Result<(), SqlError> {
     let mut connection = writer.acquire().await?;
     begin(&mut connection).await?;
     let sql = format!("CREATE TABLE room AS SELECT zeroblob({LOG}) AS bytes");
     let grown = sqlx::query(AssertSqlSafe(sql)).execute(&mut *connection).await;
-    rollback(&mut connection).await;
+    roll_back(&mut connection).await;
     if let Err(error) = grown {
-        tracing::warn!(%error, "no space could be reserved for changes of records on a full disk");
+        tracing::warn!(
+            %error,
+            "could not reserve space in the write-ahead log; if the disk fills up, cancelling and deleting models may fail"
+        );
     }
     Ok(())
 }
 
-/// Begins and ends are explicit statements: on a full disk SQLite rolls back by itself, and sqlx would consider the
-/// connection to be in a transaction forever.
+/// Begins a transaction by an explicit statement. On a full disk SQLite rolls back by itself, and
+/// sqlx would consider its own transaction open for ever.
 async fn begin(connection: &mut SqliteConnection) -> Result<(), SqlError> {
     let begin = "BEGIN IMMEDIATE";
     if sqlx::query(begin).execute(&mut *connection).await.is_err() {
-        // A panic may have left one open.
-        rollback(connection).await;
+        // A panic may have left a transaction open.
+        roll_back(connection).await;
         sqlx::query(begin).execute(connection).await?;
     }
     Ok(())
-}
-
-/// Fails if SQLite has rolled back already, which is harmless.
-async fn rollback(connection: &mut SqliteConnection) {
-    let _ = sqlx::query("ROLLBACK").execute(connection).await;
-}
-
-impl Engine for Sqlite {
-    async fn once<O: Operation>(
-        &self,
-        operation: &O,
-        options: &StoreOptions,
-        unknown: &mut bool,
-    ) -> Result<Done<O::Output>, SqlError> {
-        let mut connection = self.writer.acquire().await?;
-        begin(&mut connection).await?;
-        let mut tx = Tx::new(Connection::Sqlite(&mut connection), &self.time);
-        let committed = match run_or_find(operation, &mut tx, options, *unknown).await {
-            Ok(done) => {
-                *unknown = true;
-                sqlx::query("COMMIT").execute(&mut *connection).await.map(|_| done).map_err(SqlError::from)
-            }
-            Err(error) => Err(error),
-        };
-        if committed.is_err() {
-            rollback(&mut connection).await;
-        }
-        committed
-    }
-
-    fn trouble(&self, error: &SqlError) -> Trouble {
-        let SqlError::Database(error) = error else { return Trouble::Lasting };
-        let passes = [code::BUSY, code::LOCKED, code::IOERR, code::FULL, code::CANTOPEN, code::PROTOCOL];
-        let waits = matches!(error, sqlx::Error::PoolTimedOut);
-        if waits || primary(error).is_some_and(|code| passes.contains(&code)) {
-            Trouble::Outage
-        } else {
-            Trouble::Lasting
-        }
-    }
-
-    fn is_closed(&self) -> bool {
-        self.writer.is_closed()
-    }
-
-    async fn reader(&self) -> Result<Reader, SqlError> {
-        Ok(Reader::Sqlite(self.reader.acquire().await?))
-    }
-
-    fn time(&self) -> &Time {
-        &self.time
-    }
-
-    fn pools(&self) -> Vec<PoolUse> {
-        vec![pool_use("readers", &self.reader), pool_use("writer", &self.writer)]
-    }
-
-    /// There are no other processes.
-    fn notify(&self, _: &[Change]) {}
-
-    async fn close(&self) {
-        self.reader.close().await;
-        // Last, so that it writes the log back into the database file.
-        self.writer.close().await;
-        // Explicitly: a child process between fork and exec shares the handle, and with it the lock.
-        if let Some(Err(error)) = self.lock.as_ref().map(File::unlock) {
-            tracing::warn!(%error, "the lock of the job store could not be released");
-        }
-    }
 }
 
 #[cfg(test)]

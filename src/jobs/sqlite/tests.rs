@@ -1,24 +1,26 @@
-//! A disk that is full at the end of an attempt: the database file may not grow, so every larger write fails with
-//! `SQLITE_FULL`.
+//! A disk that is full at the end of an attempt: the database file may not grow, so every larger
+//! write fails with `SQLITE_FULL`.
 
 use super::*;
 use crate::clock::Clock;
 use crate::generate::{Backend, Progress, Stage};
+use crate::jobs::sql::Engine;
 use crate::jobs::{Directive, Finished, JobProgress, LiveSection, NewJob, Status, Store};
 
 const LEASE: Duration = Duration::from_secs(8);
 
-async fn set_full(store: &SqliteStore, full: bool) {
+async fn set_full(store: &Store, full: bool) {
     let pages = if full { 1 } else { i64::from(i32::MAX) };
     let sql = format!("PRAGMA max_page_count = {pages}");
-    let mut writer = store.engine().writer.acquire().await.unwrap();
+    let Engine::Sqlite(engine) = store.engine() else { panic!("the store is not on SQLite") };
+    let mut writer = engine.writer.acquire().await.unwrap();
     sqlx::query(AssertSqlSafe(sql)).execute(&mut *writer).await.unwrap();
 }
 
-async fn open(clock: Clock) -> (SqliteStore, tempfile::TempDir) {
+async fn open(clock: Clock) -> (Store, tempfile::TempDir) {
     let dir = tempfile::tempdir().unwrap();
     let options = StoreOptions { clock, ..StoreOptions::default() };
-    (SqliteStore::open(dir.path().join("jobs.db"), options).await.unwrap(), dir)
+    (Store::open_sqlite(dir.path().join("jobs.db"), options).await.unwrap(), dir)
 }
 
 #[tokio::test]
@@ -40,8 +42,8 @@ async fn on_a_full_disk_a_finished_model_waits_and_other_changes_fail_after_five
     let large = NewJob { spec: serde_json::json!("x".repeat(1 << 20)), ..NewJob::sample(2) };
     let since = Stopwatch::start();
     let refused = store.submit(large.clone()).await.unwrap_err();
-    assert!(matches!(&refused, StoreError::Database(detail) if detail.contains("full")), "{refused}");
-    assert!(since.elapsed() >= Duration::from_secs(5), "it was not tried again");
+    assert!(matches!(&refused, StoreError::Database(cause) if cause.to_string().contains("full")), "{refused}");
+    assert!(since.elapsed() >= Duration::from_secs(5), "it was not retried");
     assert!(!finishing.is_finished());
     set_full(&store, false).await;
     assert_eq!(finishing.await.unwrap().unwrap().status, Status::Succeeded);

@@ -1,11 +1,11 @@
 //! Generations on the CPU of a worker, one at a time.
 
-use super::{GenerateFailure, Generation, Made, Task, fit_of, request};
+use super::{GenerateFailure, Generation, GenerationOutput, Task, fit_of, request};
 use crate::fit::{FitSink, fit};
 use crate::generate::{Backend, CancelToken, Checkpoint, Outcome, Progress, Sink, Stage, generate, resume};
 use crate::jobs::{BackendReport, JobKind};
 use crate::model::Section;
-use crate::worker::generator::{Generator, Work, WorkError};
+use crate::worker::generator::{GenerationInput, Generator, WorkError};
 use crate::worker::progress::AttemptSink;
 use crate::worker::verdict;
 use rayon::ThreadPool;
@@ -17,33 +17,33 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 
 /// The threads of a worker.
 pub(in crate::worker) struct Cpu {
-    /// For `cpu`.
+    /// Threads for `cpu`.
     all: Arc<ThreadPool>,
-    /// For `cpu-single`.
+    /// Thread for `cpu-single`.
     single: Arc<ThreadPool>,
     free: Arc<Semaphore>,
-    /// Set when the certificate of the running generation begins.
+    /// True once the certificate of the running generation begins.
     nearly_free: watch::Sender<bool>,
 }
 
 impl Cpu {
-    /// Starts the threads of the worker of this name, of this niceness.
+    /// Starts the threads of a worker, with this niceness.
     ///
     /// # Errors
-    /// If threads cannot be created.
+    /// The error of creating threads.
     pub(in crate::worker) fn new(worker: &str, count: usize, nice: u8) -> io::Result<Self> {
         let (all, single) = (threads(worker, count, nice)?, threads(worker, 1, nice)?);
         Ok(Self { all, single, free: Arc::new(Semaphore::new(1)), nearly_free: watch::Sender::new(false) })
     }
 
-    /// What a record says of a job that runs here, by the backend that it asked for.
+    /// The report of a job that runs here, by its requested backend.
     pub(in crate::worker) fn report(&self, requested: Backend) -> BackendReport {
         let used = if requested == Backend::CpuSingle { Backend::CpuSingle } else { Backend::Cpu };
         let count = self.pool(used).current_num_threads();
         BackendReport { requested, used: Some(used), device: Some(device(count)), fallback: None }
     }
 
-    /// The description of the device.
+    /// Description of the device.
     pub(in crate::worker) fn device(&self) -> String {
         device(self.all.current_num_threads())
     }
@@ -53,8 +53,8 @@ impl Cpu {
         Arc::clone(&self.free).acquire_owned().await.expect("the semaphore is never closed")
     }
 
-    /// Waits until no generation uses the threads, or until the running one has come to its certificate: then `None`, once for
-    /// each generation.
+    /// Waits until no generation uses the threads, or until the certificate of the running
+    /// generation begins. Returns `None` in the second case, once for each generation.
     pub(in crate::worker) async fn free_soon(&self) -> Option<OwnedSemaphorePermit> {
         let mut nearly_free = self.nearly_free.subscribe();
         let permit = tokio::select! {
@@ -66,7 +66,8 @@ impl Cpu {
         permit
     }
 
-    /// Starts a generation on a thread that may block and whose panics are caught; it keeps `permit` until it has stopped.
+    /// Starts a generation on a thread that may block and whose panics are caught. It keeps
+    /// `permit` until it has stopped.
     pub(in crate::worker) fn generate(
         &self,
         generator: Arc<dyn Generator>,
@@ -79,12 +80,12 @@ impl Cpu {
         let thread = tokio::task::spawn_blocking(move || {
             let Task { job, dir, sink, cancel, memory_limit_bytes, checkpoint } = &task;
             let (memory_limit_bytes, checkpoint) = (*memory_limit_bytes, checkpoint.as_deref());
-            let work = Work { job, backend, dir: dir.path(), memory_limit_bytes, checkpoint };
+            let input = GenerationInput { job, backend, dir: dir.path(), memory_limit_bytes, checkpoint };
             let sink = CertificateWatch { sink, nearly_free, begun: AtomicBool::new(false) };
             pool.install(|| {
                 sink.sink.span().in_scope(|| match job.kind {
-                    JobKind::Model => generator.generate(work, &sink, cancel).map(Made::from),
-                    JobKind::Fit => fit_on_cpu(work, sink.sink, cancel),
+                    JobKind::Model => generator.generate(input, &sink, cancel).map(GenerationOutput::from),
+                    JobKind::Fit => fit_on_cpu(input, sink.sink, cancel),
                 })
             })
         });
@@ -102,7 +103,7 @@ impl Cpu {
     }
 }
 
-/// Forwards to the sink of an attempt, and notes when its certificate begins.
+/// Forwards to the sink of an attempt, and notes the begin of the certificate.
 struct CertificateWatch<'a> {
     sink: &'a AttemptSink,
     nearly_free: watch::Sender<bool>,
@@ -132,15 +133,15 @@ impl Sink for CertificateWatch<'_> {
     }
 }
 
-/// The description of a CPU with so many threads.
+/// Description of a CPU with this number of threads.
 fn device(threads: usize) -> String {
     format!("cpu, {threads} thread{}", if threads == 1 { "" } else { "s" })
 }
 
-/// A pool of threads named after a worker, of this niceness.
+/// A pool of threads with the name of a worker and this niceness.
 ///
 /// # Errors
-/// If threads cannot be created.
+/// The error of creating threads.
 pub(in crate::worker) fn threads(worker: &str, count: usize, nice: u8) -> io::Result<Arc<ThreadPool>> {
     let worker = worker.to_owned();
     rayon::ThreadPoolBuilder::new()
@@ -152,54 +153,62 @@ pub(in crate::worker) fn threads(worker: &str, count: usize, nice: u8) -> io::Re
         .map_err(io::Error::other)
 }
 
-/// Lets other threads run before this one. Elsewhere than on Linux, only processes have a niceness.
+/// Raises the niceness of this thread, on Linux. On other systems, only processes have a niceness.
 fn lower_priority(nice: u8) {
     #[cfg(target_os = "linux")]
     {
         use rustix::process::{getpriority_process, setpriority_process};
-        // Only a privileged process may lower its niceness again.
+        // Never lowers the niceness, which only a privileged process may do.
         let set = getpriority_process(None).and_then(|now| setpriority_process(None, now.max(nice.into())));
         if let Err(error) = set {
-            tracing::debug!(%error, "the priority of a thread could not be lowered");
+            tracing::debug!(%error, "could not raise the niceness of a thread");
         }
     }
     #[cfg(not(target_os = "linux"))]
     let _ = nice;
 }
 
-/// The generator of the CPU: grows the stored spec, from the checkpoint if there is one that can be used.
+/// The generator on the CPU: grows the stored spec, from the checkpoint if there is a usable one.
 ///
 /// # Errors
 /// [`WorkError`].
-pub fn generate_on_cpu(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome, WorkError> {
-    let request = request(work)?;
-    Ok(match work.checkpoint.map(|path| Checkpoint::open(&request, path)) {
+pub fn generate_on_cpu(
+    input: GenerationInput<'_>,
+    sink: &dyn Sink,
+    cancel: &CancelToken,
+) -> Result<Outcome, WorkError> {
+    let request = request(input)?;
+    Ok(match input.checkpoint.map(|path| Checkpoint::open(&request, path)) {
         Some(Ok(checkpoint)) => {
-            tracing::info!(job = %work.job.id, "the model is resumed from a checkpoint");
+            tracing::info!(job = %input.job.id, "resumed the model from a checkpoint");
             resume(&request, checkpoint, sink, cancel)?
         }
         Some(Err(error)) => {
-            tracing::warn!(job = %work.job.id, %error, "the model is grown from the beginning");
+            tracing::warn!(job = %input.job.id, %error, "could not use the checkpoint; the model starts from the beginning");
             generate(&request, sink, cancel)?
         }
         None => generate(&request, sink, cancel)?,
     })
 }
 
-/// Runs a fit, from the checkpoint if there is one that can be used.
-fn fit_on_cpu(work: Work<'_>, sink: &dyn FitSink, cancel: &CancelToken) -> Result<Made, WorkError> {
-    let spec = fit_of(work.job)?;
-    let checkpoint = work.checkpoint.and_then(|path| match std::fs::read(path) {
+/// Runs a fit, from the checkpoint if there is a usable one.
+fn fit_on_cpu(
+    input: GenerationInput<'_>,
+    sink: &dyn FitSink,
+    cancel: &CancelToken,
+) -> Result<GenerationOutput, WorkError> {
+    let spec = fit_of(input.job)?;
+    let checkpoint = input.checkpoint.and_then(|path| match std::fs::read(path) {
         Ok(bytes) => Some(bytes),
         Err(error) => {
-            tracing::warn!(job = %work.job.id, %error, "the fit starts from the beginning");
+            tracing::warn!(job = %input.job.id, %error, "could not read the checkpoint; the fit starts from the beginning");
             None
         }
     });
-    let result = fit(&spec, checkpoint.as_deref(), work.dir, work.memory_limit_bytes, sink, cancel)?;
+    let result = fit(&spec, checkpoint.as_deref(), input.dir, input.memory_limit_bytes, sink, cancel)?;
     let device = device(rayon::current_num_threads());
     let summary = serde_json::json!(result);
-    Ok(Made { used: work.backend, device, files: Vec::new(), summary, seconds: None })
+    Ok(GenerationOutput { used: input.backend, device, files: Vec::new(), summary, seconds: None })
 }
 
 #[cfg(all(test, target_os = "linux"))]

@@ -1,35 +1,36 @@
-//! Generations on a GPU: a batch at a time, each member with an end of its own.
+//! Generations on a GPU, in batches whose members end one by one.
 
 use super::cpu::threads;
-use super::{GenerateFailure, Generation, Made, Task, request, resolve};
+use super::{GenerateFailure, Generation, GenerationOutput, Task, request, resolve};
 use crate::generate::{Backend, Calls, GenerateError, Member, Outcome, generate_batch};
 use crate::jobs::{BackendReport, Job};
+use crate::lock::Mutex;
 use crate::sim::Plan;
 use crate::sim::gpu::{Adapter, GpuDevice, GpuError, GpuOptions, adapters};
-use crate::worker::generator::{Admitted, BatchCalls, BatchGenerator, BatchWork, Work, WorkError};
+use crate::worker::generator::{AdmittedPlan, BatchCallbacks, BatchGenerator, BatchMember, GenerationInput, WorkError};
 use crate::worker::verdict;
 use rayon::ThreadPool;
 use rayon::prelude::*;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 
-type Answer = oneshot::Sender<Result<Outcome, WorkError>>;
+type ResultSender = oneshot::Sender<Result<Outcome, WorkError>>;
 
 /// The device of a GPU worker.
 pub(in crate::worker) struct Gpu {
     generator: Arc<dyn BatchGenerator>,
-    /// Makes the surfaces.
+    /// Threads for the surfaces.
     pool: Arc<ThreadPool>,
     free: Arc<Semaphore>,
 }
 
 impl Gpu {
-    /// Starts the threads of a GPU worker that has `count` threads for the surfaces.
+    /// Starts the threads of a GPU worker, of which `count` are for the surfaces.
     ///
     /// # Errors
-    /// If threads cannot be created.
+    /// The error of creating threads.
     pub(in crate::worker) fn new(
         worker: &str,
         count: usize,
@@ -40,55 +41,55 @@ impl Gpu {
         Ok(Self { generator, pool, free: Arc::new(Semaphore::new(1)) })
     }
 
-    /// The description of the device.
+    /// Description of the device.
     pub(in crate::worker) fn device(&self) -> String {
         self.generator.device()
     }
 
-    /// What a record says of a job that runs here, by the backend that it asked for.
+    /// The report of a job that runs here, by its requested backend.
     pub(in crate::worker) fn report(&self, requested: Backend) -> BackendReport {
         BackendReport { requested, used: Some(Backend::Gpu), device: Some(self.device()), fallback: None }
     }
 
-    /// Waits until no batch is simulated.
+    /// Waits until the device simulates no batch.
     pub(in crate::worker) async fn free(&self) -> OwnedSemaphorePermit {
         Arc::clone(&self.free).acquire_owned().await.expect("the semaphore is never closed")
     }
 
-    /// Opens the device, anew if it was lost.
+    /// Opens the device, or opens it again if it was lost.
     ///
     /// # Errors
-    /// Why it cannot be opened.
+    /// The reason why the device cannot be opened.
     pub(in crate::worker) async fn open(&self) -> Result<(), String> {
         let generator = Arc::clone(&self.generator);
         let opened = tokio::task::spawn_blocking(move || generator.open()).await;
         opened.unwrap_or_else(|panic| Err(panic.to_string()))
     }
 
-    /// Which of `jobs` fit on the device together; see [`BatchGenerator::admit`].
+    /// Selects the jobs that fit on the device together; see [`BatchGenerator::admit`].
     ///
     /// # Errors
-    /// Why not even the first can run there.
-    pub(in crate::worker) async fn admit(&self, jobs: Vec<Job>) -> Result<Vec<Option<Admitted>>, String> {
+    /// The reason why not even the first job can run on the device.
+    pub(in crate::worker) async fn admit(&self, jobs: Vec<Job>) -> Result<Vec<Option<AdmittedPlan>>, String> {
         let generator = Arc::clone(&self.generator);
         let admitted = tokio::task::spawn_blocking(move || generator.admit(&jobs.iter().collect::<Vec<_>>())).await;
         admitted.unwrap_or_else(|panic| Err(format!("the GPU worker panicked: {panic}")))
     }
 
-    /// Starts a batch on a thread that may block, which drives the device and keeps `permit` until the device is free again.
-    /// Each task gets a generation of its own, in the same order.
+    /// Starts a batch on a thread that may block. The thread drives the device and keeps `permit`
+    /// until the device is free again. Returns one generation per task, in the same order.
     pub(in crate::worker) fn generate(
         &self,
-        tasks: Vec<(Task, Admitted)>,
+        tasks: Vec<(Task, AdmittedPlan)>,
         permit: Option<OwnedSemaphorePermit>,
     ) -> Vec<Generation> {
-        let (mut answers, mut generations): (Vec<Mutex<Option<Answer>>>, _) = (Vec::new(), Vec::new());
+        let (mut senders, mut generations): (Vec<Mutex<Option<ResultSender>>>, _) = (Vec::new(), Vec::new());
         for (task, _) in &tasks {
-            let (answer, result) = oneshot::channel();
-            answers.push(Mutex::new(Some(answer)));
+            let (sender, result) = oneshot::channel();
+            senders.push(Mutex::new(Some(sender)));
             let result = async move {
                 match result.await {
-                    Ok(result) => Ok(Made::from(result?)),
+                    Ok(result) => Ok(GenerationOutput::from(result?)),
                     Err(_) => Err(GenerateFailure::Verdict(verdict::of_silence())),
                 }
             };
@@ -100,18 +101,18 @@ impl Gpu {
         let (generator, pool) = (Arc::clone(&self.generator), Arc::clone(&self.pool));
         tokio::task::spawn_blocking(move || {
             let permit = Mutex::new(permit);
-            let simulated = || drop(permit.lock().unwrap_or_else(PoisonError::into_inner).take());
-            let works: Vec<BatchWork<'_>> = tasks.iter().map(|(task, plan)| member(task, plan.as_ref())).collect();
+            let simulated = || drop(permit.lock().take());
+            let members: Vec<BatchMember<'_>> = tasks.iter().map(|(task, plan)| member(task, plan.as_ref())).collect();
             let end = |place: usize, result| {
-                let answer = answers[place].lock().unwrap_or_else(PoisonError::into_inner).take();
-                // If the receiver is gone, the member was interrupted.
-                answer.map(|answer| answer.send(result).is_ok());
+                let sender = senders[place].lock().take();
+                // Fails if the member was interrupted.
+                sender.map(|sender| sender.send(result).is_ok());
             };
-            let calls = BatchCalls { simulated: &simulated, ended: &|place, result| end(place, result) };
-            let run = || generator.generate(&works, &pool, calls);
+            let callbacks = BatchCallbacks { simulated: &simulated, ended: &|place, result| end(place, result) };
+            let run = || generator.generate(&members, &pool, callbacks);
             if let Err(panic) = catch_unwind(AssertUnwindSafe(run)) {
                 let detail = verdict::panic_message(panic.as_ref());
-                for place in 0..works.len() {
+                for place in 0..members.len() {
                     end(place, Err(GenerateError::Panic { detail: detail.clone() }.into()));
                 }
             }
@@ -120,18 +121,18 @@ impl Gpu {
     }
 }
 
-fn member<'a>(task: &'a Task, plan: Option<&'a Plan>) -> BatchWork<'a> {
+fn member<'a>(task: &'a Task, plan: Option<&'a Plan>) -> BatchMember<'a> {
     let Task { job, dir, sink, cancel, memory_limit_bytes, .. } = task;
     let (backend, memory_limit_bytes) = (Backend::Gpu, *memory_limit_bytes);
-    BatchWork {
-        work: Work { job, backend, dir: dir.path(), memory_limit_bytes, checkpoint: None },
+    BatchMember {
+        input: GenerationInput { job, backend, dir: dir.path(), memory_limit_bytes, checkpoint: None },
         plan,
         sink: &**sink,
         cancel,
     }
 }
 
-/// The generator of one GPU. Opens its device when it is first needed, and anew if it was lost.
+/// The generator on one GPU. Opens its device at the first use, and opens it again if it was lost.
 #[derive(Debug)]
 pub struct GpuGenerator {
     name: String,
@@ -145,24 +146,24 @@ impl GpuGenerator {
     /// A generator for each adapter that `options` allow, best first.
     ///
     /// # Errors
-    /// [`GpuError`] if there is none.
+    /// [`GpuError`] if there is no such adapter.
     pub fn all(options: GpuOptions) -> Result<Vec<Self>, GpuError> {
         let found = adapters(&options)?;
-        let of = |(place, adapter): (usize, &Adapter)| Self {
+        let generator = |(place, adapter): (usize, &Adapter)| Self {
             name: adapter.name.clone(),
             ordinal: found[..place].iter().filter(|other| other.name == adapter.name).count(),
             options,
             device: Mutex::new(None),
         };
-        Ok(found.iter().enumerate().map(of).collect())
+        Ok(found.iter().enumerate().map(generator).collect())
     }
 
-    /// The open device.
+    /// The device, open.
     ///
     /// # Errors
     /// [`GpuError`] if it cannot be opened.
     pub fn device(&self) -> Result<GpuDevice, GpuError> {
-        let mut place = self.place();
+        let mut place = self.device.lock();
         if let Some(device) = place.as_ref().filter(|device| !device.is_lost()) {
             return Ok(device.clone());
         }
@@ -175,15 +176,11 @@ impl GpuGenerator {
         Ok(place.insert(device).clone())
     }
 
-    /// Loses the device on purpose, whatever it is computing: for tests of the fallback.
+    /// Loses the device on purpose during a computation, for tests of the fallback.
     pub fn lose(&self) {
-        if let Some(device) = self.place().as_ref() {
+        if let Some(device) = self.device.lock().as_ref() {
             device.lose();
         }
-    }
-
-    fn place(&self) -> MutexGuard<'_, Option<GpuDevice>> {
-        self.device.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -196,9 +193,9 @@ impl BatchGenerator for GpuGenerator {
         Self::device(self).map(drop).map_err(|error| error.to_string())
     }
 
-    fn admit(&self, jobs: &[&Job]) -> Result<Vec<Option<Admitted>>, String> {
+    fn admit(&self, jobs: &[&Job]) -> Result<Vec<Option<AdmittedPlan>>, String> {
         let device = Self::device(self).map_err(|error| error.to_string())?;
-        // The device is idle meanwhile. A job without a plan will fail with the reason.
+        // The device is idle in the meantime. A job without a plan fails later, with the reason.
         let plan = |job: &&Job| resolve(job).map(|spec| Plan::new(&spec, job.seed)).ok();
         let plans: Vec<Option<Plan>> = jobs.par_iter().map(plan).collect();
         if let Some(first) = &plans[0] {
@@ -216,16 +213,16 @@ impl BatchGenerator for GpuGenerator {
         Ok(plans.into_iter().zip(fits).map(|(plan, fits)| fits.then_some(plan)).collect())
     }
 
-    fn generate(&self, members: &[BatchWork<'_>], pool: &ThreadPool, calls: BatchCalls<'_>) {
+    fn generate(&self, members: &[BatchMember<'_>], pool: &ThreadPool, callbacks: BatchCallbacks<'_>) {
         let mut places = Vec::with_capacity(members.len());
         let mut requests = Vec::with_capacity(members.len());
         for (place, member) in members.iter().enumerate() {
-            match request(member.work) {
+            match request(member.input) {
                 Ok(request) => {
                     places.push(place);
                     requests.push(request);
                 }
-                Err(error) => (calls.ended)(place, Err(error)),
+                Err(error) => (callbacks.ended)(place, Err(error)),
             }
         }
         match Self::device(self) {
@@ -238,14 +235,14 @@ impl BatchGenerator for GpuGenerator {
                 };
                 let batch: Vec<Member<'_>> = requests.iter().zip(&places).map(member).collect();
                 let ended = |index: usize, result: Result<_, GenerateError>| {
-                    (calls.ended)(places[index], result.map_err(WorkError::from));
+                    (callbacks.ended)(places[index], result.map_err(WorkError::from));
                 };
-                let calls = Calls { simulated: calls.simulated, ended: &ended };
+                let calls = Calls { simulated: callbacks.simulated, ended: &ended };
                 generate_batch(&device, Some(pool), &batch, calls);
             }
             Err(error) => {
                 for &place in &places {
-                    (calls.ended)(place, Err(GenerateError::Gpu(error.clone()).into()));
+                    (callbacks.ended)(place, Err(GenerateError::Gpu(error.clone()).into()));
                 }
             }
         }

@@ -1,9 +1,9 @@
-//! Generations on threads of their own: what the CPU and GPU backends have in common.
+//! Generations on separate threads: the common part of the CPU and GPU backends.
 
 pub(super) mod cpu;
 pub(super) mod gpu;
 
-use super::generator::{Work, WorkError};
+use super::generator::{GenerationInput, WorkError};
 use super::progress::AttemptSink;
 use super::verdict::{self, Verdict};
 use crate::fit::FitSpec;
@@ -17,7 +17,7 @@ use std::pin::Pin;
 use std::sync::Arc;
 use tokio::sync::OwnedSemaphorePermit;
 
-/// What a generation needs; owned, since its thread may outlive the attempt that started it.
+/// Input of a generation. Owned, because the thread may outlive the attempt that started it.
 pub(super) struct Task {
     pub(super) job: Job,
     pub(super) dir: Arc<AttemptDir>,
@@ -27,11 +27,11 @@ pub(super) struct Task {
     pub(super) checkpoint: Option<PathBuf>,
 }
 
-/// Why a generation gave no model.
+/// Reason why a generation has no result.
 pub(super) enum GenerateFailure {
-    /// For this reason the attempt ends.
+    /// The attempt ends with this verdict.
     Verdict(Verdict),
-    /// The GPU could not grow it; a CPU may.
+    /// The GPU could not grow the model; a CPU may.
     Gpu(String),
 }
 
@@ -46,21 +46,21 @@ impl From<WorkError> for GenerateFailure {
 
 type Result<T> = std::result::Result<T, GenerateFailure>;
 
-/// What a generation or a fit has made.
-pub(super) struct Made {
+/// Result of a generation or a fit.
+pub(super) struct GenerationOutput {
     /// The backend that computed it.
     pub(super) used: Backend,
     /// Description of the device.
     pub(super) device: String,
     /// Files in the directory of the attempt.
     pub(super) files: Vec<FileOutput>,
-    /// What the record keeps of it.
+    /// Summary for the record.
     pub(super) summary: serde_json::Value,
     /// Times of the stages of a model.
     pub(super) seconds: Option<Seconds>,
 }
 
-impl From<Outcome> for Made {
+impl From<Outcome> for GenerationOutput {
     fn from(outcome: Outcome) -> Self {
         let summary = outcome.findings.figures();
         let Outcome { used, device, files, seconds, .. } = outcome;
@@ -68,35 +68,35 @@ impl From<Outcome> for Made {
     }
 }
 
-/// A running generation. Dropping it tells it to stop; its thread ends by itself.
+/// A running generation. Dropping this value tells it to stop; its thread ends by itself.
 pub(super) struct Generation {
-    result: Pin<Box<dyn Future<Output = Result<Made>> + Send>>,
+    result: Pin<Box<dyn Future<Output = Result<GenerationOutput>> + Send>>,
     cancel: CancelToken,
-    /// The right to use the threads of the CPU, if it has them.
+    /// Right to use the CPU threads, for a generation on the CPU.
     _threads: Option<OwnedSemaphorePermit>,
 }
 
 impl Generation {
-    /// `result` resolves when the threads have stopped working on it, after `cancel` too.
+    /// A generation whose `result` resolves when its threads have stopped, even after `cancel`.
     fn new(
-        result: impl Future<Output = Result<Made>> + Send + 'static,
+        result: impl Future<Output = Result<GenerationOutput>> + Send + 'static,
         cancel: CancelToken,
         threads: Option<OwnedSemaphorePermit>,
     ) -> Self {
         Self { result: Box::pin(result), cancel, _threads: threads }
     }
 
-    /// One that a GPU could not begin.
+    /// A generation that a GPU could not begin.
     pub(super) fn refused(reason: String) -> Self {
         Self::new(async move { Err(GenerateFailure::Gpu(reason)) }, CancelToken::default(), None)
     }
 
-    /// Its result. May be dropped and called again until it has resolved.
-    pub(super) fn result(&mut self) -> impl Future<Output = Result<Made>> + '_ {
+    /// Waits for the result. May be dropped and called again until it has resolved.
+    pub(super) fn result(&mut self) -> impl Future<Output = Result<GenerationOutput>> + '_ {
         &mut self.result
     }
 
-    /// Tells it to stop.
+    /// Tells the generation to stop.
     pub(super) fn stop(&self) {
         self.cancel.cancel();
     }
@@ -108,15 +108,15 @@ impl Drop for Generation {
     }
 }
 
-/// What growing a job is predicted to take.
+/// Predicted cost of a job.
 pub(super) struct Prediction {
-    /// Seconds on one core.
+    /// Time on one core, seconds.
     pub(super) seconds: f64,
-    /// Bytes of all files.
+    /// Size of all files, bytes.
     pub(super) bytes: u64,
 }
 
-/// Predicts what growing a job takes; `None` if its spec is not valid for this engine.
+/// Predicts the cost of a job; `None` if its spec is not valid for this engine.
 pub(super) fn predict(job: &Job) -> Option<Prediction> {
     if job.kind == JobKind::Fit {
         return fit_of(job).ok().map(|fit| Prediction { seconds: fit.predicted_seconds(), bytes: 0 });
@@ -136,7 +136,7 @@ fn fit_of(job: &Job) -> std::result::Result<FitSpec, WorkError> {
 }
 
 fn resolve(job: &Job) -> std::result::Result<ModelSpec, WorkError> {
-    // A canonical spec names every parameter, so it resolves to the same on any preset.
+    // A canonical spec contains every parameter, so it resolves to the same spec on any preset.
     let preset = spec::preset(&job.preset).unwrap_or(&spec::presets()[0]);
     ModelSpec::resolve(preset, &job.spec).map_err(|faults| {
         let faults: Vec<String> = faults.iter().map(ToString::to_string).collect();
@@ -144,15 +144,15 @@ fn resolve(job: &Job) -> std::result::Result<ModelSpec, WorkError> {
     })
 }
 
-fn request(work: Work<'_>) -> std::result::Result<Request, WorkError> {
-    let job = work.job;
+fn request(input: GenerationInput<'_>) -> std::result::Result<Request, WorkError> {
+    let job = input.job;
     Ok(Request {
         preset: job.preset.clone(),
         spec: resolve(job)?,
         seed: job.seed,
-        backend: work.backend,
+        backend: input.backend,
         outputs: job.outputs.clone(),
-        dir: work.dir.to_owned(),
-        memory_limit_bytes: work.memory_limit_bytes,
+        dir: input.dir.to_owned(),
+        memory_limit_bytes: input.memory_limit_bytes,
     })
 }

@@ -69,13 +69,13 @@ pub async fn many_jobs_are_cancelled_at_once(factory: Factory) {
     let mut changes = bench.store.changes();
     let asked = vec![done.id, running.id, JobId(uuid::Uuid::nil()), waiting.id, again.id];
     let begun = bench.store.cancel_many(vec![running.id], Some(Status::Queued)).await.unwrap();
-    assert_eq!(begun, Applied::default(), "it was queued when it was found, and runs now");
+    assert_eq!(begun, BulkResult::default(), "it was queued when it was found, and runs now");
     let applied = bench.store.cancel_many(asked.clone(), None).await.unwrap();
     // The running one is asked to stop; its checkpoint is still named.
-    assert_eq!(applied, Applied { jobs: 3, keys: vec!["left".into()] });
+    assert_eq!(applied, BulkResult { jobs: 3, keys: vec!["left".into()] });
     let told: Vec<_> = (0..3).map(|_| changes.try_recv().unwrap().id).collect();
     assert_eq!(told, [running.id, waiting.id, again.id]);
-    assert_eq!(bench.store.cancel_many(asked, None).await.unwrap(), Applied::default());
+    assert_eq!(bench.store.cancel_many(asked, None).await.unwrap(), BulkResult::default());
     assert_eq!(bench.get(waiting.id).await.status, Status::Cancelled);
     assert_eq!(bench.get(done.id).await, done);
     assert_eq!(bench.beat(&claimed).await, Directive::Cancel);
@@ -88,11 +88,11 @@ pub async fn many_jobs_are_removed_at_once(factory: Factory) {
     let waiting = bench.queue("waiting").await;
     let mut changes = bench.store.changes();
     let applied = bench.store.delete_many(vec![waiting.id, done.id, JobId(uuid::Uuid::nil())], None).await.unwrap();
-    assert_eq!(applied, Applied { jobs: 2, keys: vec![] }, "the other job still names the files");
+    assert_eq!(applied, BulkResult { jobs: 2, keys: vec![] }, "the other job still names the files");
     let told: Vec<_> = (0..2).map(|_| changes.try_recv().unwrap()).collect();
     assert_eq!(told, [done.id, waiting.id].map(|id| Change { id, version: None }));
     let ended = bench.store.delete_many(vec![shared.id], Some(Status::Running)).await.unwrap();
-    assert_eq!(ended, Applied::default(), "it ran when it was found, and has ended now");
+    assert_eq!(ended, BulkResult::default(), "it ran when it was found, and has ended now");
     let last = bench.store.delete_many(vec![shared.id], None).await.unwrap();
     assert_eq!((last.jobs, last.keys.len()), (1, done.files.len()));
     assert_eq!(bench.store.counts().await.unwrap(), Counts::default());

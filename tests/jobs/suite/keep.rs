@@ -153,7 +153,7 @@ pub async fn one_owner_at_a_time_holds_an_upkeep_task(factory: Factory) {
     bench.clock.advance(LEASE / 2);
     assert!(acquire(Orphans, "b").await && !acquire(Orphans, "a").await);
     let racers = (0..8).map(|n| {
-        let store = Arc::clone(&bench.store);
+        let store = bench.store.clone();
         tokio::spawn(async move { store.acquire_upkeep(Retention, &format!("r{n}"), LEASE).await.unwrap() })
     });
     let won = join_all(racers).await.into_iter().filter(|won| *won.as_ref().unwrap()).count();

@@ -181,7 +181,7 @@ pub async fn four_claimers_end_each_job_once(factory: Factory) {
         bench.queue(&n.to_string()).await;
     }
     let claimers = (0..4).map(|n| {
-        let store = Arc::clone(&bench.store);
+        let store = bench.store.clone();
         tokio::spawn(async move {
             let mut mine = Vec::new();
             let worker = format!("w{n}");

@@ -30,7 +30,7 @@ pub async fn lists_are_filtered_and_paged(factory: Factory) {
     ids.reverse();
 
     let select = |filter: ListFilter| {
-        let store = Arc::clone(&bench.store);
+        let store = bench.store.clone();
         async move {
             let page = store.list(&ListFilter { limit: 100, ..filter }).await.unwrap();
             assert_eq!(page.next, None);

@@ -31,17 +31,16 @@ use oviduct::clock::Clock;
 use oviduct::generate::{Backend, Output, Outputs, Progress, Stage};
 use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{
-    Applied, BackendReport, BatchFilter, Change, ClaimedJob, Counts, Directive, File, Finished, Instruction, Job,
+    BackendReport, BatchFilter, BulkResult, Change, ClaimedJob, Counts, Directive, File, Finished, Instruction, Job,
     JobId, JobKind, JobProgress, ListFilter, LiveSection, NewBatch, NewJob, Pause, Priority, Problem, Status, Store,
     StoreError, StoreOptions, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo, WorkerState,
 };
 use oviduct::model::{BodyKind, LengthUnit};
 use std::collections::{BTreeMap, HashMap};
-use std::sync::Arc;
 use std::time::Duration;
 
 /// Makes an empty store; the second value keeps alive what the store needs.
-pub type Factory = fn(StoreOptions) -> BoxFuture<'static, (Arc<dyn Store>, Box<dyn Send>)>;
+pub type Factory = fn(StoreOptions) -> BoxFuture<'static, (Store, Box<dyn Send>)>;
 
 pub const LEASE: Duration = Duration::from_secs(8);
 
@@ -196,7 +195,7 @@ pub fn finished(claimed: &ClaimedJob) -> Finished {
 }
 
 struct Bench {
-    store: Arc<dyn Store>,
+    store: Store,
     clock: Clock,
     _kept: Box<dyn Send>,
 }

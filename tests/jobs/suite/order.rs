@@ -147,7 +147,7 @@ pub async fn a_claim_of_several_takes_due_jobs_of_all_lanes(factory: Factory) {
     ask("auto 2", Backend::Auto, "y", 0).await;
     ask("single 1", Backend::CpuSingle, "x", 0).await;
     for (backend, waiting) in [(Backend::Gpu, 3), (Backend::Cpu, 6), (Backend::CpuSingle, 3), (Backend::Auto, 6)] {
-        assert_eq!(bench.store.waiting(backend).await.unwrap(), waiting, "{backend:?}");
+        assert_eq!(bench.store.count_claimable_jobs(backend).await.unwrap(), waiting, "{backend:?}");
     }
     let order = ["cpu urgent", "auto 1", "cpu 1", "auto 2", "auto 3", "single 1"];
     for limit in [1, 2, 4, 9] {

@@ -92,7 +92,7 @@ pub async fn an_owner_has_a_quota(factory: Factory) {
     bench.store.submit(two("a", "4")).await.unwrap();
     // Submissions at the same time do not each find room.
     let racing = (0..12).map(|n| {
-        let (store, new) = (Arc::clone(&bench.store), two("racer", &format!("r{n}")));
+        let (store, new) = (bench.store.clone(), two("racer", &format!("r{n}")));
         tokio::spawn(async move { store.submit(new).await.is_ok() })
     });
     let accepted = join_all(racing).await.into_iter().filter(|taken| *taken.as_ref().unwrap()).count();
@@ -157,7 +157,7 @@ pub async fn keys_are_stored_revoked_and_listed(factory: Factory) {
 pub async fn only_one_first_key_is_made(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let racers = (0..8).map(|_| {
-        let store = Arc::clone(&bench.store);
+        let store = bench.store.clone();
         tokio::spawn(async move { store.add_first_key(new_key(&Secret::generate(), "admin", None)).await.unwrap() })
     });
     let made: Vec<Key> = join_all(racers).await.into_iter().filter_map(Result::unwrap).collect();
@@ -186,7 +186,7 @@ pub async fn a_ticket_is_good_once_for_its_path_and_a_minute(factory: Factory) {
     assert_eq!(bench.store.ticket(&secret.hash(), "/models/1/events").await.unwrap().as_deref(), Some("12345678"));
     // Of many that try at the same time, one gets in.
     let racers = (0..8).map(|_| {
-        let (store, hash) = (Arc::clone(&bench.store), secret.hash());
+        let (store, hash) = (bench.store.clone(), secret.hash());
         tokio::spawn(async move { store.use_ticket(&hash, "/models/1/events").await.unwrap() })
     });
     let used: Vec<String> = join_all(racers).await.into_iter().filter_map(Result::unwrap).collect();

@@ -48,9 +48,12 @@ pub async fn a_paused_gpu_worker_claims_no_batch(factory: Factory) {
         bench.queue(&n.to_string()).await;
     }
     let claim = async || bench.store.claim("g", Backend::Gpu, LEASE, 8).await.unwrap().len();
-    let claimers = async || bench.store.claimers(Backend::Gpu, LEASE).await.unwrap();
+    let claimers = async || bench.store.count_unpaused_workers(Backend::Gpu, LEASE).await.unwrap();
     assert!(bench.store.instruct("g", Instruction::Drain, None).await.unwrap());
-    assert_eq!((claim().await, claimers().await, bench.store.alive(Backend::Gpu, LEASE).await.unwrap()), (0, 0, 1));
+    assert_eq!(
+        (claim().await, claimers().await, bench.store.count_live_workers(Backend::Gpu, LEASE).await.unwrap()),
+        (0, 0, 1)
+    );
     assert!(bench.store.instruct("g", Instruction::Resume, None).await.unwrap());
     assert_eq!((claimers().await, claim().await), (1, 3));
 }

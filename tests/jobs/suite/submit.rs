@@ -101,7 +101,7 @@ pub async fn an_idempotency_key_gives_one_job(factory: Factory) {
 pub async fn racing_idempotency_keys_give_one_job(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let racers = (0..48).map(|n| {
-        let store = Arc::clone(&bench.store);
+        let store = bench.store.clone();
         tokio::spawn(async move { store.submit(keyed(&format!("k{}", n % 3), &format!("b{}", n % 6))).await })
     });
     let mut made: HashMap<usize, Vec<JobId>> = HashMap::new();
