@@ -8,20 +8,19 @@ use super::job::JobId;
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 const LOCK: &str = ".lock";
 
-/// The scratch directory of this process. Dropping it removes the directory; in async code, call
-/// [`Scratch::remove`].
+/// The scratch directory of this process. Dropping it removes the directory; in async code, drop it
+/// by [`drop_blocking`].
 #[derive(Debug)]
 pub struct Scratch {
     folder: PathBuf,
     _lock: File,
 }
 
-/// The scratch directory of an attempt. Dropping it removes the directory; in async code, call
-/// [`AttemptDir::remove`].
+/// The scratch directory of an attempt. Dropping it removes the directory; in async code, drop it
+/// by [`drop_blocking`].
 #[derive(Debug)]
 pub struct AttemptDir(PathBuf);
 
@@ -114,13 +113,6 @@ fn free_and_total(_: &Path) -> Option<(u64, u64)> {
     None
 }
 
-impl Scratch {
-    /// Removes the directory on a thread that may block, unless other clones of `scratch` keep it.
-    pub async fn remove(scratch: Arc<Self>) {
-        drop_blocking(scratch).await;
-    }
-}
-
 impl Drop for Scratch {
     fn drop(&mut self) {
         remove(&self.folder);
@@ -144,12 +136,6 @@ impl AttemptDir {
     pub fn path(&self) -> &Path {
         &self.0
     }
-
-    /// Removes the directory on a thread that may block. If a generation still uses `dir`, its
-    /// thread removes the directory at its end.
-    pub async fn remove(dir: Arc<Self>) {
-        drop_blocking(dir).await;
-    }
 }
 
 impl Drop for AttemptDir {
@@ -158,9 +144,9 @@ impl Drop for AttemptDir {
     }
 }
 
-/// Drops a value on a thread that may block.
-async fn drop_blocking(value: impl Send + 'static) {
-    // Fails if the runtime is shutting down; the value is dropped even then.
+/// Drops a value that removes files, on a thread that may block.
+pub async fn drop_blocking(value: impl Send + 'static) {
+    // Fails if the runtime is shutting down, which drops the value too.
     let _ = tokio::task::spawn_blocking(move || drop(value)).await;
 }
 

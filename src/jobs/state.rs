@@ -1,7 +1,7 @@
 //! The state machine of a job, as a pure function of state and event.
 //!
-//! Both databases apply [`State::on`] inside the transaction and write the result, so they agree.
-//! Invariants, tested as properties below:
+//! Both databases apply [`JobState::on`] inside the transaction and write the result, so they
+//! agree. Invariants, tested as properties below:
 //!
 //! - A job that has ended never changes.
 //! - An event of a worker is refused unless it carries the number and the holder of the current
@@ -15,7 +15,7 @@ use std::time::Duration;
 
 /// The part of a job's record that decides which events are allowed.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct State {
+pub struct JobState {
     /// Status.
     pub status: Status,
     /// Number of the last attempt, from 1; 0 before the first.
@@ -83,8 +83,8 @@ pub enum AttemptEnd {
 /// Result of an event.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Next {
-    /// State after the event.
-    pub state: State,
+    /// JobState after the event.
+    pub state: JobState,
     /// Attempt end, if the event ended an attempt.
     pub ended: Option<AttemptEnd>,
     /// True if the job failed because no attempts are left.
@@ -102,7 +102,7 @@ pub enum Refused {
     Fenced,
 }
 
-impl State {
+impl JobState {
     /// The state of a new job.
     #[must_use]
     pub fn queued() -> Self {
@@ -229,7 +229,7 @@ mod tests {
     proptest! {
         #[test]
         fn invariants_hold_over_any_history(events in prop::collection::vec(event(), 0..60), max in 1u32..5) {
-            let mut state = State::queued();
+            let mut state = JobState::queued();
             let mut ends = 0;
             for event in &events {
                 let before = state.clone();
@@ -262,7 +262,7 @@ mod tests {
 
         #[test]
         fn vanishing_workers_end_a_job_after_max_attempts(max in 1u32..8) {
-            let mut state = State::queued();
+            let mut state = JobState::queued();
             for n in 1..=max {
                 state = state.on(&Event::Claim("a".into()), max).unwrap().state;
                 let next = state.on(&Event::Expire, max).unwrap();
@@ -275,7 +275,7 @@ mod tests {
 
     #[test]
     fn a_released_attempt_does_not_count() {
-        let mut state = State::queued();
+        let mut state = JobState::queued();
         for attempt in 1..=20 {
             state = state.on(&Event::Claim("a".into()), 2).unwrap().state;
             state = state.on(&Event::Release(Fence { attempt, worker: "a".into() }), 2).unwrap().state;
@@ -285,7 +285,7 @@ mod tests {
 
     #[test]
     fn an_attempt_asked_to_stop_is_not_tried_again() {
-        let running = State::queued().on(&Event::Claim("a".into()), 5).unwrap().state;
+        let running = JobState::queued().on(&Event::Claim("a".into()), 5).unwrap().state;
         let asked = running.on(&Event::Cancel, 5).unwrap().state;
         assert_eq!(asked.status, Status::Running);
         let fence = Fence { attempt: 1, worker: "a".into() };

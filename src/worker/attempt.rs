@@ -11,7 +11,7 @@ use super::upload::{self, UploadError};
 use super::verdict::{self, Verdict};
 use crate::clock::Stopwatch;
 use crate::generate::{Backend, CancelToken};
-use crate::jobs::scratch::AttemptDir;
+use crate::jobs::scratch::{AttemptDir, drop_blocking};
 use crate::jobs::state::AttemptEnd;
 use crate::jobs::{BackendReport, ClaimedJob, File, Finished, JobId, JobKind, StoreError};
 use crate::metrics::Fallback;
@@ -337,8 +337,7 @@ impl<'a> Attempt<'a> {
         let Self { context, worker, claim, dir, sink, checkpoints, stopping, .. } = self;
         let id = claim.job.job().id;
         // Before the storage is checked, because its files take space.
-        drop(sink);
-        AttemptDir::remove(dir).await;
+        drop_blocking((dir, sink)).await;
         let ended = record(context, claim, ending).await;
         if let Some(generation) = stopping {
             wait_for(context, worker, id, generation).await;

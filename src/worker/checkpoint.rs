@@ -8,6 +8,7 @@
 use super::context::Context;
 use crate::clock::Stopwatch;
 use crate::jobs::artifacts::{self, ArtifactError};
+use crate::jobs::scratch::drop_blocking;
 use crate::jobs::{ClaimedJob, StoreError};
 use crate::lock::{Mutex, MutexGuard};
 use std::convert::Infallible;
@@ -26,14 +27,14 @@ const TRIES: u32 = 3;
 /// Passes checkpoints from the generating thread to the task that stores them. Holds one at a time.
 #[derive(Debug)]
 pub(super) struct Mailbox {
-    state: Mutex<State>,
+    state: Mutex<MailboxState>,
     /// Time between checkpoints; `None` takes none.
     every: Option<Duration>,
     arrived: Notify,
 }
 
 #[derive(Debug)]
-struct State {
+struct MailboxState {
     /// Time since the last checkpoint or the start.
     since: Stopwatch,
     /// A checkpoint that has not been fetched yet.
@@ -54,7 +55,8 @@ pub(super) enum Saved {
 
 impl Mailbox {
     pub(super) fn new(every: Option<Duration>) -> Self {
-        let state = State { since: Stopwatch::start(), checkpoint: None, requested: false, cost: Duration::ZERO };
+        let state =
+            MailboxState { since: Stopwatch::start(), checkpoint: None, requested: false, cost: Duration::ZERO };
         Self { state: Mutex::new(state), every, arrived: Notify::new() }
     }
 
@@ -106,7 +108,7 @@ impl Mailbox {
         }
     }
 
-    fn state(&self) -> MutexGuard<'_, State> {
+    fn state(&self) -> MutexGuard<'_, MailboxState> {
         self.state.lock()
     }
 }
@@ -177,8 +179,7 @@ impl<'a> Checkpoints<'a> {
         let size = match checkpoint {
             Saved::File(path) => {
                 let stored = self.context.artifacts.put_file(&key, &path).await;
-                // Removes the file on a thread that may block.
-                let _ = tokio::task::spawn_blocking(move || drop(path)).await;
+                drop_blocking(path).await;
                 stored?.bytes
             }
             Saved::Bytes(bytes) => {

@@ -80,7 +80,7 @@ const MAX_PAUSE: u32 = 60;
 /// Availability of the storage of this process, as its workers know it.
 #[derive(Debug)]
 pub(super) struct Storage {
-    state: watch::Sender<State>,
+    state: watch::Sender<StorageState>,
     /// Held by the slot that checks; the others wait for its result.
     checking: Mutex<()>,
     /// Read by claims. A release takes it for writing: it waits for running claims and keeps out
@@ -91,7 +91,7 @@ pub(super) struct Storage {
 }
 
 #[derive(Clone, Debug, Default)]
-struct State {
+struct StorageState {
     outage: Option<Outage>,
     /// Number of releases since the last successful upload. Releases within one pause count once.
     releases: u32,
@@ -163,7 +163,7 @@ impl Storage {
     }
 
     /// Ends the outage. Returns false if there is none.
-    fn end(&self, state: &mut State) -> bool {
+    fn end(&self, state: &mut StorageState) -> bool {
         let was_out = state.outage.take().is_some();
         if was_out {
             tracing::info!("storage is available again; the workers claim jobs");

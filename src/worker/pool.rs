@@ -13,7 +13,7 @@ use super::verdict;
 use crate::clock::Clock;
 use crate::generate::Backend;
 use crate::jobs::artifacts::Artifacts;
-use crate::jobs::scratch::Scratch;
+use crate::jobs::scratch::{Scratch, drop_blocking};
 use crate::jobs::{Change, ClaimedJob, Job, Store, StoreError, WorkerInfo};
 use crate::lock::Mutex;
 use crate::status::{Condition, Status};
@@ -56,7 +56,7 @@ struct Slot {
     gpu: Option<Gpu>,
     claims: Arc<Semaphore>,
     busy: Arc<Busy>,
-    state: Mutex<State>,
+    state: Mutex<WorkerStatus>,
     /// Held from reading `state` until it is recorded, so that the last record is current.
     recording: tokio::sync::Mutex<()>,
 }
@@ -71,7 +71,7 @@ struct RunPermit {
 
 /// Part of a worker's state that its heartbeat publishes.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-struct State {
+struct WorkerStatus {
     jobs_done: u64,
     gpu: GpuState,
 }
@@ -157,7 +157,7 @@ impl WorkerPool {
                 tracing::error!("a generation did not stop in time; its result will be discarded");
             }
         }
-        Scratch::remove(self.scratch).await;
+        drop_blocking(self.scratch).await;
     }
 
     async fn ended(&mut self) {
@@ -266,7 +266,7 @@ async fn new_job(changes: &mut Receiver<Change>) {
 /// workers less often.
 async fn report_workers(slots: Vec<Arc<Slot>>, context: Arc<Context>) {
     let mut phase = context.phase.clone();
-    let mut recorded: Vec<Option<State>> = vec![None; slots.len()];
+    let mut recorded: Vec<Option<WorkerStatus>> = vec![None; slots.len()];
     for beat in 0u32.. {
         for (slot, recorded) in slots.iter().zip(&mut recorded) {
             if beat.is_multiple_of(SEEN_EVERY) || recorded.as_ref() != Some(&slot.state()) {
@@ -446,12 +446,12 @@ impl Slot {
         }
     }
 
-    fn state(&self) -> State {
+    fn state(&self) -> WorkerStatus {
         self.state.lock().clone()
     }
 
     /// Sends a heartbeat with the present state of the worker.
-    async fn record(&self) -> State {
+    async fn record(&self) -> WorkerStatus {
         let _recording = self.recording.lock().await;
         let state = self.state();
         let (backend, device) = match &self.gpu {

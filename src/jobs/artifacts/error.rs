@@ -1,6 +1,7 @@
 //! Errors of the artifact store.
 
-use crate::jobs::error::{Cause, StoreError, with_causes};
+use crate::jobs::error::Cause;
+use crate::jobs::{StoreError, with_causes};
 use std::path::PathBuf;
 
 /// Reason why the artifact store refused a call, or failed.

@@ -8,8 +8,7 @@
 //! changed in the meantime are reported as changed.
 
 use crate::clock::Stopwatch;
-use crate::jobs::job::JobId;
-use crate::jobs::list::Change;
+use crate::jobs::{Change, JobId};
 use crate::lock::Mutex;
 use sqlx::postgres::{PgConnectOptions, PgListener, PgPool, PgPoolOptions};
 use sqlx::{Executor, Row};

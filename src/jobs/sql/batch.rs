@@ -9,11 +9,11 @@ use super::record::{owner, parse_optional, priority, select_jobs, submitter, to_
 use super::store::Store;
 use super::submit::{self, place};
 use super::tx::Tx;
-use crate::jobs::batch::{Batch, BatchFilter, BatchPage, NewBatch, SubmittedBatch};
-use crate::jobs::error::StoreError;
-use crate::jobs::job::{BatchId, IdGenerator, Job, JobId, NewJob};
-use crate::jobs::list::{Change, Counts};
-use crate::jobs::options::StoreOptions;
+use crate::jobs::job::IdGenerator;
+use crate::jobs::{
+    Batch, BatchFilter, BatchId, BatchPage, Change, Counts, Job, JobId, NewBatch, NewJob, StoreError, StoreOptions,
+    SubmittedBatch,
+};
 use crate::lock::Mutex;
 use std::sync::Arc;
 

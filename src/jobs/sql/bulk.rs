@@ -9,10 +9,7 @@ use super::read::matching;
 use super::store::Store;
 use super::submit;
 use super::tx::Tx;
-use crate::jobs::error::StoreError;
-use crate::jobs::job::{JobId, Status};
-use crate::jobs::list::{BulkResult, ListFilter};
-use crate::jobs::options::StoreOptions;
+use crate::jobs::{BulkResult, JobId, ListFilter, Status, StoreError, StoreOptions};
 
 /// Calls for many jobs.
 impl Store {

@@ -23,12 +23,8 @@ use super::store::Store;
 use super::tx::{Dialect, Tx};
 use crate::clock::Stopwatch;
 use crate::generate::Backend;
-use crate::jobs::attempt::ClaimedJob;
-use crate::jobs::error::StoreError;
-use crate::jobs::job::{Job, JobId, Problem};
-use crate::jobs::list::Change;
-use crate::jobs::options::StoreOptions;
 use crate::jobs::state::{self, Event};
+use crate::jobs::{Change, ClaimedJob, Job, JobId, Problem, StoreError, StoreOptions};
 use crate::lock::Mutex;
 use jiff::Timestamp;
 use std::collections::VecDeque;
@@ -61,33 +57,27 @@ impl Store {
         limit: u32,
     ) -> Result<Vec<ClaimedJob>, StoreError> {
         self.before("claim").await?;
-        let result = self.claim_due(worker, backend, lease, limit).await;
-        self.after("claim", result)
-    }
-
-    async fn claim_due(
-        &self,
-        worker: &str,
-        backend: Backend,
-        lease: Duration,
-        limit: u32,
-    ) -> Result<Vec<ClaimedJob>, StoreError> {
-        let since = Stopwatch::start();
-        let look = async { look(&mut self.reader().await?, worker, backend).await };
-        let found = look.await.map_err(|error| self.noted(error))?;
-        if since.elapsed() >= lease {
-            // The database hung for so long that no worker may have been able to renew its lease.
-            self.note_outage();
-        }
-        let may_expire = self.may_expire(found.at, lease);
-        if found.leases_expired && may_expire {
-            // Only leases that had expired at the look, not leases that expire while an outage
-            // interrupts this.
-            self.transact(Expire { before: found.at }).await?;
-        } else if !found.jobs_due {
-            return Ok(Vec::new());
-        }
-        self.transact(Claim { worker: worker.to_owned(), backend, lease, limit, tried: Mutex::default() }).await
+        let claimed = async {
+            let since = Stopwatch::start();
+            let look = async { look(&mut self.reader().await?, worker, backend).await };
+            let found = look.await.map_err(|error| self.noted(error))?;
+            if since.elapsed() >= lease {
+                // The database hung for so long that no worker may have been able to renew its
+                // lease.
+                self.note_outage();
+            }
+            let may_expire = self.may_expire(found.at, lease);
+            if found.leases_expired && may_expire {
+                // Only leases that had expired at the look, not leases that expire while an outage
+                // interrupts this.
+                self.transact(Expire { before: found.at }).await?;
+            } else if !found.jobs_due {
+                return Ok(Vec::new());
+            }
+            self.transact(Claim { worker: worker.to_owned(), backend, lease, limit, tried: Mutex::default() }).await
+        };
+        let claimed = claimed.await;
+        self.after("claim", claimed)
     }
 }
 

@@ -1,7 +1,7 @@
 //! Rust values to and from columns.
 
 use super::error::{SqlError, broken};
-use crate::jobs::job::JobId;
+use crate::jobs::JobId;
 use jiff::Timestamp;
 use std::time::Duration;
 

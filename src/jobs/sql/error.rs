@@ -1,6 +1,7 @@
 //! Errors of operations on the database.
 
-use crate::jobs::error::{Cause, StoreError};
+use crate::jobs::StoreError;
+use crate::jobs::error::Cause;
 
 /// Reason why an operation on the database failed.
 #[derive(Debug, thiserror::Error)]

@@ -5,9 +5,8 @@ use super::error::{SqlError, broken};
 use super::operation::{Done, Operation};
 use super::store::Store;
 use super::tx::{Dialect, Row, Tx};
-use crate::jobs::error::StoreError;
 use crate::jobs::keys::{Key, NewKey, NewTicket};
-use crate::jobs::options::StoreOptions;
+use crate::jobs::{StoreError, StoreOptions};
 use jiff::Timestamp;
 use std::time::Duration;
 

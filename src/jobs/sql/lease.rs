@@ -1,5 +1,5 @@
 //! Leases: expiry, renewal, the end of an attempt, cancellation. Every event goes through
-//! [`State::on`].
+//! [`JobState::on`].
 
 use super::codec::{enum_from_sql, enum_to_sql, json, until, values};
 use super::error::SqlError;
@@ -10,12 +10,11 @@ use super::store::Store;
 use super::submit::insert_files;
 use super::tx::Tx;
 use super::upkeep::FreeUpkeep;
-use crate::jobs::attempt::{Attempt, ClaimedJob, Directive, Finished};
-use crate::jobs::error::StoreError;
-use crate::jobs::job::{BackendReport, Job, JobId, JobProgress, LiveSection, Problem, Status};
-use crate::jobs::list::Change;
-use crate::jobs::options::StoreOptions;
-use crate::jobs::state::{self, AttemptEnd, Event, Fence, Next, State};
+use crate::jobs::state::{self, AttemptEnd, Event, Fence, JobState, Next};
+use crate::jobs::{
+    Attempt, BackendReport, Change, ClaimedJob, Directive, Finished, Job, JobId, JobProgress, LiveSection, Problem,
+    Status, StoreError, StoreOptions,
+};
 use jiff::Timestamp;
 use std::time::Duration;
 
@@ -314,7 +313,7 @@ impl Operation for Cancel {
         let id = self.0;
         let cancelled = cancel(tx, options, id, None).await?;
         let Some(job) = read::job(tx, id).await? else { return Ok(Done::quiet(None)) };
-        let Some(Cancelled { changes, checkpoint }) = cancelled else { return Ok(Done::quiet(Some(job))) };
+        let Some(Cancellation { changes, checkpoint }) = cancelled else { return Ok(Done::quiet(Some(job))) };
         // The record no longer names the checkpoint; the caller removes its file.
         let job = Job { checkpoint: job.checkpoint.clone().or(checkpoint), ..job };
         Ok(Done::new(Some(job), changes))
@@ -322,7 +321,7 @@ impl Operation for Cancel {
 }
 
 /// Result of cancelling a job.
-pub(super) struct Cancelled {
+pub(super) struct Cancellation {
     pub(super) changes: Vec<Change>,
     /// The checkpoint that the record named, if the cancellation ended the job.
     pub(super) checkpoint: Option<String>,
@@ -335,7 +334,7 @@ pub(super) async fn cancel(
     options: &StoreOptions,
     id: JobId,
     status: Option<Status>,
-) -> Result<Option<Cancelled>, SqlError> {
+) -> Result<Option<Cancellation>, SqlError> {
     let found = load(tx, id).await?.filter(|(state, _)| status.is_none_or(|status| status == state.status));
     let Some((state, _)) = found else { return Ok(None) };
     let Some(next) = state.on(&Event::Cancel, options.max_attempts).ok().filter(|next| next.state != state) else {
@@ -343,7 +342,7 @@ pub(super) async fn cancel(
     };
     let checkpoint = if next.state.status.is_ended() { named_checkpoint(tx, id).await? } else { None };
     let changes = write(tx, id, &next, None).await?;
-    Ok(Some(Cancelled { changes, checkpoint }))
+    Ok(Some(Cancellation { changes, checkpoint }))
 }
 
 /// Applies an event that the state of the job is known to allow.
@@ -361,24 +360,24 @@ pub(super) async fn apply(
 }
 
 /// The state and version of a job, locked until the transaction ends.
-async fn load(tx: &mut Tx<'_>, id: JobId) -> Result<Option<(State, u64)>, SqlError> {
+async fn load(tx: &mut Tx<'_>, id: JobId) -> Result<Option<(JobState, u64)>, SqlError> {
     load_locked(tx, id, " FOR UPDATE").await
 }
 
 /// The state and version for a change that does not end the job. The weaker lock lets submissions
 /// proceed that will wait for the job.
-pub(super) async fn load_for_renewal(tx: &mut Tx<'_>, id: JobId) -> Result<Option<(State, u64)>, SqlError> {
+pub(super) async fn load_for_renewal(tx: &mut Tx<'_>, id: JobId) -> Result<Option<(JobState, u64)>, SqlError> {
     load_locked(tx, id, " FOR NO KEY UPDATE").await
 }
 
-async fn load_locked(tx: &mut Tx<'_>, id: JobId, lock: &'static str) -> Result<Option<(State, u64)>, SqlError> {
+async fn load_locked(tx: &mut Tx<'_>, id: JobId, lock: &'static str) -> Result<Option<(JobState, u64)>, SqlError> {
     let sql = format!(
         "SELECT status, attempts, spent, cancel_requested, holder, version FROM jobs WHERE id = $1{}",
         tx.either("", lock),
     );
     let row = tx.optional(sql, values![id]).await?;
     row.map(|row| {
-        let state = State {
+        let state = JobState {
             status: enum_from_sql(row.text("status")?)?,
             attempts: row.count("attempts")?,
             spent: row.count("spent")?,

@@ -2,8 +2,7 @@
 
 use super::error::SqlError;
 use super::tx::Tx;
-use crate::jobs::list::Change;
-use crate::jobs::options::StoreOptions;
+use crate::jobs::{Change, StoreOptions};
 use std::future::Future;
 use std::time::Duration;
 

@@ -25,10 +25,8 @@ use super::record::{Record, submitter};
 use super::store::Store;
 use super::tx::Tx;
 use crate::generate::Backend;
-use crate::jobs::error::StoreError;
-use crate::jobs::job::{Job, NewJob, Priority, Status};
-use crate::jobs::options::StoreOptions;
 use crate::jobs::state;
+use crate::jobs::{Job, NewJob, Priority, Status, StoreError, StoreOptions};
 
 /// Largest exact position in the queue; jobs further back report this one.
 const POSITIONS: u64 = 1000;

@@ -7,9 +7,7 @@ use super::operation::{Done, Operation};
 use super::store::Store;
 use super::tx::Tx;
 use super::workers::{ALL, is_listed, to_pause};
-use crate::jobs::error::StoreError;
-use crate::jobs::operators::{Instruction, Pause};
-use crate::jobs::options::StoreOptions;
+use crate::jobs::{Instruction, Pause, StoreError, StoreOptions};
 
 /// Calls for pauses.
 impl Store {

@@ -3,8 +3,7 @@
 use super::codec::values;
 use super::error::SqlError;
 use super::tx::Tx;
-use crate::jobs::error::{Quantity, StoreError};
-use crate::jobs::job::Quota;
+use crate::jobs::{Quantity, Quota, StoreError};
 use std::time::Duration;
 
 /// Serialises the submissions of an owner with a quota; otherwise several could each find room for

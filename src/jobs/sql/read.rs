@@ -7,10 +7,7 @@ use super::record::{Record, optional_enum, owned, select_jobs, to_record};
 use super::store::Store;
 use super::tx::Tx;
 use crate::generate::Backend;
-use crate::jobs::attempt::Attempt;
-use crate::jobs::error::StoreError;
-use crate::jobs::job::{Job, JobId};
-use crate::jobs::list::{Counts, ListFilter, Page};
+use crate::jobs::{Attempt, Counts, Job, JobId, ListFilter, Page, StoreError};
 use jiff::Timestamp;
 use std::time::Duration;
 

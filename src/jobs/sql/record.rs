@@ -5,7 +5,7 @@ use super::codec::{self, enum_from_sql, parse};
 use super::error::SqlError;
 use super::tx::{Row, Tx};
 use crate::generate::{Backend, Outputs};
-use crate::jobs::job::{BackendReport, BatchId, Job, JobId, Priority};
+use crate::jobs::{BackendReport, BatchId, Job, JobId, Priority};
 use crate::model::BodyKind;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};

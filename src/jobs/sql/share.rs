@@ -27,11 +27,8 @@ use super::record::{outputs_from_sql, submitter};
 use super::store::Store;
 use super::tx::{Row, Tx};
 use crate::generate::Outputs;
-use crate::jobs::error::StoreError;
-use crate::jobs::job::{Job, JobId, NewJob, Status};
-use crate::jobs::list::Change;
-use crate::jobs::options::StoreOptions;
 use crate::jobs::state;
+use crate::jobs::{Change, Job, JobId, NewJob, Status, StoreError, StoreOptions};
 
 /// Maximum number of equal jobs that a submission considers as partners.
 const CANDIDATES: usize = 16;

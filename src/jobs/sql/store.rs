@@ -5,14 +5,10 @@
 use super::engine::Engine;
 use super::error::{Severity, SqlError};
 use super::operation::{Done, Operation};
-
 use super::tx::{Time, Tx};
 use crate::clock::Stopwatch;
-use crate::jobs::error::StoreError;
 use crate::jobs::job::IdGenerator;
-use crate::jobs::list::Change;
-use crate::jobs::operators::PoolUse;
-use crate::jobs::options::StoreOptions;
+use crate::jobs::{Change, PoolUse, StoreError, StoreOptions};
 use crate::lock::Mutex;
 use futures_util::future::BoxFuture;
 use jiff::Timestamp;
@@ -51,8 +47,7 @@ struct Shared {
 /// or replaces notifications. A call has the name of its method.
 pub trait Hook: Send + Sync + 'static {
     /// Runs before a call. An error becomes the result of the call, which then does nothing.
-    fn before<'a>(&'a self, call: &'static str) -> BoxFuture<'a, Result<(), StoreError>> {
-        let _ = call;
+    fn before<'a>(&'a self, _call: &'static str) -> BoxFuture<'a, Result<(), StoreError>> {
         Box::pin(async { Ok(()) })
     }
 
@@ -61,8 +56,7 @@ pub trait Hook: Send + Sync + 'static {
     ///
     /// # Errors
     /// The error to inject.
-    fn after(&self, call: &'static str) -> Result<(), StoreError> {
-        let _ = call;
+    fn after(&self, _call: &'static str) -> Result<(), StoreError> {
         Ok(())
     }
 

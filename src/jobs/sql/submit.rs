@@ -11,11 +11,9 @@ use super::share;
 use super::store::Store;
 use super::tx::Tx;
 use crate::generate::Backend;
-use crate::jobs::error::StoreError;
-use crate::jobs::job::{BatchId, File, IdGenerator, Job, JobId, NewJob, Status, Submitted};
-use crate::jobs::list::Change;
-use crate::jobs::options::StoreOptions;
+use crate::jobs::job::IdGenerator;
 use crate::jobs::state;
+use crate::jobs::{BatchId, Change, File, Job, JobId, NewJob, Status, StoreError, StoreOptions, Submitted};
 use crate::lock::Mutex;
 use std::sync::Arc;
 
@@ -286,14 +284,14 @@ impl Operation for Delete {
 }
 
 /// Result of deleting a record.
-pub(super) struct Deleted {
+pub(super) struct Deletion {
     /// Keys that no other record names.
     pub(super) keys: Vec<String>,
     pub(super) changes: Vec<Change>,
 }
 
 /// Deletes a record; with `status`, only if the job is in that status.
-pub(super) async fn delete(tx: &mut Tx<'_>, id: JobId, status: Option<Status>) -> Result<Option<Deleted>, SqlError> {
+pub(super) async fn delete(tx: &mut Tx<'_>, id: JobId, status: Option<Status>) -> Result<Option<Deletion>, SqlError> {
     // Locks the batch before the job, in the order of DeleteBatch. A job's batch never changes.
     let batch = match tx.optional("SELECT batch FROM jobs WHERE id = $1", values![id]).await? {
         None => return Ok(None),
@@ -327,7 +325,7 @@ pub(super) async fn delete(tx: &mut Tx<'_>, id: JobId, status: Option<Status>) -
     if let Some(batch) = &batch {
         delete_empty_batch(tx, batch).await?;
     }
-    Ok(Some(Deleted { keys, changes }))
+    Ok(Some(Deletion { keys, changes }))
 }
 
 /// Deletes the batch and its idempotency key if it has no jobs left.

@@ -3,7 +3,7 @@
 use super::codec::{Value, json, until};
 use super::error::{SqlError, broken};
 use crate::clock::{Clock, Stopwatch};
-use crate::jobs::job::JobId;
+use crate::jobs::JobId;
 use jiff::Timestamp;
 use sqlx::pool::PoolConnection;
 use sqlx::postgres::{PgArguments, PgRow};

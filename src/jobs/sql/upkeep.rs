@@ -5,8 +5,7 @@ use super::error::SqlError;
 use super::operation::{Done, Operation};
 use super::store::Store;
 use super::tx::Tx;
-use crate::jobs::error::StoreError;
-use crate::jobs::options::StoreOptions;
+use crate::jobs::{StoreError, StoreOptions};
 use std::collections::BTreeSet;
 use std::time::Duration;
 

@@ -6,10 +6,7 @@ use super::operation::{Done, Operation};
 use super::store::Store;
 use super::tx::{Row, Tx};
 use crate::generate::Backend;
-use crate::jobs::error::StoreError;
-use crate::jobs::job::JobId;
-use crate::jobs::operators::{Pause, WorkerInfo};
-use crate::jobs::options::StoreOptions;
+use crate::jobs::{JobId, Pause, StoreError, StoreOptions, WorkerInfo};
 use jiff::Timestamp;
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -38,7 +35,7 @@ impl Store {
 
     /// Workers with a heartbeat `within` this time.
     pub async fn workers_within(&self, within: Duration) -> Result<Vec<WorkerInfo>, StoreError> {
-        Ok(workers(&mut self.read("workers").await?, within).await?)
+        Ok(workers(&mut self.read("workers_within").await?, within).await?)
     }
 
     /// Number of workers of `backend` with a heartbeat `within` this time.

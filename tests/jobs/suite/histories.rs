@@ -1,7 +1,7 @@
 //! Random histories: after every step the store agrees with the pure state machine, and no ended job changes.
 
 use super::*;
-use oviduct::jobs::state::{Event, Fence, Next, State, retry_delay};
+use oviduct::jobs::state::{Event, Fence, JobState, Next, retry_delay};
 use oviduct::random::{Stream, below, words};
 
 const MAX_ATTEMPTS: u32 = 3;
@@ -11,7 +11,7 @@ const LANES: [Backend; 3] = [Backend::Auto, Backend::Cpu, Backend::CpuSingle];
 
 /// The expected record of a job.
 struct Expected {
-    state: State,
+    state: JobState,
     owner: Option<String>,
     turn: i64,
     lease_until: Timestamp,
@@ -121,7 +121,7 @@ impl History {
         assert_eq!(matches!(submitted, Submitted::Reused(_)), made, "{submitted:?}");
         self.reused += u32::from(made);
         let seen = submitted.job().clone();
-        let state = State { status: if made { Status::Succeeded } else { Status::Queued }, ..State::queued() };
+        let state = JobState { status: if made { Status::Succeeded } else { Status::Queued }, ..JobState::queued() };
         let now = self.bench.clock.now();
         let expected = Expected { state, owner, turn, lease_until: now, available_at: now, seen };
         self.jobs.insert(expected.seen.id, expected);

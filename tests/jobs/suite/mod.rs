@@ -4,6 +4,7 @@
 mod batch;
 mod bulk;
 mod histories;
+mod hook;
 mod keep;
 mod lease;
 mod list;
@@ -16,6 +17,7 @@ mod submit;
 pub use batch::*;
 pub use bulk::*;
 pub use histories::*;
+pub use hook::*;
 pub use keep::*;
 pub use lease::*;
 pub use list::*;
@@ -56,6 +58,8 @@ macro_rules! over {
     };
     ($factory:expr) => {
         crate::suite::over! { $factory;
+            a_hook_fails_calls_and_loses_responses
+            a_hook_sees_the_calls_of_its_view_alone
             a_job_goes_from_the_queue_to_its_end
             a_heartbeat_renews_and_notifies_only_of_progress
             a_stale_attempt_changes_nothing
