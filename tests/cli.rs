@@ -10,8 +10,6 @@ mod collector;
 mod convert;
 #[path = "cli/cut.rs"]
 mod cut;
-#[path = "cli/figures.rs"]
-mod figures;
 #[path = "cli/fit.rs"]
 mod fit;
 #[path = "cli/keys.rs"]

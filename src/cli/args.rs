@@ -4,7 +4,6 @@
 //! `OVIDUCT_…` variable.
 
 mod database;
-mod figures;
 mod fit;
 mod gpu;
 mod keys;
@@ -16,13 +15,13 @@ mod surfaces;
 mod workers;
 
 pub(super) use database::DatabaseArgs;
-pub(super) use figures::{FiguresArgs, Number};
 pub(super) use fit::FitArgs;
-pub(super) use gpu::{GpuArgs, GpuUse};
+pub use gpu::{GpuArgs, GpuUse};
 pub(super) use keys::{Keys, KeysAddArgs, KeysListArgs, KeysRevokeArgs, KeysRotateArgs};
 pub(super) use limits::LimitArgs;
 pub(super) use load::LoadArgs;
-pub(super) use model::{ModelArgs, SpecArgs};
+pub(super) use model::ModelArgs;
+pub use model::SpecArgs;
 pub(super) use remote::RemoteArgs;
 pub(super) use surfaces::{
     CheckArgs, ConvertArgs, CutArgs, LayerArgs, MeasureArgs, RenderArgs, ReportArgs, SectionArgs,
@@ -110,9 +109,6 @@ pub(super) enum Command {
     /// Write a model's report as one HTML page: morphometry next to published anatomy, pictures,
     /// certificate, parameters
     Report(ReportArgs),
-    /// Reproduce Figures 4, 7, 8, 9, 10 and 11 of the paper with a new model and measurements on
-    /// this machine
-    Figures(FiguresArgs),
     /// Draw a section of a sections.bin file as a stained slide or as a label image
     Section(SectionArgs),
     /// Cut a surface with a plane into rings of tissue, lumen, islands and pockets; write them as
@@ -122,8 +118,6 @@ pub(super) enum Command {
     Measure(MeasureArgs),
     /// Send many requests to a running service and report throughput, latencies and errors
     Load(LoadArgs),
-    /// Measure how fast this machine grows models
-    Bench(BenchArgs),
     /// List the presets
     Presets(PresetsArgs),
     /// Print the JSON Schema of the spec
@@ -151,8 +145,6 @@ impl Command {
             Self::Serve(args) => args.process.gpu.gpu,
             Self::Worker(args) => args.process.gpu.gpu,
             Self::Generate(args) if matches!(args.model.backend, Backend::Auto | Backend::Gpu) => args.gpu.gpu,
-            Self::Figures(args) => args.gpu.gpu,
-            Self::Bench(args) if matches!(args.what, Bench::Paper | Bench::Peers | Bench::Batch) => args.gpu.gpu,
             Self::Demo(_) => GpuUse::Auto,
             _ => GpuUse::Off,
         };
@@ -162,7 +154,7 @@ impl Command {
 
 /// Options of `serve`.
 #[derive(Clone, Debug, Args)]
-pub(super) struct ServeArgs {
+pub struct ServeArgs {
     /// Address to listen on
     #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:8080")]
     pub(super) addr: SocketAddr,
@@ -226,7 +218,7 @@ impl ServeArgs {
     ///
     /// # Errors
     /// If an option is invalid.
-    pub(super) fn with(options: &[&str]) -> Result<Self, clap::Error> {
+    pub fn with(options: &[&str]) -> Result<Self, clap::Error> {
         #[derive(Parser)]
         struct Line {
             #[command(flatten)]
@@ -390,46 +382,6 @@ pub(super) struct SubmitArgs {
     /// Print the model as JSON
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) json: bool,
-}
-
-/// Options of `bench`.
-#[derive(Clone, Debug, Args)]
-pub(super) struct BenchArgs {
-    /// Benchmark to run
-    #[arg(value_name = "WHAT", value_enum)]
-    pub(super) what: Bench,
-    /// Take fewer measurements, within half a minute
-    #[arg(long, value_parser = FalseyValueParser::new())]
-    pub(super) quick: bool,
-    /// Print one JSON object
-    #[arg(long, value_parser = FalseyValueParser::new())]
-    pub(super) json: bool,
-    /// Directory for the results as JSON and text, and for plots
-    #[arg(long, value_name = "DIR")]
-    pub(super) out: Option<PathBuf>,
-    /// With `peers`: the directory of peer_numba.py and peer_warp.py
-    #[arg(long, value_name = "DIR")]
-    pub(super) peers: Option<PathBuf>,
-    /// With `peers`: a Python interpreter with the packages of the peers
-    #[arg(long, value_name = "PROGRAM", default_value = "python3")]
-    pub(super) python: PathBuf,
-    #[command(flatten)]
-    pub(super) gpu: GpuArgs,
-}
-
-/// Benchmarks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum Bench {
-    /// The paper's comparison: all pairs and neighbour lists, one core and all cores
-    Paper,
-    /// Time per step by number of threads and particles
-    Scaling,
-    /// The same model grown by this program and by peers in Python (numba and Warp)
-    Peers,
-    /// Models per second on the GPU by batch size
-    Batch,
-    /// Models per second over HTTP, compared with direct calls of the generator
-    Overhead,
 }
 
 /// Options of `presets`.

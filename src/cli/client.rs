@@ -43,7 +43,7 @@ impl Default for Retries {
 
 /// A service at an address.
 #[derive(Clone, Debug)]
-pub(super) struct Client {
+pub struct Client {
     http: reqwest::Client,
     base: String,
     retries: Retries,
@@ -150,7 +150,7 @@ impl Client {
     ///
     /// # Errors
     /// [`Failure::Usage`] if that is not an `http:` or `https:` URL, or the key cannot be part of a header.
-    pub(super) fn new(url: &str, key: Option<&Key>) -> Result<Self, Failure> {
+    pub fn new(url: &str, key: Option<&Key>) -> Result<Self, Failure> {
         let parsed = reqwest::Url::parse(url).map_err(|e| Failure::usage(format!("--url {url}: {e}")))?;
         if !matches!(parsed.scheme(), "http" | "https") || !parsed.has_host() {
             return Err(Failure::usage(format!("--url {url}: must start with http:// or https:// and name a host")));
@@ -177,7 +177,7 @@ impl Client {
     ///
     /// # Errors
     /// [`Failure::Failed`] if the service is unavailable or answers with an error.
-    pub(super) async fn get(&self, path: &str) -> Result<Response, Failure> {
+    pub async fn get(&self, path: &str) -> Result<Response, Failure> {
         let answer = self.http.get(self.address(path)).timeout(Duration::from_secs(30)).send().await;
         accept(answer.with_context(|| format!("GET {}", self.address(path)))?).await
     }

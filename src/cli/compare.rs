@@ -22,7 +22,7 @@ pub(super) async fn run(args: CompareArgs) -> Ended {
         return Err(Failure::usage(format!("--preset {name}: the presets are {}", known.join(", "))));
     }
     let cancel = CancelToken::default();
-    let bar = term::Bar::new();
+    let bar = term::Bar::on_stderr();
     let mut task = tokio::task::spawn_blocking({
         let (args, cancel, bar) = (args.clone(), cancel.clone(), bar.clone());
         move || {

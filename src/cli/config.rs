@@ -85,7 +85,8 @@ fn variable(long: &str) -> String {
 }
 
 /// Gives every option of every command its variable.
-fn with_variables(command: clap::Command) -> clap::Command {
+#[must_use]
+pub fn with_variables(command: clap::Command) -> clap::Command {
     let name = |arg: Arg| match arg.get_long().map(variable) {
         Some(name) => arg.env(name).hide_env_values(true),
         None => arg,

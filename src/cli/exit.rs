@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 /// Why a command failed.
 #[derive(Debug)]
-pub(super) enum Failure {
+pub enum Failure {
     /// Invalid usage or an invalid spec: one line for each fault. Exit code 2.
     Usage(Vec<String>),
     /// Any other error. Exit code 1.
@@ -17,16 +17,17 @@ pub(super) enum Failure {
 }
 
 /// Result of a command.
-pub(super) type Ended = Result<(), Failure>;
+pub type Ended = Result<(), Failure>;
 
 impl Failure {
     /// Invalid usage, with one fault.
-    pub(super) fn usage(line: impl Into<String>) -> Self {
+    pub fn usage(line: impl Into<String>) -> Self {
         Self::Usage(vec![line.into()])
     }
 
     /// Exit code, and the lines for stderr.
-    pub(super) fn report(&self) -> (u8, Vec<String>) {
+    #[must_use]
+    pub fn report(&self) -> (u8, Vec<String>) {
         match self {
             Self::Usage(lines) => (2, lines.iter().map(|line| format!("error: {line}")).collect()),
             Self::Failed(error) if is_broken_pipe(error) => (0, Vec::new()),
@@ -49,7 +50,8 @@ impl<E: Into<anyhow::Error>> From<E> for Failure {
 }
 
 /// Prints the reason of a failure to stderr; returns the exit code.
-pub(super) fn exit_code(ended: &Ended) -> ExitCode {
+#[must_use]
+pub fn exit_code(ended: &Ended) -> ExitCode {
     match ended {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {

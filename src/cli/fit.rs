@@ -29,7 +29,7 @@ pub(super) async fn run(args: FitArgs) -> Ended {
     let before = args.checkpoint.as_deref().map(read_checkpoint).transpose()?.flatten();
     let mut signals = Signals::listen();
     let scratch = Scratch::new(&std::env::temp_dir()).context("a directory for models")?;
-    let (cancel, bar) = (CancelToken::default(), term::Bar::new());
+    let (cancel, bar) = (CancelToken::default(), term::Bar::on_stderr());
     let task = tokio::task::spawn_blocking({
         let (cancel, dir) = (cancel.clone(), scratch.dir().to_owned());
         let sink = Shown { bar: bar.clone(), checkpoint: args.checkpoint.clone().map(Kept::new) };

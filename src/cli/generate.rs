@@ -87,13 +87,13 @@ fn manifest(request: &Request, outcome: &Outcome, dir: &Path) -> anyhow::Result<
 }
 
 /// Grows a model on another thread and shows its progress; stops it when interrupted.
-pub(super) async fn grow(
+pub async fn grow(
     request: Request,
     gpu: GpuArgs,
     signals: &mut Signals,
 ) -> Result<(Outcome, Option<String>, Request), Failure> {
     let cancel = CancelToken::default();
-    let bar = term::Bar::new();
+    let bar = term::Bar::on_stderr();
     let task = tokio::task::spawn_blocking({
         let (cancel, sink) = (cancel.clone(), Shown(bar.clone()));
         move || (gpu::grow(&request, gpu, &sink, &cancel), request)
@@ -119,7 +119,7 @@ impl Sink for Shown {
 }
 
 /// Prints the warnings about poor growth to stderr.
-pub(super) fn warn(outcome: &Outcome) {
+pub fn warn(outcome: &Outcome) {
     for warning in warnings(outcome) {
         let detail = warning["detail"].as_str().unwrap_or_default();
         term::note(&format!("warning: {detail}"));

@@ -31,7 +31,7 @@ pub(super) async fn generators(args: GpuArgs) -> Result<Vec<GpuGenerator>, Strin
 }
 
 /// Opens the best GPU, or returns the reason why there is none.
-pub(super) fn best(args: GpuArgs) -> Result<GpuDevice, String> {
+pub fn best(args: GpuArgs) -> Result<GpuDevice, String> {
     if args.gpu == GpuUse::Off {
         return Err(OFF.to_owned());
     }

@@ -8,14 +8,16 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::task::{JoinError, JoinHandle};
 
 /// Receives the signals from its creation on. A command that creates something to clean up listens before it does.
-pub(super) struct Signals {
+#[derive(Debug)]
+pub struct Signals {
     #[cfg(unix)]
     signals: [Option<Signal>; 2],
 }
 
 impl Signals {
     /// From now on the signals do not end the process by default.
-    pub(super) fn listen() -> Self {
+    #[must_use]
+    pub fn listen() -> Self {
         Self {
             #[cfg(unix)]
             signals: [SignalKind::terminate(), SignalKind::interrupt()].map(|kind| signal(kind).ok()),
@@ -42,7 +44,7 @@ impl Signals {
     }
 
     /// Waits for the next signal.
-    pub(super) async fn asked_to_stop(&mut self) {
+    pub async fn asked_to_stop(&mut self) {
         #[cfg(unix)]
         {
             let [terminate, interrupt] = &mut self.signals;

@@ -4,7 +4,6 @@
 //! invalid spec, 130 interrupted.
 
 mod args;
-mod bench;
 mod check;
 mod client;
 mod compare;
@@ -14,21 +13,19 @@ mod convert;
 mod cut;
 mod demo;
 mod exit;
-mod figures;
 mod first_key;
 mod fit;
-mod generate;
-mod gpu;
+pub mod generate;
+pub mod gpu;
 mod interrupt;
 mod keys;
 mod layers;
-mod load;
+pub mod load;
 mod measure;
 mod migrate;
-mod model;
-mod plot;
+pub mod model;
 mod print;
-mod render;
+pub mod render;
 mod report;
 mod restart;
 mod scratch;
@@ -39,14 +36,24 @@ mod service;
 mod sse;
 mod submit;
 mod telemetry;
-mod term;
-mod units;
+pub mod term;
+pub mod units;
 mod upkeep;
 mod worker;
 mod workers;
 
+// Parts that the program `oviduct-lab` (crates/lab) uses too.
+pub use args::{GpuArgs, GpuUse, ServeArgs, SpecArgs};
+pub use client::Client;
+pub use config::with_variables;
+pub use exit::{Ended, Failure, exit_code};
+pub use interrupt::Signals;
+pub use restart::without_device_select;
+pub use scratch::Scratch;
+pub use secret::Key;
+pub use service::Service;
+
 use args::{Cli, Command};
-use exit::Ended;
 use std::ffi::OsString;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -66,12 +73,12 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
             let _ = message.print();
             return ExitCode::from(code);
         }
-        Err(failure) => return exit::exit_code(&Err(failure)),
+        Err(failure) => return exit_code(&Err(failure)),
     };
     if cli.command.may_use_gpu() {
-        restart::without_device_select();
+        without_device_select();
     }
-    exit::exit_code(&start(cli))
+    exit_code(&start(cli))
 }
 
 fn start(cli: Cli) -> Ended {
@@ -102,11 +109,9 @@ async fn dispatch(command: Command) -> Ended {
         Command::Report(args) => report::run(args).await,
         Command::Fit(args) => fit::run(args).await,
         Command::Compare(args) => compare::run(args).await,
-        Command::Figures(args) => figures::run(args).await,
         Command::Section(args) => section::run(args).await,
         Command::Cut(args) => cut::run(args).await,
         Command::Measure(args) => measure::run(args).await,
-        Command::Bench(args) => bench::run(args).await,
         Command::Presets(args) => print::presets(&args),
         Command::Worker(args) => worker::run(args).await,
         Command::Keys(args) => keys::run(args).await,

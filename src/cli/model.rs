@@ -57,7 +57,7 @@ fn assign(patch: &mut Value, assignment: &str) -> Result<(), String> {
 ///
 /// # Errors
 /// [`Failure::Usage`] with every fault, named by JSON pointer as over HTTP.
-pub(super) fn resolve(args: &SpecArgs) -> Result<(&'static Preset, ModelSpec), Failure> {
+pub fn resolve(args: &SpecArgs) -> Result<(&'static Preset, ModelSpec), Failure> {
     let preset = spec::preset(&args.preset).ok_or_else(|| {
         let names: Vec<&str> = spec::presets().iter().map(|preset| preset.name.as_str()).collect();
         Failure::usage(format!("/preset: there is no preset `{}`; the presets are {}", args.preset, names.join(", ")))
@@ -70,7 +70,8 @@ pub(super) fn resolve(args: &SpecArgs) -> Result<(&'static Preset, ModelSpec), F
 }
 
 /// The seed of the options, or a random one.
-pub(super) fn seed(args: &SpecArgs) -> u64 {
+#[must_use]
+pub fn seed(args: &SpecArgs) -> u64 {
     args.seed.unwrap_or_else(crate::random::draw_seed)
 }
 

@@ -91,7 +91,7 @@ fn draw(file: &Path, args: &RenderArgs) -> anyhow::Result<Vec<u8>> {
 }
 
 /// A surface in metres; its groups with the names of patches are these patches.
-pub(super) fn mesh(surface: Surface) -> Mesh {
+pub fn mesh(surface: Surface) -> Mesh {
     let metres = surface.unit.metres();
     Mesh {
         body: BodyKind::Tissue,

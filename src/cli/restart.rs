@@ -7,7 +7,7 @@
 /// Replaces this process by itself with `NODEVICE_SELECT=1`, if libwayland would complain. Returns otherwise. Call it before
 /// anything is opened.
 #[cfg(target_os = "linux")]
-pub(super) fn without_device_select() {
+pub fn without_device_select() {
     use std::os::unix::process::CommandExt;
     use std::path::Path;
 
@@ -28,4 +28,4 @@ pub(super) fn without_device_select() {
 
 /// Does nothing: Mesa's layer exists only on Linux.
 #[cfg(not(target_os = "linux"))]
-pub(super) fn without_device_select() {}
+pub fn without_device_select() {}

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 /// A hidden directory within the target directory of its files; removed when dropped.
 #[derive(Debug)]
-pub(super) struct Scratch {
+pub struct Scratch {
     dir: PathBuf,
     target: PathBuf,
 }
@@ -15,7 +15,7 @@ impl Scratch {
     ///
     /// # Errors
     /// If a directory cannot be created.
-    pub(super) fn new(target: &Path) -> io::Result<Self> {
+    pub fn new(target: &Path) -> io::Result<Self> {
         std::fs::create_dir_all(target)?;
         let dir = target.join(format!(".oviduct-{}.part", uuid::Uuid::now_v7().simple()));
         std::fs::create_dir(&dir)?;
@@ -23,7 +23,8 @@ impl Scratch {
     }
 
     /// The directory to write to.
-    pub(super) fn dir(&self) -> &Path {
+    #[must_use]
+    pub fn dir(&self) -> &Path {
         &self.dir
     }
 
@@ -31,7 +32,7 @@ impl Scratch {
     ///
     /// # Errors
     /// If it cannot be moved.
-    pub(super) fn publish(&self, name: &str) -> io::Result<PathBuf> {
+    pub fn publish(&self, name: &str) -> io::Result<PathBuf> {
         let to = self.target.join(name);
         std::fs::rename(self.dir.join(name), &to)?;
         Ok(to)

@@ -8,7 +8,7 @@ use std::str::FromStr;
 
 /// A key of a service. Any text parses, because an error of the parser would print it.
 #[derive(Clone, PartialEq, Eq)]
-pub(super) struct Key(String);
+pub struct Key(String);
 
 impl FromStr for Key {
     type Err = Infallible;

@@ -57,7 +57,7 @@ struct Stores {
 }
 
 /// A running service.
-pub(super) struct Service {
+pub struct Service {
     address: SocketAddr,
     runtime: Runtime,
     upkeep: Upkeep,
@@ -215,11 +215,7 @@ impl Service {
     ///
     /// # Errors
     /// As [`Runtime::start`].
-    pub(super) async fn start(
-        args: &ServeArgs,
-        listener: TcpListener,
-        probes: Option<TcpListener>,
-    ) -> Result<Self, Failure> {
+    pub async fn start(args: &ServeArgs, listener: TcpListener, probes: Option<TcpListener>) -> Result<Self, Failure> {
         let address = listener.local_addr().context("the listening socket has no address")?;
         let gpus = Gpus::find(&args.process, WorkerRequirement::Optional).await?;
         let stores = Stores::open(&args.process, Some(args.queue_limit)).await?;
@@ -248,7 +244,8 @@ impl Service {
     }
 
     /// The address that it listens on.
-    pub(super) fn address(&self) -> SocketAddr {
+    #[must_use]
+    pub fn address(&self) -> SocketAddr {
         self.address
     }
 
@@ -266,7 +263,7 @@ impl Service {
     ///
     /// # Errors
     /// `failed`, or a panic of the server.
-    pub(super) async fn stop(self, failed: Option<anyhow::Error>) -> Result<(), Failure> {
+    pub async fn stop(self, failed: Option<anyhow::Error>) -> Result<(), Failure> {
         let Self { runtime, upkeep, server, shutdown, probes_shutdown, drain_delay, .. } = self;
         runtime.drain();
         drop(upkeep);

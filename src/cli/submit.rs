@@ -103,7 +103,7 @@ pub(super) async fn wait(client: &Client, accepted: Value) -> Result<Value, Fail
     if model.is_ended() {
         return Ok(accepted);
     }
-    let bar = term::Bar::new();
+    let bar = term::Bar::on_stderr();
     let followed = client
         .follow(&model.id, |followed| match followed {
             Followed::Away => bar.remark("the connection to the service was lost; retrying"),

@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 ///
 /// # Errors
 /// If stdout cannot be written to.
-pub(super) fn print(line: &str) -> std::io::Result<()> {
+pub fn print(line: &str) -> std::io::Result<()> {
     let mut out = std::io::stdout().lock();
     out.write_all(line.as_bytes())?;
     if !line.ends_with('\n') {
@@ -22,18 +22,21 @@ pub(super) fn print(line: &str) -> std::io::Result<()> {
 ///
 /// # Errors
 /// If stdout cannot be written to.
-pub(super) fn print_json<T: serde::Serialize>(value: &T) -> std::io::Result<()> {
+pub fn print_json<T: serde::Serialize>(value: &T) -> std::io::Result<()> {
     print(&serde_json::to_string_pretty(value).map_err(std::io::Error::from)?)
 }
 
 /// Writes a line to stderr; an error is ignored, since there is nowhere to report it.
-pub(super) fn note(line: &str) {
+pub fn note(line: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{line}");
 }
 
-/// Shows the progress of one model. Clones show the same one.
+/// Progress of one model on stderr. Clones show the same one.
 #[derive(Clone, Debug)]
-pub(super) enum Bar {
+pub struct Bar(Display);
+
+#[derive(Clone, Debug)]
+enum Display {
     /// On a terminal.
     Bar(ProgressBar),
     /// Elsewhere: a line for each new stage, and for every tenth of the work.
@@ -47,27 +50,28 @@ const LINE_EVERY: u64 = 10;
 
 impl Bar {
     /// Progress on stderr.
-    pub(super) fn new() -> Self {
+    #[must_use]
+    pub fn on_stderr() -> Self {
         if !std::io::stderr().is_terminal() {
-            return Self::Lines(Arc::default());
+            return Self(Display::Lines(Arc::default()));
         }
         let style = ProgressStyle::with_template("{prefix:<9} [{bar:40}] {percent:>3}% {elapsed_precise} {msg}")
             .expect("the template is well formed")
             .progress_chars("=> ");
         let bar = ProgressBar::with_draw_target(Some(PARTS), ProgressDrawTarget::stderr());
         bar.set_style(style);
-        Self::Bar(bar)
+        Self(Display::Bar(bar))
     }
 
     /// Shows a stage, the fraction of the whole work that is done (0 to 1), and details.
-    pub(super) fn show(&self, stage: &str, fraction: f64, message: String) {
-        match self {
-            Self::Bar(bar) => {
+    pub fn show(&self, stage: &str, fraction: f64, message: String) {
+        match &self.0 {
+            Display::Bar(bar) => {
                 bar.set_prefix(stage.to_owned());
                 bar.set_position((fraction.clamp(0.0, 1.0) * PARTS as f64) as u64);
                 bar.set_message(message);
             }
-            Self::Lines(reported) => {
+            Display::Lines(reported) => {
                 let line = reported.lock().unwrap_or_else(PoisonError::into_inner).line(stage, fraction, &message);
                 if let Some(line) = line {
                     note(&line);
@@ -78,9 +82,9 @@ impl Bar {
 
     /// Shows a remark on the connection, and leaves the fraction as it is.
     pub(super) fn remark(&self, message: &str) {
-        match self {
-            Self::Bar(bar) => bar.set_message(message.to_owned()),
-            Self::Lines(reported) => {
+        match &self.0 {
+            Display::Bar(bar) => bar.set_message(message.to_owned()),
+            Display::Lines(reported) => {
                 let mut reported = reported.lock().unwrap_or_else(PoisonError::into_inner);
                 if reported.remark.as_deref() != Some(message) {
                     reported.remark = Some(message.to_owned());
@@ -91,8 +95,8 @@ impl Bar {
     }
 
     /// Removes the bar from the terminal.
-    pub(super) fn clear(&self) {
-        if let Self::Bar(bar) = self {
+    pub fn clear(&self) {
+        if let Display::Bar(bar) = &self.0 {
             bar.finish_and_clear();
         }
     }
@@ -100,7 +104,7 @@ impl Bar {
 
 /// What the lines have reported so far.
 #[derive(Debug, Default)]
-pub(super) struct Reported {
+struct Reported {
     stage: String,
     /// In steps of [`LINE_EVERY`] percent.
     tenth: u64,

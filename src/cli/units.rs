@@ -162,7 +162,8 @@ pub(super) fn seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
 }
 
 /// A size in decimal units with one digit after the point: `12.3 MB`.
-pub(super) fn show_bytes(bytes: u64) -> String {
+#[must_use]
+pub fn show_bytes(bytes: u64) -> String {
     let value = bytes as f64;
     match value {
         v if v >= 1e9 => format!("{:.1} GB", v / 1e9),
@@ -173,7 +174,7 @@ pub(super) fn show_bytes(bytes: u64) -> String {
 }
 
 /// Parses a value by its name in JSON, so that the command line and the HTTP interface accept the same names.
-pub(super) fn named<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
+pub fn named<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
     serde_json::from_value(serde_json::Value::from(text)).map_err(|error| error.to_string())
 }
 

@@ -30,8 +30,8 @@ impl Source {
     }
 }
 
-/// All files below `src` and `crates/*/src`, sorted by path. The only `lib.rs` is that of the root
-/// package, because those of the other crates only declare modules.
+/// All files below `src` and `crates/*/src`, sorted by path; of the `lib.rs` and `main.rs`, which no
+/// module imports from, those of the root package.
 pub(crate) fn sources() -> Vec<Source> {
     fn walk(root: &Path, dir: &Path, found: &mut Vec<Source>) {
         for entry in std::fs::read_dir(dir).expect("a folder of sources can be read") {
@@ -50,7 +50,7 @@ pub(crate) fn sources() -> Vec<Source> {
         let src = entry.expect("crates can be read").path().join("src");
         walk(&src, &src, &mut found);
     }
-    found.retain(|source| source.path != "lib.rs");
+    found.retain(|source| source.path != "lib.rs" && source.path != "main.rs");
     let src = root.join("src");
     walk(&src, &src, &mut found);
     found.sort_by(|a, b| a.path.cmp(&b.path));

@@ -5,18 +5,18 @@ use clap::{Args, ValueEnum};
 
 /// Selection of GPUs.
 #[derive(Clone, Copy, Debug, Args)]
-pub(in crate::cli) struct GpuArgs {
+pub struct GpuArgs {
     /// Use of GPUs
     #[arg(long, value_name = "WHEN", value_enum, default_value_t = GpuUse::Auto)]
-    pub(in crate::cli) gpu: GpuUse,
+    pub gpu: GpuUse,
     /// Also use software adapters, which compute on the CPU (Mesa's llvmpipe); slow, for tests
     #[arg(long, value_parser = FalseyValueParser::new())]
-    pub(in crate::cli) allow_software_adapter: bool,
+    pub allow_software_adapter: bool,
 }
 
 /// Use of GPUs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(in crate::cli) enum GpuUse {
+pub enum GpuUse {
     /// All GPUs of this machine.
     Auto,
     /// No GPU.

@@ -6,7 +6,6 @@ use crate::cli::load::{Arrivals, Mix, Rate};
 use crate::cli::units;
 use clap::Args;
 use clap::builder::FalseyValueParser;
-use std::path::PathBuf;
 use std::time::Duration;
 
 /// Options of `load`.
@@ -68,7 +67,4 @@ pub(in crate::cli) struct LoadArgs {
     /// Print one JSON object
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(in crate::cli) json: bool,
-    /// SVG file for a plot of latency over time and by percentile
-    #[arg(long, value_name = "FILE", conflicts_with = "direct")]
-    pub(in crate::cli) plot: Option<PathBuf>,
 }

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 
 /// Spec and seed of a model.
 #[derive(Clone, Debug, Args)]
-pub(in crate::cli) struct SpecArgs {
+pub struct SpecArgs {
     /// Preset to start from; see `oviduct presets`
     #[arg(long, value_name = "NAME", default_value = "pig")]
     pub(in crate::cli) preset: String,

@@ -142,12 +142,7 @@ async fn accepted(target: &Target, seed: u64, began: Duration) -> Result<(String
 ///
 /// # Errors
 /// If one of them does not succeed, or a task panics.
-pub(in crate::cli) async fn through(
-    client: &Client,
-    body: &Value,
-    seeds: Seeds,
-    concurrency: u32,
-) -> Result<(), Failure> {
+pub async fn through(client: &Client, body: &Value, seeds: Seeds, concurrency: u32) -> Result<(), Failure> {
     let count = seeds.left();
     // The limit of single calls does not matter: there are whole models only.
     let target = Arc::new(Target::new(client.clone(), body.clone(), seeds, Duration::ZERO, Duration::MAX));

@@ -12,18 +12,24 @@ use tokio::task::JoinSet;
 
 /// The models that [`direct`] grows.
 #[derive(Clone, Debug)]
-pub(in crate::cli) struct Model {
-    pub(in crate::cli) preset: String,
-    pub(in crate::cli) spec: Arc<ModelSpec>,
-    pub(in crate::cli) backend: Backend,
-    pub(in crate::cli) outputs: Outputs,
+pub struct Model {
+    /// Name of the preset that the spec changes.
+    pub preset: String,
+    /// The spec.
+    pub spec: Arc<ModelSpec>,
+    /// Backend that grows the models.
+    pub backend: Backend,
+    /// Files to write.
+    pub outputs: Outputs,
 }
 
 /// A model that ended.
-pub(in crate::cli) struct Grown {
+#[derive(Debug)]
+pub struct Grown {
     /// Time that it took.
-    pub(in crate::cli) seconds: f64,
-    pub(in crate::cli) succeeded: bool,
+    pub seconds: f64,
+    /// True if the model was grown and certified.
+    pub succeeded: bool,
     pub(super) bytes: u64,
 }
 
@@ -31,7 +37,7 @@ pub(in crate::cli) struct Grown {
 ///
 /// # Errors
 /// If threads cannot be started, or a task panics.
-pub(in crate::cli) async fn direct(
+pub async fn direct(
     model: &Model,
     seeds: Seeds,
     concurrency: u32,

@@ -7,9 +7,10 @@ use std::collections::BTreeMap;
 
 /// A call without the answer that the interface describes.
 #[derive(Clone, Debug, PartialEq)]
-pub(in crate::cli) struct Lost {
+pub struct Lost {
     pub(super) kind: ErrorKind,
-    pub(in crate::cli) message: String,
+    /// Description of the error.
+    pub message: String,
 }
 
 impl From<Failure> for Lost {

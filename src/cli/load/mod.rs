@@ -4,7 +4,6 @@
 //! No error ends a run: it is counted, and the load goes on.
 
 mod calls;
-mod chart;
 mod closed;
 mod direct;
 mod errors;
@@ -23,12 +22,12 @@ mod tests;
 mod text;
 mod times;
 
-pub(super) use closed::through;
-pub(super) use direct::{Grown, Model, direct};
-pub(super) use errors::Lost;
+pub use closed::through;
+pub use direct::{Grown, Model, direct};
+pub use errors::Lost;
 pub(super) use mix::Mix;
 pub(super) use plan::{Arrivals, Rate};
-pub(super) use seeds::Seeds;
+pub use seeds::Seeds;
 
 use super::args::LoadArgs;
 use super::client::Client;
@@ -37,7 +36,7 @@ use super::interrupt::Signals;
 use super::{connections, model, submit, term};
 use crate::clock::Stopwatch;
 use crate::generate::Backend;
-use anyhow::{Context, anyhow};
+use anyhow::anyhow;
 use closed::Users;
 use mix::Call;
 use models::Models;
@@ -63,9 +62,9 @@ const DESCRIPTORS: u64 = 64;
 pub(super) async fn run(args: LoadArgs) -> Ended {
     let mut signals = Signals::listen();
     let first = args.model.of.seed.unwrap_or_else(|| crate::random::draw_seed() >> 1);
-    let (report, svg) = if args.direct {
+    let report = if args.direct {
         tokio::select! {
-            report = without_service(&args, first) => (report?, None),
+            report = without_service(&args, first) => report?,
             () = signals.asked_to_stop() => return Err(Failure::Interrupted),
         }
     } else {
@@ -77,9 +76,6 @@ pub(super) async fn run(args: LoadArgs) -> Ended {
         for line in text::lines(&report) {
             term::print(&line)?;
         }
-    }
-    if let (Some(path), Some(svg)) = (&args.plot, svg) {
-        std::fs::write(path, svg?).with_context(|| format!("--plot {}", path.display()))?;
     }
     match (report.interrupted, report.failed()) {
         (true, _) => Err(Failure::Interrupted),
@@ -128,12 +124,8 @@ impl Settings {
     }
 }
 
-/// Puts a service under load until the time is over, or a signal arrives. Also returns the plot, if one is asked for.
-async fn through_service(
-    args: &LoadArgs,
-    first: u64,
-    signals: &mut Signals,
-) -> Result<(Report, Option<anyhow::Result<String>>), Failure> {
+/// Puts a service under load until the time is over, or a signal arrives.
+async fn through_service(args: &LoadArgs, first: u64, signals: &mut Signals) -> Result<Report, Failure> {
     let settings = Settings::of(args, first)?;
     let alone = if args.efficiency { Some(local(args)?) } else { None };
     let body = submit::request(&args.model)?;
@@ -171,12 +163,11 @@ async fn through_service(
     };
     let warm_up = settings.warm_up.as_secs_f64();
     let run = Run { mode, seed: first, interrupted, warm_up, seconds, waited: !args.wait.is_zero() };
-    let svg = args.plot.as_ref().map(|_| chart::draw(&numbers));
     let efficiency = efficiency.unwrap_or_else(|failure| {
         term::note(&format!("no efficiency: {}", failure.report().1.join("; ")));
         None
     });
-    Ok((Report::of(&run, &numbers, models, efficiency), svg))
+    Ok(Report::of(&run, &numbers, models, efficiency))
 }
 
 /// Makes the calls, and waits for the models and streams.

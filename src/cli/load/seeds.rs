@@ -5,22 +5,26 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Consecutive seeds, each taken once. Clones share them.
 #[derive(Clone, Debug)]
-pub(in crate::cli) struct Seeds {
+pub struct Seeds {
     next: Arc<AtomicU64>,
     end: u64,
 }
 
 impl Seeds {
-    pub(in crate::cli) fn new(first: u64, count: u64) -> Self {
+    /// The `count` seeds that start with `first`.
+    pub fn new(first: u64, count: u64) -> Self {
         Self { next: Arc::new(AtomicU64::new(first)), end: first.saturating_add(count) }
     }
 
-    /// How many were not taken yet.
-    pub(in crate::cli) fn left(&self) -> u64 {
+    /// Number of seeds that are not taken yet.
+    #[must_use]
+    pub fn left(&self) -> u64 {
         self.end.saturating_sub(self.next.load(Ordering::Relaxed))
     }
 
-    pub(in crate::cli) fn take(&self) -> Option<u64> {
+    /// Takes the next seed; `None` if all are taken.
+    #[must_use]
+    pub fn take(&self) -> Option<u64> {
         Some(self.next.fetch_add(1, Ordering::Relaxed)).filter(|seed| *seed < self.end)
     }
 }

@@ -24,7 +24,7 @@ async fn load(url: &str, options: &str) -> Result<Report, Failure> {
     }
     let line = ["load", "--url", url, "--seed", "1", "--warm-up", "0"].into_iter().chain(options.split_whitespace());
     let Line { args } = clap::Parser::try_parse_from(line).expect("valid options");
-    Ok(through_service(&args, 1, &mut Signals::listen()).await?.0)
+    through_service(&args, 1, &mut Signals::listen()).await
 }
 
 /// A service of models that succeed at once.

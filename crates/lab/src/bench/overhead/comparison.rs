@@ -1,21 +1,17 @@
 //! A service in this process, and the generator called directly, in turn.
 
 use super::batches;
-use crate::cli::args::ServeArgs;
-use crate::cli::bench::machine;
-use crate::cli::client::Client;
-use crate::cli::exit::Failure;
-use crate::cli::load::{self, Grown, Lost, Model, Seeds};
-use crate::cli::service::Service;
-use crate::clock::Stopwatch;
-use crate::generate::{Backend, Output};
-use crate::sim::gpu::GpuDevice;
-use crate::spec::{ModelSpec, preset};
+use crate::bench::machine;
 use anyhow::{Context, anyhow};
+use oviduct::cli::load::{self, Grown, Lost, Model, Seeds};
+use oviduct::cli::{Client, Failure, ServeArgs, Service};
+use oviduct::clock::Stopwatch;
+use oviduct::generate::{Backend, Output};
+use oviduct::sim::gpu::GpuDevice;
+use oviduct::spec::{ModelSpec, preset};
 use serde_json::{Value, json};
-use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Duration;
+use tempfile::TempDir;
 use tokio::net::TcpListener;
 
 /// The preset that all models are changed from.
@@ -62,16 +58,16 @@ fn plain(failure: Failure) -> anyhow::Error {
 pub(super) struct Serving {
     service: Service,
     pub(super) client: Client,
-    folder: PathBuf,
+    folder: TempDir,
 }
 
 impl Serving {
-    pub(super) async fn start(options: &[&str], set: impl FnOnce(&mut ServeArgs)) -> anyhow::Result<Self> {
-        let folder = std::env::temp_dir().join(format!("oviduct-bench-{}", uuid::Uuid::now_v7()));
-        let mut args = ServeArgs::with(options).context("the defaults are not valid")?;
-        args.process.database.data.clone_from(&folder);
-        args.process.grace = Duration::ZERO;
-        set(&mut args);
+    /// Starts a service with these options of `oviduct serve`.
+    pub(super) async fn start(options: &[&str]) -> anyhow::Result<Self> {
+        let folder = tempfile::tempdir()?;
+        let data = folder.path().display().to_string();
+        let args = ServeArgs::with(&[&["--data", &data, "--grace", "0s"], options].concat())
+            .context("the options of the service are not valid")?;
         let listener = TcpListener::bind(("127.0.0.1", 0)).await.context("no port is free")?;
         let service = Service::start(&args, listener, None).await.map_err(plain)?;
         let client = Client::new(&format!("http://{}", service.address()), None).map_err(plain)?;
@@ -80,7 +76,7 @@ impl Serving {
 
     pub(super) async fn stop(self) -> anyhow::Result<()> {
         self.service.stop(None).await.map_err(plain)?;
-        std::fs::remove_dir_all(&self.folder).with_context(|| self.folder.display().to_string())
+        Ok(self.folder.close()?)
     }
 }
 

@@ -2,9 +2,9 @@
 
 use super::grown::Grown;
 use super::made::Made;
-use crate::model::Section;
-use crate::render::{OVERSAMPLING, Panel, SectionStyle, extent_um, line_height, page_png, section_drawing};
 use anyhow::Context;
+use oviduct::model::Section;
+use oviduct::render::{OVERSAMPLING, Panel, SectionStyle, extent_um, line_height, page_png, section_drawing};
 use serde_json::{Value, json};
 
 /// Width of the lines, as a fraction of the width of the page, and in pixels at least.

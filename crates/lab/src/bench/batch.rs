@@ -1,14 +1,14 @@
 //! `bench batch`: models per second on the GPU by batch size.
 
-use super::super::plot::{self, Axes, Line, Scale, SeriesLabelPosition};
 use super::report::Report;
 use super::{device, machine};
-use crate::cli::args::GpuArgs;
-use crate::cli::{gpu, term};
-use crate::sim::Plan;
-use crate::sim::gpu::GpuDevice;
-use crate::spec::{ModelSpec, preset};
+use crate::plot::{self, Axes, Line, Scale, SeriesLabelPosition};
 use anyhow::Context;
+use oviduct::cli::GpuArgs;
+use oviduct::cli::{gpu, term};
+use oviduct::sim::Plan;
+use oviduct::sim::gpu::GpuDevice;
+use oviduct::spec::{ModelSpec, preset};
 use serde_json::json;
 
 /// Largest batch size.
@@ -71,7 +71,7 @@ fn measure(device: &GpuDevice, spec: &ModelSpec, what: &str, quick: bool) -> any
     }
     lines.extend(search);
     let json = json!({
-        "bench": "batch", "engine": crate::ENGINE_VERSION, "machine": machine::describe(),
+        "bench": "batch", "engine": oviduct::ENGINE_VERSION, "machine": machine::describe(),
         "device": device::describe(device), "model": what, "runs": runs, "largest_that_fits": fit, "rows": rows,
     });
     let axes = Axes {

@@ -1,11 +1,9 @@
 //! Options of `figures`.
 
-use super::gpu::GpuArgs;
-use super::model::SpecArgs;
-use crate::cli::units;
-use crate::generate::Backend;
 use clap::builder::FalseyValueParser;
 use clap::{Args, ValueEnum};
+use oviduct::cli::{GpuArgs, SpecArgs, units};
+use oviduct::generate::Backend;
 use std::path::PathBuf;
 
 /// Seed of the figures in docs/validation.md and of `bench paper`.
@@ -15,38 +13,38 @@ const SEED: &str = "1";
 #[derive(Clone, Debug, Args)]
 #[command(mut_arg("preset", |preset| preset.default_value("paper")))]
 #[command(mut_arg("seed", |seed| seed.help("Seed of the random numbers, 0 to 2^53 - 1").default_value(SEED)))]
-pub(in crate::cli) struct FiguresArgs {
+pub(crate) struct FiguresArgs {
     #[command(flatten)]
-    pub(in crate::cli) of: SpecArgs,
+    pub(super) of: SpecArgs,
     /// Backend that grows the model of Figures 4 to 9: auto, gpu, cpu or cpu-single
     #[arg(long, value_parser = units::named::<Backend>, default_value = "auto")]
-    pub(in crate::cli) backend: Backend,
+    pub(super) backend: Backend,
     /// Directory for the files; created if it does not exist
     #[arg(long, value_name = "DIR", required = true)]
-    pub(in crate::cli) out: PathBuf,
+    pub(super) out: PathBuf,
     /// Figures to draw, separated by commas [default: all]
     #[arg(long, value_name = "LIST", value_enum, value_delimiter = ',')]
-    pub(in crate::cli) only: Vec<Number>,
+    pub(super) only: Vec<Number>,
     /// Width of the pictures, pixels
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(400..=4000), default_value_t = 1800)]
-    pub(in crate::cli) size: u32,
+    pub(super) size: u32,
     /// Take fewer measurements for Figures 10 and 11, within half a minute
     #[arg(long, value_parser = FalseyValueParser::new())]
-    pub(in crate::cli) quick: bool,
+    pub(super) quick: bool,
     #[command(flatten)]
-    pub(in crate::cli) gpu: GpuArgs,
+    pub(crate) gpu: GpuArgs,
 }
 
 impl FiguresArgs {
     /// Returns true if the figure is to be drawn.
-    pub(in crate::cli) fn wants(&self, number: Number) -> bool {
+    pub(super) fn wants(&self, number: Number) -> bool {
         self.only.is_empty() || self.only.contains(&number)
     }
 }
 
 /// A figure of the paper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(in crate::cli) enum Number {
+pub(super) enum Number {
     /// Cross sections as lines.
     #[value(name = "4")]
     Four,

@@ -1,10 +1,10 @@
 //! Measures simulations on a GPU.
 
 use super::curve::Point;
-use crate::clock::Stopwatch;
-use crate::model::Section;
-use crate::sim::gpu::{AdapterKind, BatchReport, BatchSink, Checkpoint, GpuDevice, run_batch};
-use crate::sim::{Plan, SimError, Statistics};
+use oviduct::clock::Stopwatch;
+use oviduct::model::Section;
+use oviduct::sim::gpu::{AdapterKind, BatchReport, BatchSink, Checkpoint, GpuDevice, run_batch};
+use oviduct::sim::{Plan, SimError, Statistics};
 use serde_json::{Value, json};
 
 /// A measured batch.

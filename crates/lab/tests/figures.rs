@@ -1,9 +1,55 @@
-//! `oviduct figures`: the paper's figures from a small model.
+//! `oviduct-lab figures`: the paper's figures from a small model.
 
-use super::{TINY, code, folder, names, run, said};
+use oviduct::generate::{Backend, CancelToken, Output, Request, generate};
+use oviduct::spec::{ModelSpec, preset};
 use serde_json::{Value, json};
 use std::path::Path;
+use std::process::{Command, Output as Ran};
 use tiny_skia::Pixmap;
+
+/// A model that even an unoptimised build grows in a second or two.
+const TINY: [&str; 4] = ["--set", "steps=60", "--set", "particles.total={\"keys\":[[0,300],[1,420]]}"];
+
+fn run(folder: &Path, arguments: &[&str]) -> Ran {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_oviduct-lab"));
+    command.current_dir(folder).env_clear().args(arguments).output().expect("the command runs")
+}
+
+fn said(output: &Ran) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn code(output: &Ran) -> i32 {
+    output.status.code().expect("it was not killed")
+}
+
+fn folder() -> tempfile::TempDir {
+    tempfile::tempdir().expect("a directory")
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).expect("the directory exists");
+    let mut names: Vec<_> = entries.map(|e| e.expect("read").file_name().into_string().expect("UTF-8")).collect();
+    names.sort();
+    names
+}
+
+/// The report of the model that the figures show, grown by the library.
+fn report() -> Value {
+    let patch = json!({ "steps": 60, "particles": { "total": { "keys": [[0, 300], [1, 420]] } } });
+    let dir = folder();
+    let request = Request {
+        preset: "paper".to_owned(),
+        spec: ModelSpec::resolve(preset("paper").expect("a preset"), &patch).expect("valid"),
+        seed: 1,
+        backend: Backend::Cpu,
+        outputs: vec![Output::Glb].into(),
+        dir: dir.path().to_owned(),
+        memory_limit_bytes: None,
+    };
+    generate(&request, &(), &CancelToken::default()).expect("grown");
+    serde_json::from_slice(&std::fs::read(dir.path().join("report.json")).expect("there")).expect("JSON")
+}
 
 const ALL: [&str; 10] = [
     "figure-10a.svg",
@@ -18,7 +64,7 @@ const ALL: [&str; 10] = [
     "figures.json",
 ];
 
-fn figures(at: &Path, options: &[&str]) -> std::process::Output {
+fn figures(at: &Path, options: &[&str]) -> Ran {
     run(at, &[&["figures", "--size", "400", "--quick", "--gpu", "off"], &TINY[..], options].concat())
 }
 
@@ -78,17 +124,7 @@ fn all_figures_are_made_and_their_numbers_are_those_of_the_model() {
     assert_eq!([[0, 200], [200, 400]].map(|half| white_regions(&loops, half, 100)), [3, 3]);
 
     let all = numbers(&dir);
-    let generated = run(
-        at.path(),
-        &[
-            &["generate", "--preset", "paper", "--seed", "1", "--gpu", "off", "--outputs", "glb", "--out", "m"],
-            &TINY[..],
-        ]
-        .concat(),
-    );
-    assert_eq!(code(&generated), 0, "{}", said(&generated));
-    let report: Value =
-        serde_json::from_slice(&std::fs::read(at.path().join("m/report.json")).expect("there")).expect("JSON");
+    let report = report();
     assert_eq!((&all["digest"], &all["model"]["summary"]), (&report["digest"], &report["summary"]));
     let mesh = &all["figures"]["8"]["numbers"]["mesh"];
     for count in ["vertices", "triangles", "sections"] {

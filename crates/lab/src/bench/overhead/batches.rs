@@ -1,9 +1,9 @@
 //! Models grown in batches on a GPU like by a worker: the next batch is simulated while the surfaces of the last one are made.
 
-use crate::cli::bench::machine;
-use crate::cli::load::{Model, Seeds};
-use crate::generate::{Calls, CancelToken, GenerateError, Member, Outcome, Request, generate_batch};
-use crate::sim::gpu::GpuDevice;
+use crate::bench::machine;
+use oviduct::cli::load::{Model, Seeds};
+use oviduct::generate::{Calls, CancelToken, GenerateError, Member, Outcome, Request, generate_batch};
+use oviduct::sim::gpu::GpuDevice;
 use rayon::ThreadPool;
 use std::collections::VecDeque;
 use std::sync::mpsc::{Sender, channel};

@@ -3,9 +3,9 @@
 use super::figure10::gpu;
 use super::made::{Made, today};
 use super::table;
-use crate::cli::args::GpuUse;
-use crate::cli::bench::machine;
-use crate::cli::bench::paper::{Measured, PAPER};
+use crate::bench::machine;
+use crate::bench::paper::{Measured, PAPER};
+use oviduct::cli::GpuUse;
 use serde_json::json;
 
 /// What the paper calls its versions.
@@ -52,7 +52,7 @@ pub(super) fn draw(measured: &Measured, allowed: GpuUse) -> Made {
         format!(
             "Total times, hours:minutes:seconds, and how many times faster. Paper: its Figure 11, 2000 steps. Here: {}, all of them for multi-core, engine {}, {}.",
             machine::line(),
-            crate::ENGINE_VERSION,
+            oviduct::ENGINE_VERSION,
             today()
         ),
         format!(

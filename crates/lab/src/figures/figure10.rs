@@ -1,10 +1,10 @@
 //! Figure 10: the time of a step of each version of the simulation, against particles and against time steps.
 
 use super::made::{Made, today};
-use crate::cli::args::GpuUse;
-use crate::cli::bench::machine;
-use crate::cli::bench::paper::{Measured, Version};
-use crate::cli::plot::{self, Axes, Line, Scale, SeriesLabelPosition};
+use crate::bench::machine;
+use crate::bench::paper::{Measured, Version};
+use crate::plot::{self, Axes, Line, Scale, SeriesLabelPosition};
+use oviduct::cli::GpuUse;
 use serde_json::{Value, json};
 
 /// Versions in the figure: ours, and the paper's method on this machine.
@@ -65,7 +65,7 @@ pub(super) fn draw(measured: &Measured, allowed: GpuUse) -> anyhow::Result<Made>
         format!(
             "Time of a step of the simulation with growing numbers of particles: (a) linear, (b) logarithmic, (c) against time steps as in the paper; measured on {}, engine {}, {}.",
             machine::line(),
-            crate::ENGINE_VERSION,
+            oviduct::ENGINE_VERSION,
             today()
         ),
         "Lists: ours, with neighbour lists and vectors. All pairs: the paper's method, every particle against every edge, without vectors.".to_owned(),

@@ -4,10 +4,10 @@
 use super::machine;
 use super::probe::{self, Variant};
 use super::report::Report;
-use crate::sim::cpu::{CpuSimulation, Kernel, PairTerms, reference_force};
-use crate::sim::{Plan, Simulator};
-use crate::spec::{ModelSpec, Search, preset};
 use anyhow::Context;
+use oviduct::sim::cpu::{CpuSimulation, Kernel, PairTerms, reference_force};
+use oviduct::sim::{Plan, Simulator};
+use oviduct::spec::{ModelSpec, Search, preset};
 use serde_json::json;
 
 /// Steps of a sample: one growth event and the steps until the next.
@@ -74,7 +74,7 @@ pub(super) fn run(quick: bool) -> anyhow::Result<Report> {
         }));
     }
     let json = json!({
-        "bench": "scaling", "engine": crate::ENGINE_VERSION, "machine": machine::describe(), "preset": "paper",
+        "bench": "scaling", "engine": oviduct::ENGINE_VERSION, "machine": machine::describe(), "preset": "paper",
         "seed": SEED, "samples": repeats, "steps_per_sample": WINDOW, "rows": rows, "by_size": by_size,
     });
     Ok(Report { lines, json, files: Vec::new() })

@@ -1,10 +1,10 @@
 //! Measures steps of the simulation on the CPU.
 
 use super::curve::Point;
-use crate::clock::Stopwatch;
-use crate::sim::cpu::{CpuSimulation, Kernel};
-use crate::sim::{Plan, Simulator};
-use crate::spec::Search;
+use oviduct::clock::Stopwatch;
+use oviduct::sim::cpu::{CpuSimulation, Kernel};
+use oviduct::sim::{Plan, Simulator};
+use oviduct::spec::Search;
 use rayon::ThreadPool;
 
 /// A variant of the simulation on the CPU.
@@ -110,7 +110,7 @@ pub(super) fn grown(plan: &Plan, variant: Variant, particles: u32) -> anyhow::Re
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::spec::{ModelSpec, preset};
+    use oviduct::spec::{ModelSpec, preset};
     use serde_json::json;
 
     #[test]

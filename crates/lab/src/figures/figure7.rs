@@ -3,11 +3,11 @@
 use super::figure4::describe;
 use super::grown::Grown;
 use super::made::Made;
-use crate::render::{
+use anyhow::Context;
+use oviduct::render::{
     Drawing, OVERSAMPLING, Panel, RenderError, SectionStyle, extent_um, line_height, page_png, section_drawing,
 };
-use crate::report;
-use anyhow::Context;
+use oviduct::report;
 use serde_json::{Value, json};
 
 /// Sections beside each other.

@@ -1,4 +1,4 @@
-//! `oviduct figures`: the figures of the paper, from a model of ours and from measurements on this machine.
+//! `oviduct-lab figures`: the figures of the paper, from a model of ours and from measurements on this machine.
 //!
 //! | file | subject |
 //! |---|---|
@@ -10,8 +10,8 @@
 //! | `figure10` | time per step of each version of the simulation |
 //! | `figure11` | their total times, as a table |
 //! | `table` | tables as SVG |
-//! | `page` | the index of all figures |
 
+mod args;
 mod figure10;
 mod figure11;
 mod figure4;
@@ -20,21 +20,22 @@ mod figure8;
 mod figure9;
 mod grown;
 mod made;
-mod page;
 mod table;
 
-use super::args::{FiguresArgs, Number};
-use super::bench::{machine, paper};
-use super::exit::{Ended, Failure};
-use super::interrupt::Signals;
-use super::scratch::Scratch;
-use super::{generate, model, term, units};
-use crate::generate::{Output, Request};
-use crate::sim::Plan;
-use crate::spec::ModelSpec;
+pub(crate) use args::FiguresArgs;
+
+use crate::bench::{machine, paper};
 use anyhow::Context;
+use args::Number;
+use base64::Engine as _;
 use grown::Grown;
 use made::{Made, today};
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+use oviduct::cli::{Ended, Failure, Scratch, Signals, generate, model, term, units};
+use oviduct::generate::{Output, Request};
+use oviduct::report::STYLE;
+use oviduct::sim::Plan;
+use oviduct::spec::ModelSpec;
 use serde_json::{Value, json};
 
 /// Name of the numbers.
@@ -52,14 +53,14 @@ const DRAWN: [(Number, Drawn); 4] = [
     (Number::Nine, figure9::draw),
 ];
 
-pub(super) async fn run(args: FiguresArgs) -> Ended {
+pub(crate) async fn run(args: FiguresArgs) -> Ended {
     let (preset, spec) = model::resolve(&args.of)?;
     let seed = model::seed(&args.of);
     // Before the scratch directory exists, which a signal would leave behind.
     let mut signals = Signals::listen();
     let scratch = Scratch::new(&args.out).with_context(|| format!("--out {}", args.out.display()))?;
     let mut document = json!({
-        "engine": crate::ENGINE_VERSION,
+        "engine": oviduct::ENGINE_VERSION,
         "date": today(),
         "machine": machine::describe(),
         "preset": preset.name,
@@ -109,7 +110,7 @@ async fn apart<T: Send + 'static>(
 }
 
 fn draw(grown: &Grown, args: &FiguresArgs) -> anyhow::Result<Vec<Made>> {
-    let bar = term::Bar::new();
+    let bar = term::Bar::on_stderr();
     let wanted: Vec<_> = DRAWN.into_iter().filter(|(number, _)| args.wants(*number)).collect();
     let count = wanted.len() as f64;
     let drawn = wanted.into_iter().enumerate().map(|(i, (number, draw))| {
@@ -136,7 +137,7 @@ fn measure(spec: &ModelSpec, seed: u64, args: &FiguresArgs) -> anyhow::Result<Ve
 /// Moves all files to their directory, the index last, and lists them.
 fn publish(scratch: &Scratch, figures: &[Made], document: &Value) -> Ended {
     let numbers = serde_json::to_string_pretty(document)? + "\n";
-    let index = page::page(figures, document).into_string();
+    let index = page(figures, document).into_string();
     let named = |(name, bytes): &(String, Vec<u8>)| (name.clone(), bytes.clone());
     let files: Vec<(String, Vec<u8>)> = figures
         .iter()
@@ -151,4 +152,43 @@ fn publish(scratch: &Scratch, figures: &[Made], document: &Value) -> Ended {
         term::print(&format!("{}  {}", path.display(), units::show_bytes(bytes.len() as u64)))?;
     }
     Ok(())
+}
+
+/// The index: all figures with their captions, on one page that needs no other file.
+fn page(figures: &[Made], document: &Value) -> Markup {
+    let text = |name: &str| document[name].as_str().unwrap_or_default().to_owned();
+    html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                title { "The paper's figures · oviduct" }
+                style { (PreEscaped(STYLE)) "svg { display: block; max-width: 100%; height: auto; }" }
+            }
+            body {
+                h1 { "The paper's figures" }
+                p.soft {
+                    "Figures of Burkitt, Romano, Walker and Fazeli, 3D Modelling of Complex Biological Structures: The Oviduct, made again by oviduct "
+                    (text("engine")) " on " (machine::line()) ", " (text("date")) ". Preset " (text("preset")) ", seed " (document["seed"])
+                    ", digest " code { (text("digest")) } ". The numbers behind them are in figures.json."
+                }
+                @for made in figures {
+                    h2 { "Figure " (made.number) ". " (made.title) }
+                    figure {
+                        @for (name, bytes) in &made.files { (picture(name, bytes, made.title)) }
+                        figcaption { @for sentence in &made.caption { (sentence) " " } }
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn picture(name: &str, bytes: &[u8], title: &str) -> Markup {
+    if name.ends_with(".svg") {
+        return html! { (PreEscaped(String::from_utf8_lossy(bytes))) };
+    }
+    let data = format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(bytes));
+    html! { img alt=(title) src=(data); }
 }

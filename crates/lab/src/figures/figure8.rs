@@ -2,8 +2,8 @@
 
 use super::grown::Grown;
 use super::made::{Made, grouped};
-use crate::model::{Mesh, PatchKind, Section};
-use crate::render::{
+use oviduct::model::{Mesh, PatchKind, Section};
+use oviduct::render::{
     Drawing, MAX_SIZE, OVERSAMPLING, Panel, RenderError, View, edge_count, line_height, page_png, piece, wire_drawing,
 };
 use serde_json::json;

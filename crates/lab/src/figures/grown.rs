@@ -1,13 +1,13 @@
 //! The model of the figures, read back from its files: what is drawn is what was exported.
 
-use crate::cli::render;
-use crate::export::read::read_surface;
-use crate::export::sections_bin::SectionsReader;
-use crate::generate::Request;
-use crate::model::{Mesh, Section};
-use crate::preview;
-use crate::render::{NamedView, Slide};
 use anyhow::{Context, ensure};
+use oviduct::cli::render;
+use oviduct::export::read::read_surface;
+use oviduct::export::sections_bin::SectionsReader;
+use oviduct::generate::Request;
+use oviduct::model::{Mesh, Section};
+use oviduct::preview;
+use oviduct::render::{NamedView, Slide};
 use serde_json::Value;
 use std::fs::File;
 use std::io::BufReader;

@@ -2,12 +2,12 @@
 //! size by the generator directly.
 
 use super::comparison::{Comparison, Direct, Row, Serving, model, ratio};
-use crate::cli::args::GpuArgs;
-use crate::cli::bench::{device, machine};
-use crate::cli::gpu;
-use crate::generate::Backend;
-use crate::sim::Plan;
+use crate::bench::{device, machine};
 use anyhow::Context;
+use oviduct::cli::GpuArgs;
+use oviduct::cli::gpu;
+use oviduct::generate::Backend;
+use oviduct::sim::Plan;
 use serde_json::{Value, json};
 
 /// Models of a batch: the default of `--gpu-batch`; and on a software adapter, whose batches take longer the larger they are.
@@ -34,7 +34,7 @@ pub(super) async fn run(args: GpuArgs, rounds: u32, seconds_a_round: f64) -> any
     if args.allow_software_adapter {
         options.push("--allow-software-adapter");
     }
-    let serving = Serving::start(&options, |_| ()).await?;
+    let serving = Serving::start(&options).await?;
     let mut lines = device::lines(&device);
     lines.push(format!(
         "models per second, median of {rounds} rounds: a GPU worker with {} threads for the surfaces over HTTP, the generator \

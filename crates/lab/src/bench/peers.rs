@@ -7,13 +7,13 @@
 use super::probe::{self, Variant};
 use super::report::Report;
 use super::{device, machine};
-use crate::cli::args::GpuArgs;
-use crate::cli::{gpu, term};
-use crate::sim::Plan;
-use crate::sim::cpu::Kernel;
-use crate::sim::gpu::GpuDevice;
-use crate::spec::{ModelSpec, Search, preset};
 use anyhow::{Context, bail, ensure};
+use oviduct::cli::GpuArgs;
+use oviduct::cli::{gpu, term};
+use oviduct::sim::Plan;
+use oviduct::sim::cpu::Kernel;
+use oviduct::sim::gpu::GpuDevice;
+use oviduct::spec::{ModelSpec, Search, preset};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -177,7 +177,7 @@ fn report(rows: &[Comparison], failures: Vec<String>, runs: usize) -> Report {
         ));
     }
     let json = json!({
-        "bench": "peers", "engine": crate::ENGINE_VERSION, "machine": machine::describe(), "preset": "paper", "seed": SEED,
+        "bench": "peers", "engine": oviduct::ENGINE_VERSION, "machine": machine::describe(), "preset": "paper", "seed": SEED,
         "runs": runs, "comparisons": rows, "failures": failures,
     });
     lines.extend(failures.into_iter().map(|failure| format!("failed: {failure}")));
@@ -187,7 +187,7 @@ fn report(rows: &[Comparison], failures: Vec<String>, runs: usize) -> Report {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cli::args::GpuUse;
+    use oviduct::cli::GpuUse;
 
     #[test]
     fn the_last_line_of_a_peer_is_its_result() {

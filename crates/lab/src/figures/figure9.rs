@@ -2,9 +2,9 @@
 
 use super::grown::Grown;
 use super::made::Made;
-use crate::mesh::draft;
-use crate::model::{Mesh, Section};
-use crate::render::{
+use oviduct::mesh::draft;
+use oviduct::model::{Mesh, Section};
+use oviduct::render::{
     Drawing, NamedView, OVERSAMPLING, Panel, Plane, View, extent_um, line_height, mesh_drawing, page_png,
 };
 use serde_json::json;
@@ -130,7 +130,7 @@ fn through_middle(mesh: &Mesh, normal: [f64; 3]) -> Plane {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::sample::{section, tube};
+    use oviduct::model::sample::{section, tube};
 
     #[test]
     fn a_piece_has_at_least_two_sections() {

@@ -1,7 +1,7 @@
 //! A figure as it is made: its files, its caption and its numbers.
 
-use crate::cli::args::Number;
-use crate::clock::Clock;
+use super::args::Number;
+use oviduct::clock::Clock;
 use serde_json::{Value, json};
 
 /// A figure.

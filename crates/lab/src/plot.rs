@@ -2,7 +2,7 @@
 
 use anyhow::anyhow;
 use plotters::chart::ChartContext;
-pub(super) use plotters::chart::SeriesLabelPosition;
+pub(crate) use plotters::chart::SeriesLabelPosition;
 use plotters::coord::cartesian::Cartesian2d;
 use plotters::coord::ranged1d::ValueFormatter;
 use plotters::coord::types::RangedCoordf64;
@@ -22,47 +22,47 @@ const COLOURS: [RGBColor; 8] = [
 ];
 
 /// A curve and its name. If it has few points, they are marked.
-pub(super) struct Line {
-    pub(super) label: String,
+pub(crate) struct Line {
+    pub(crate) label: String,
     /// Each (x, y), ascending in x.
-    pub(super) points: Vec<(f64, f64)>,
+    pub(crate) points: Vec<(f64, f64)>,
 }
 
 /// Title and labels of the axes.
-pub(super) struct Axes {
-    pub(super) title: String,
-    pub(super) x: &'static str,
-    pub(super) y: &'static str,
+pub(crate) struct Axes {
+    pub(crate) title: String,
+    pub(crate) x: &'static str,
+    pub(crate) y: &'static str,
     /// Text of a number on the x axis.
-    pub(super) x_tick: fn(f64) -> String,
+    pub(crate) x_tick: fn(f64) -> String,
     /// Where the legend does not cover the curves.
-    pub(super) names: SeriesLabelPosition,
+    pub(crate) names: SeriesLabelPosition,
 }
 
 /// Scale of the y axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Scale {
+pub(crate) enum Scale {
     Linear,
     Logarithmic,
 }
 
 /// A whole number at an axis.
-pub(super) fn whole(n: f64) -> String {
+pub(crate) fn whole(n: f64) -> String {
     format!("{n:.0}")
 }
 
 /// Curves in one system of axes, with x starting at 0.
-pub(super) struct Panel {
-    pub(super) axes: Axes,
-    pub(super) lines: Vec<Line>,
-    pub(super) scale: Scale,
+pub(crate) struct Panel {
+    pub(crate) axes: Axes,
+    pub(crate) lines: Vec<Line>,
+    pub(crate) scale: Scale,
 }
 
 /// Draws curves.
 ///
 /// # Errors
 /// If the plot cannot be drawn.
-pub(super) fn draw(axes: &Axes, lines: &[Line], scale: Scale) -> anyhow::Result<String> {
+pub(crate) fn draw(axes: &Axes, lines: &[Line], scale: Scale) -> anyhow::Result<String> {
     let drawn = |area: &Area<'_>| panel(area, axes, lines, scale);
     picture(1, |areas| areas.iter().try_for_each(drawn))
 }
@@ -71,7 +71,7 @@ pub(super) fn draw(axes: &Axes, lines: &[Line], scale: Scale) -> anyhow::Result<
 ///
 /// # Errors
 /// If the plot cannot be drawn.
-pub(super) fn draw_all(panels: &[Panel]) -> anyhow::Result<String> {
+pub(crate) fn draw_all(panels: &[Panel]) -> anyhow::Result<String> {
     let drawn = |(area, of): (&Area<'_>, &Panel)| panel(area, &of.axes, &of.lines, of.scale);
     picture(panels.len(), |areas| areas.iter().zip(panels).try_for_each(drawn))
 }

@@ -18,12 +18,12 @@ pub(super) fn processor() -> String {
 }
 
 /// Number of hardware threads.
-pub(in crate::cli) fn threads() -> usize {
+pub(crate) fn threads() -> usize {
     std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
 }
 
 /// The description as JSON.
-pub(in crate::cli) fn describe() -> Value {
+pub(crate) fn describe() -> Value {
     json!({
         "processor": processor(),
         "threads": threads(),
@@ -34,7 +34,7 @@ pub(in crate::cli) fn describe() -> Value {
 }
 
 /// The description as one line.
-pub(in crate::cli) fn line() -> String {
+pub(crate) fn line() -> String {
     let slow = if cfg!(debug_assertions) { "; NOT an optimised build" } else { "" };
     format!("{}, {} threads, {} {}{slow}", processor(), threads(), std::env::consts::OS, std::env::consts::ARCH)
 }

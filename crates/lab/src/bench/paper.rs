@@ -4,18 +4,18 @@
 //! pairs would take minutes to a quarter of an hour: their time per step is measured at a few particle counts, on states
 //! of a real run, and integrated over the counts of that run's steps. The output states which method was used.
 
-use super::super::plot::{self, Axes, Line, Scale, SeriesLabelPosition};
 use super::curve::{self, Point};
 use super::probe::{self, Run, Variant};
 use super::report::Report;
 use super::{device, machine};
-use crate::cli::args::GpuArgs;
-use crate::cli::{gpu, term};
-use crate::sim::Plan;
-use crate::sim::cpu::{CpuSimulation, Kernel};
-use crate::sim::gpu::GpuDevice;
-use crate::spec::{ModelSpec, Search, preset};
+use crate::plot::{self, Axes, Line, Scale, SeriesLabelPosition};
 use anyhow::Context;
+use oviduct::cli::GpuArgs;
+use oviduct::cli::{gpu, term};
+use oviduct::sim::Plan;
+use oviduct::sim::cpu::{CpuSimulation, Kernel};
+use oviduct::sim::gpu::GpuDevice;
+use oviduct::spec::{ModelSpec, Search, preset};
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -28,7 +28,7 @@ const SMOOTH: usize = 50;
 const SEED: u64 = 1;
 
 /// Measurements in the paper (its Figure 11), in seconds.
-pub(in crate::cli) const PAPER: [(&str, f64); 3] = [
+pub(crate) const PAPER: [(&str, f64); 3] = [
     ("single core of an Intel Core 2 Quad Q6700", 29_007.491),
     ("four cores of the same", 8_932.576),
     ("NVidia GeForce GTX 280", 62.646),
@@ -36,17 +36,17 @@ pub(in crate::cli) const PAPER: [(&str, f64); 3] = [
 
 /// A measured version of the simulation.
 #[derive(Clone, Debug, Serialize)]
-pub(in crate::cli) struct Version {
+pub(crate) struct Version {
     /// Identifier.
-    pub(in crate::cli) id: &'static str,
+    pub(crate) id: &'static str,
     /// Description.
-    pub(in crate::cli) label: String,
+    pub(crate) label: String,
     /// Whether `seconds` was measured as a whole run, or integrated from samples.
-    pub(in crate::cli) sampled: bool,
+    pub(crate) sampled: bool,
     /// Seconds of the whole run.
-    pub(in crate::cli) seconds: f64,
+    pub(crate) seconds: f64,
     /// How many times faster than the paper's single core on this machine.
-    pub(in crate::cli) times_paper_single: f64,
+    pub(crate) times_paper_single: f64,
     /// Time per step by number of particles.
     pub(super) points: Vec<Point>,
 }
@@ -58,12 +58,12 @@ impl Version {
     }
 
     /// Seconds per step with so many particles.
-    pub(in crate::cli) fn seconds_at(&self, particles: u32) -> f64 {
+    pub(crate) fn seconds_at(&self, particles: u32) -> f64 {
         curve::at(&self.points, f64::from(particles))
     }
 
     /// Milliseconds per step against particles.
-    pub(in crate::cli) fn line(&self, name: &str) -> Line {
+    pub(crate) fn line(&self, name: &str) -> Line {
         let points = self.points.iter().map(|p| (p.particles, 1e3 * p.seconds_per_step)).collect();
         Line { label: format!("{name}{}", if self.sampled { " (sampled)" } else { "" }), points }
     }
@@ -81,7 +81,7 @@ pub(super) fn run(quick: bool, args: GpuArgs) -> anyhow::Result<Report> {
 }
 
 /// Measures all versions on a plan.
-pub(in crate::cli) fn measure(plan: &Plan, quick: bool, args: GpuArgs) -> anyhow::Result<Measured> {
+pub(crate) fn measure(plan: &Plan, quick: bool, args: GpuArgs) -> anyhow::Result<Measured> {
     let cores = machine::threads();
     let (runs, repeats) = if quick { (1, 1) } else { (5, 7) };
     let variant = |search, kernel, threads| Variant { search, kernel, threads };
@@ -180,11 +180,11 @@ fn samples(states: &[CpuSimulation], variant: Variant, window: u32, repeats: usi
 }
 
 /// All versions, and how they were measured.
-pub(in crate::cli) struct Measured {
-    pub(in crate::cli) versions: Vec<Version>,
+pub(crate) struct Measured {
+    pub(crate) versions: Vec<Version>,
     /// Particles in each step, those of the burn-in first.
-    pub(in crate::cli) particles: Vec<u32>,
-    pub(in crate::cli) burn_in: u32,
+    pub(crate) particles: Vec<u32>,
+    pub(crate) burn_in: u32,
     /// Particles at which versions were sampled.
     counts: Vec<u32>,
     runs: usize,
@@ -196,12 +196,12 @@ pub(in crate::cli) struct Measured {
 
 impl Measured {
     /// A version, if it was measured.
-    pub(in crate::cli) fn version(&self, id: &str) -> Option<&Version> {
+    pub(crate) fn version(&self, id: &str) -> Option<&Version> {
         self.versions.iter().find(|version| version.id == id)
     }
 
     /// How it was measured, as text.
-    pub(in crate::cli) fn method(&self) -> String {
+    pub(crate) fn method(&self) -> String {
         format!(
             "whole: {} steps ({} of them burn-in), {}; sampled: time per step at {} particles, {} or more, from states of a \
              real run, integrated over the counts of its steps by power laws between them",
@@ -214,13 +214,13 @@ impl Measured {
     }
 
     /// Accuracy of sampling, as text.
-    pub(in crate::cli) fn accuracy(&self) -> String {
+    pub(crate) fn accuracy(&self) -> String {
         let whole = self.version("lists").map_or(f64::NAN, |version| version.seconds);
         format!("accuracy of sampling: lists on one core sampled {}, whole {}", show(self.check), show(whole))
     }
 
     /// The GPU and its run, or the reason why there is none.
-    pub(in crate::cli) fn gpu(&self) -> &Value {
+    pub(crate) fn gpu(&self) -> &Value {
         &self.on_gpu.json
     }
 }
@@ -267,7 +267,7 @@ fn report(measured: &Measured) -> anyhow::Result<Report> {
         ("time-per-step-log.svg".to_owned(), plot::draw(&axes, &curves, Scale::Logarithmic)?),
     ];
     let json = json!({
-        "bench": "paper", "engine": crate::ENGINE_VERSION, "machine": machine::describe(), "preset": "paper",
+        "bench": "paper", "engine": oviduct::ENGINE_VERSION, "machine": machine::describe(), "preset": "paper",
         "seed": SEED, "steps": measured.particles.len() as u64 - u64::from(measured.burn_in), "burn_in": measured.burn_in,
         "method": how, "sampled_at_particles": measured.counts, "runs": measured.runs, "samples": measured.repeats,
         "sampling_check": { "lists_sampled_seconds": measured.check, "lists_whole_seconds": seconds("lists") },

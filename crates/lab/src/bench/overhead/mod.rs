@@ -9,9 +9,9 @@ mod gpu;
 
 use super::machine;
 use super::report::Report;
-use crate::cli::args::GpuArgs;
-use crate::generate::Backend;
 use comparison::{Comparison, Direct, PRESET, Row, Serving, ratio};
+use oviduct::cli::GpuArgs;
+use oviduct::generate::Backend;
 use serde_json::{Value, json};
 
 /// Small models: steps, and particles at start and end, as changes of preset `paper`.
@@ -20,11 +20,8 @@ const SIZES: [(u32, u32, u32); 3] = [(60, 300, 420), (200, 400, 900), (400, 500,
 pub(super) async fn run(quick: bool, args: GpuArgs) -> anyhow::Result<Report> {
     let (rounds, seconds_a_round) = if quick { (3, 1.0) } else { (9, 4.0) };
     let workers = machine::threads() as u32;
-    let serving = Serving::start(&["--gpu", "off"], |args| {
-        args.process.cpu_workers = workers;
-        args.process.cpu_threads = Some(1);
-    })
-    .await?;
+    let count = workers.to_string();
+    let serving = Serving::start(&["--gpu", "off", "--cpu-workers", &count, "--cpu-threads", "1"]).await?;
     let mut rows = Vec::new();
     for size in SIZES {
         let comparison = Comparison {
@@ -79,7 +76,7 @@ fn report(rows: &[Row], workers: u32, rounds: u32) -> Report {
         }));
     }
     let json = json!({
-        "bench": "overhead", "engine": crate::ENGINE_VERSION, "machine": machine::describe(), "preset": PRESET,
+        "bench": "overhead", "engine": oviduct::ENGINE_VERSION, "machine": machine::describe(), "preset": PRESET,
         "workers": workers, "rounds": rounds, "rows": json_rows,
     });
     Report { lines, json, files: Vec::new() }
