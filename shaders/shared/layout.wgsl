@@ -1,6 +1,6 @@
 // Constants, structures, bindings and the layout of a particle's fields, shared by all stages.
 // Counterpart of crates/sim/src/sim/gpu/layout.rs and crates/sim/src/sim/layout.rs;
-// tests/shaders.rs compares them.
+// tests/whole/shaders.rs compares them.
 
 // Particles of a block.
 const LANES: u32 = 16u;

@@ -2,7 +2,7 @@
 
     python3 tests/outside/promql.py
 
-Whether the metrics that they name exist is checked by tests/monitoring.rs.
+Whether the metrics that they name exist is checked by tests/whole/monitoring.rs.
 """
 
 import json

@@ -17,7 +17,7 @@ const types = await openapiTS(source, {
     return undefined;
   },
 });
-// tests/openapi.rs compares the digest, so that a stale file is found without Node.
+// tests/whole/openapi.rs compares the digest, so that a stale file is found without Node.
 const digest = createHash("sha256").update(await readFile(source)).digest("hex");
 const text = `${COMMENT_HEADER}// openapi.yaml: sha256 ${digest}\n\n${astToString(types)}`;
 

@@ -1,4 +1,4 @@
-//! Data structures shared by shaders and host: the counterpart of `shaders/shared/layout.wgsl`. `tests/shaders.rs` compares
+//! Data structures shared by shaders and host: the counterpart of `shaders/shared/layout.wgsl`. `tests/whole/shaders.rs` compares
 //! them.
 
 use bytemuck::{Pod, Zeroable};

@@ -28,7 +28,7 @@ fn every_input_of_the_corpora_holds() {
     }
 }
 
-/// `OVIDUCT_TEST_MUTATIONS=100000 cargo test --release --test corpus` tries as many of each target.
+/// `OVIDUCT_TEST_MUTATIONS=100000 cargo test --release --test whole corpus::` tries as many of each target.
 #[test]
 fn random_changes_of_the_corpora_hold() {
     let count = std::env::var("OVIDUCT_TEST_MUTATIONS").map_or(300, |count| count.parse().unwrap());

@@ -12,7 +12,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-#[path = "../benches/common/tube.rs"]
+#[path = "../../benches/common/tube.rs"]
 mod tube;
 
 fn model() -> Mesh {

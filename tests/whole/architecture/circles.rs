@@ -12,7 +12,7 @@
 //! - Method calls and members of traits give no arrow, because the text shows no types. A child may
 //!   therefore contain `impl` blocks of its parent's type, unless the parent names the child.
 
-use crate::source::{Source, words};
+use super::source::{Source, words};
 use std::collections::{BTreeMap, BTreeSet};
 
 type Path = Vec<String>;

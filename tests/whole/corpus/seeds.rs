@@ -1,5 +1,5 @@
 //! The binary inputs that the corpora begin with are what the program writes. After a change of a format write them
-//! again: `OVIDUCT_BLESS=1 cargo test --test corpus`.
+//! again: `OVIDUCT_BLESS=1 cargo test --test whole corpus::`.
 
 use oviduct::export::glb::{GlbOptions, write_glb};
 use oviduct::export::lod::levels;

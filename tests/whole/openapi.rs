@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeSet;
 
-/// Write it anew with `cargo run -- openapi > openapi.yaml`, or with `OVIDUCT_BLESS=1 cargo test --test openapi`.
+/// Write it anew with `cargo run -- openapi > openapi.yaml`, or with `OVIDUCT_BLESS=1 cargo test --test whole openapi::`.
 #[test]
 fn the_committed_description_is_up_to_date() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/openapi.yaml");

@@ -2,7 +2,7 @@
 //!
 //! `digests.json` holds the SHA-256 of every file of each model. When the engine changes on purpose, raise `version` in
 //! `Cargo.toml` (it is part of a model's digest, so a finished model of the old engine is never reused for a new one) and
-//! record them again: `OVIDUCT_BLESS=1 cargo test --test golden`.
+//! record them again: `OVIDUCT_BLESS=1 cargo test --test whole golden::`.
 
 mod derived;
 mod models;
@@ -16,7 +16,7 @@ use std::sync::Mutex;
 /// Digests of the files of each model, by name.
 type Digests = BTreeMap<String, BTreeMap<String, String>>;
 
-const PATH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden/digests.json");
+const PATH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/whole/golden/digests.json");
 /// Models that are grown at the same time.
 const THREADS: usize = 2;
 
@@ -71,9 +71,9 @@ fn files_are_what_they_were() {
     made.insert("made from models".to_owned(), derived::digests());
     if std::env::var_os("OVIDUCT_BLESS").is_some() {
         let text = serde_json::to_string_pretty(&made).expect("string keys only") + "\n";
-        std::fs::write(PATH, text).expect("tests/golden/digests.json can be written");
+        std::fs::write(PATH, text).expect("tests/whole/golden/digests.json can be written");
     }
-    let text = std::fs::read_to_string(PATH).expect("tests/golden/digests.json can be read");
+    let text = std::fs::read_to_string(PATH).expect("tests/whole/golden/digests.json can be read");
     let kept: Digests = serde_json::from_str(&text).expect("digests by file by model");
     let [before, after] = [&kept, &made].map(|digests| {
         let of = |(model, files): (&String, &BTreeMap<String, String>)| {
@@ -85,6 +85,6 @@ fn files_are_what_they_were() {
     assert!(
         changed.is_empty(),
         "other bytes than before, or other files: {changed:#?}\nIf the engine changed on purpose: raise `version` in \
-         Cargo.toml, then OVIDUCT_BLESS=1 cargo test --test golden"
+         Cargo.toml, then OVIDUCT_BLESS=1 cargo test --test whole golden::"
     );
 }
