@@ -119,6 +119,10 @@ fn shapes() -> Vec<Model> {
         })
         .collect();
     let bodies = [BodyKind::Tissue, BodyKind::Lumen, BodyKind::Regions];
+    let mended = json!({
+        "particles": { "total": { "keys": [[0, 260], [1, 900]] } },
+        "contortion": { "magnitude": 8, "fraction": 0.4 }, "solver": { "record_every": 20 },
+    });
     let mut models = vec![
         model("paper", ", euler", &json!({ "solver": { "integrator": "euler" } })),
         model("pig", ", grid search", &json!({ "solver": { "search": "grid" } })),
@@ -132,6 +136,10 @@ fn shapes() -> Vec<Model> {
             }),
         ),
         model("pig", ", outline of a grid", &json!({ "outline": { "kind": "grid", "grid": lattice } })),
+        // Slabs in which sections are added and diagonals flipped; then warnings of poor growth.
+        model("pig", ", mended", &mended),
+        model("paper", ", mended", &mended),
+        model("pig", ", crowded", &json!({ "steps": 60, "particles": { "total": { "keys": [[0, 300], [1, 2000]] } } })),
         model("pig", ", straight", &json!({ "sway": { "strength": 0 }, "lean": { "strength_um": 0 } })),
         model("pig", ", strips", &json!({ "mesh": { "strips": true } })),
         model("pig", ", strips of all bodies", &json!({ "mesh": { "strips": true } })).writes(
