@@ -3,7 +3,7 @@
 
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 use std::process::Command;
 
 fn root() -> PathBuf {
@@ -353,6 +353,91 @@ fn proxies_leave_limits_to_the_service() {
         assert_eq!(caddy.matches(setting).count(), sites, "{setting}");
     }
     assert!(!caddy.contains("\tencode"), "event streams must not be compressed");
+}
+
+/// What `docker build` lets through: the entries of `.dockerignore` after the `*` that hides everything.
+fn let_through() -> Vec<PathBuf> {
+    let text = std::fs::read_to_string(root().join("../.dockerignore")).unwrap();
+    let mut lines = text.lines().filter(|line| !line.is_empty() && !line.starts_with('#'));
+    assert_eq!(lines.next(), Some("*"));
+    let path = |line: &str| {
+        let path = line.strip_prefix('!').unwrap_or_else(|| panic!(".dockerignore: {line} is no exception"));
+        assert!(!path.contains(['*', '?', '[']), ".dockerignore: {line} is a pattern");
+        PathBuf::from(path)
+    };
+    lines.map(path).collect()
+}
+
+/// Sources of the program, without those of tests, by their paths from the package's folder.
+fn sources(dir: &Path, found: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(dir).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
+        if path.is_dir() && !["tests", "benches", "target"].contains(&name.as_str()) {
+            sources(&path, found);
+        } else if path.extension().is_some_and(|ending| ending == "rs") && name != "tests" {
+            found.push(path);
+        }
+    }
+}
+
+/// A path without `..`.
+fn plain(path: &Path) -> PathBuf {
+    let mut plain = PathBuf::new();
+    for part in path.components() {
+        if part == Component::ParentDir {
+            assert!(plain.pop(), "{}", path.display());
+        } else {
+            plain.push(part);
+        }
+    }
+    plain
+}
+
+/// The files and folders that a source includes. Of a path with a part that a macro inserts, the beginning.
+fn included(source: &Path) -> Vec<PathBuf> {
+    let text = std::fs::read_to_string(source).unwrap();
+    let package = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let literal = |after: &str| after.split('"').nth(1).unwrap_or_else(|| panic!("{}", source.display())).to_owned();
+    let beside = ["include_str!(", "include_bytes!("]
+        .into_iter()
+        .flat_map(|mark| text.split(mark).skip(1))
+        .map(literal)
+        // Others stay in a folder of sources, whichever calls the macro that they are in.
+        .filter(|path| path.starts_with(".."))
+        .map(|path| plain(&source.parent().unwrap().join(path)));
+    let folders = text.split("#[folder = ").skip(1).map(|after| plain(&package.join(literal(after))));
+    beside.chain(folders).collect()
+}
+
+/// What is missing in the image's build breaks it.
+#[test]
+fn docker_builds_from_all_that_the_program_includes() {
+    let package = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let manifest: toml::Table = std::fs::read_to_string(package.join("Cargo.toml")).unwrap().parse().unwrap();
+    let mut needed = ["Cargo.toml", "Cargo.lock", ".cargo/config.toml"].map(|name| package.join(name)).to_vec();
+    let benches = manifest.get("bench").and_then(toml::Value::as_array).into_iter().flatten();
+    needed.extend(benches.map(|bench| package.join(format!("benches/{}.rs", bench["name"].as_str().unwrap()))));
+    let members = std::fs::read_dir(package.join("crates")).into_iter().flatten();
+    needed.extend(members.map(|member| member.unwrap().path().join("Cargo.toml")));
+
+    let mut files = Vec::new();
+    for folder in ["src", "crates"].map(|name| package.join(name)).into_iter().filter(|folder| folder.exists()) {
+        sources(&folder, &mut files);
+    }
+    needed.extend(files.iter().flat_map(|file| included(file)));
+    needed.extend(files);
+    for known in ["src/main.rs", "presets/pig.json", "references/morphometry.csv", "shaders/shared", "web/dist"] {
+        assert!(needed.contains(&package.join(known)), "{known} is not found");
+    }
+    let entries: Vec<PathBuf> = let_through().iter().map(|entry| package.join(entry)).collect();
+    for path in &needed {
+        assert!(path.exists(), "{} is missing", path.display());
+        assert!(entries.iter().any(|entry| path.starts_with(entry)), ".dockerignore hides {}", path.display());
+    }
+    for entry in &entries {
+        assert!(needed.iter().any(|path| path.starts_with(entry)), ".dockerignore: {} is not needed", entry.display());
+    }
 }
 
 #[test]
