@@ -121,8 +121,7 @@ fn faults(source: &Source) -> Vec<String> {
         }
     }
     for (name, places) in NAMES {
-        let named = words(&source.code).any(|(_, word)| word == *name);
-        if named && !places.iter().any(|place| source.is_in(place)) {
+        if names(source, name) && !places.iter().any(|place| source.is_in(place)) {
             faults.push(format!("{}: only {places:?} may name {name}", source.path));
         }
     }
@@ -150,6 +149,27 @@ fn imports_and_names_keep_the_rules() {
     assert!(faults.is_empty(), "\n{}\n", faults.join("\n"));
 }
 
+/// Whether a file names a crate.
+fn names(source: &Source, name: &str) -> bool {
+    words(&source.code).any(|(_, word)| word == name)
+}
+
+#[test]
+fn every_permission_is_used() {
+    let sources = sources();
+    for (name, places) in NAMES {
+        for place in *places {
+            let used = sources.iter().any(|source| source.is_in(place) && names(source, name));
+            assert!(used, "{place} may name {name} and does not");
+        }
+    }
+    for (from, to) in ALLOWED {
+        let used =
+            sources.iter().any(|source| source.module_path().first() == Some(from) && imports(source).contains(*to));
+        assert!(used, "`{from}` may import from `{to}` and does not");
+    }
+}
+
 #[test]
 fn no_files_import_each_other_in_a_circle() {
     let arrows = arrows(&sources());
@@ -168,9 +188,9 @@ fn the_engine_does_not_depend_on_the_service() {
     let output = std::process::Command::new(cargo).args(args).output().expect("cargo runs");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let tree = String::from_utf8(output.stdout).expect("UTF-8");
-    let names: BTreeSet<&str> = tree.lines().filter_map(|line| line.split(' ').next()).collect();
-    assert!(names.contains("oviduct-base") && names.contains("wgpu"), "{tree}");
-    let found: Vec<_> = SERVICE.iter().filter(|name| names.contains(*name)).collect();
+    let crates: BTreeSet<&str> = tree.lines().filter_map(|line| line.split(' ').next()).collect();
+    assert!(crates.contains("oviduct-base") && crates.contains("wgpu"), "{tree}");
+    let found: Vec<_> = SERVICE.iter().filter(|name| crates.contains(*name)).collect();
     assert!(found.is_empty(), "the engine depends on {found:?}");
 }
 
