@@ -35,6 +35,9 @@ use std::time::Duration;
 /// A model that even an unoptimised build grows in a second or two.
 const TINY: [&str; 4] = ["--set", "steps=60", "--set", "particles.total={\"keys\":[[0,300],[1,420]]}"];
 
+/// Makes a model the work of hours.
+const ENDLESS: [&str; 4] = ["--set", "steps=100000", "--set", "solver={\"search\":\"all_pairs\",\"record_every\":100}"];
+
 fn oviduct(folder: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_oviduct"));
     command.current_dir(folder).env_clear();
@@ -315,9 +318,7 @@ fn signal(child: &Child, name: &str) {
 #[cfg(unix)]
 fn an_interrupt_stops_a_generation_and_removes_its_files() {
     let at = folder();
-    // Ten times a default model.
-    let long = ["generate", "--out", "out", "--set", "steps=20000"];
-    let mut child = oviduct(at.path()).args(long).spawn().expect("it starts");
+    let mut child = oviduct(at.path()).args(["generate", "--out", "out"]).args(ENDLESS).spawn().expect("it starts");
     let out = at.path().join("out");
     while !out.is_dir() || names(&out).is_empty() {
         assert!(child.try_wait().expect("asked").is_none(), "it ended too early");

@@ -20,7 +20,7 @@ from urllib.parse import urljoin
 
 import boto3
 from postgres import Cluster
-from service import SMALL, Service, free_port
+from service import ENDLESS, SMALL, Service, free_port
 
 BUCKET = "organs"
 OPTIONS = ["--lease", "2s", "--heartbeat", "500ms", "--max-attempts", "100"]
@@ -99,6 +99,7 @@ class Listener(threading.Thread):
         super().__init__(daemon=True)
         self.url = f"{service.url}/models/{model}/events"
         self.events = []
+        self.progressed = threading.Event()
         self.start()
 
     def run(self):
@@ -106,10 +107,12 @@ class Listener(threading.Thread):
             for line in stream:
                 if line.startswith(b"event: "):
                     self.events.append(line[7:].decode().strip())
+                    if self.events[-1] == "progress":
+                        self.progressed.set()
 
 
 def spec_of(seed):
-    """The last model takes more than a second on any machine, so that there are progress events."""
+    """The last model is large: its files are uploaded in parts."""
     large = {"steps": 2000, "particles": {"total": {"keys": [[0, 710], [1, 6000]]}}}
     return large if seed == MODELS - 1 else SMALL
 
@@ -146,14 +149,11 @@ def main(binary, folder, cluster, bucket):
     for name in "ab":
         data = os.path.join(folder, name)
         os.mkdir(data)
-        apis.append(Service(binary, data, *stores, "--cpu-workers", "0", "--gpu", "off").start())
+        apis.append(Service(binary, data, *stores, "--cpu-workers", "0", "--gpu", "off",
+                            "--max-model-time", "30d").start())
     a, b = apis
     workers = [Worker(binary, folder, stores) for _ in range(2)]
     models = {submit(apis[seed % 2], seed): seed for seed in range(MODELS)}
-    last = list(models)[-1]
-    # Through the API that did not accept it and will not be killed.
-    assert models[last] % 2
-    listener = Listener(a, last)
 
     until_some_have_ended(a, 2)
     workers.pop(0).kill()
@@ -163,6 +163,15 @@ def main(binary, folder, cluster, bucket):
     workers.pop(0).stop()
     workers.append(Worker(binary, folder, stores))
     b.start()
+
+    # Through an API that neither accepted it nor grows it.
+    endless = b.json("POST", "/models", {"spec": ENDLESS})["id"]
+    listener = Listener(a, endless)
+    assert listener.progressed.wait(900), listener.events
+    b.json("POST", f"/models/{endless}/cancel")
+    listener.join(900)
+    assert listener.events[-1:] == ["end"], listener.events
+    assert b.call("DELETE", f"/models/{endless}")[0] == 204
 
     named = set()
     for model, seed in models.items():
@@ -177,9 +186,6 @@ def main(binary, folder, cluster, bucket):
         if seed in (0, 1, MODELS - 1):
             assert whole == generated(binary, folder, seed), f"the bytes differ from those of the generator, seed {seed}"
         named.update((model, file["name"], file["bytes"]) for file in found["files"])
-    listener.join(3600)
-    assert listener.events[-1:] == ["end"], listener.events
-    assert "progress" in listener.events, listener.events
     listed = a.json("GET", "/models?limit=50")["models"]
     assert sorted(model["id"] for model in listed) == sorted(models), "these are not the accepted models"
 

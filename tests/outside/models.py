@@ -5,6 +5,7 @@ Usage: models.py OVIDUCT_BINARY [--night]
 With --night, other programs also judge the surfaces of paper size and of the demo, and formats in a second unit.
 """
 
+import json
 import os
 import signal
 import subprocess
@@ -13,6 +14,7 @@ import tempfile
 import time
 
 from grown import Oviduct, of_paper_size
+from service import ENDLESS
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 JUDGES = os.path.join(HERE, "..", "..", "target", "judges")
@@ -122,8 +124,9 @@ def main(folder):
     said = oviduct.run("generate", "--out", out("bad"), "--set", "steps=-4", "--set", "colour=red", expect=2)
     assert "/spec/steps" in said and "/spec/colour" in said, said
     assert not os.path.exists(out("bad")) or os.listdir(out("bad")) == []
-    # Ten times a default model.
-    line = [BINARY, "generate", "--out", out("stopped"), "--set", "steps=20000"]
+    with open(out("endless.json"), "w") as file:
+        json.dump(ENDLESS, file)
+    line = [BINARY, "generate", "--out", out("stopped"), "--spec", out("endless.json")]
     running = subprocess.Popen(line, stdout=subprocess.DEVNULL)
     deadline = time.monotonic() + 900
     while not (os.path.isdir(out("stopped")) and os.listdir(out("stopped"))) and time.monotonic() < deadline:

@@ -13,6 +13,9 @@ import urllib.request
 # A model that takes about a second: few steps and particles, all stages.
 SMALL = {"steps": 120, "particles": {"total": {"keys": [[0, 300], [1, 600]]}}, "lean": {"strength_um": 0}}
 
+# A model with hours of work; its first sections come soon.
+ENDLESS = {"steps": 100_000, "solver": {"search": "all_pairs", "record_every": 100}}
+
 
 def free_port():
     """A port that nobody listens on now, below those of outgoing connections."""

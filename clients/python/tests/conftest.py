@@ -12,12 +12,9 @@ from oviduct import Client
 
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 sys.path.insert(0, str(ROOT / "tests/outside"))
-from service import SMALL, Service  # noqa: E402
+from service import ENDLESS, SMALL, Service  # noqa: E402, F401
 
-# A model that takes a few seconds, so that there is time to disturb it.
-SLOW = {"steps": 2000, "particles": {"total": {"keys": [[0, 300], [1, 3000]]}}}
-
-# A fit that takes a second or two: its target is out of reach, so that it does not end at once.
+# A small fit.
 FIT = {
     "spec": SMALL,
     "targets": [{"region": "ampulla", "quantity": "lumen_perimeter_mm", "value": 100}],
@@ -25,6 +22,17 @@ FIT = {
     "evaluations": 60,
     "seeds": 1,
     "models": 1,
+}
+
+# A fit with more than half an hour of work: it ends only if a test cancels or deletes it.
+ENDLESS_FIT = {
+    **FIT,
+    "spec": {
+        "steps": 1000,
+        "particles": {"total": {"keys": [[0, 600], [1, 2000]]}},
+        "solver": {"search": "all_pairs"},
+    },
+    "evaluations": 2000,
 }
 
 
@@ -45,7 +53,8 @@ def binary(environment):
 
 def live(binary, folder, *options):
     """A service that is stopped at the end; a generator, for fixtures."""
-    service = Service(binary, str(folder), "--gpu", "off", "--grace", "1s", *options)
+    # ENDLESS is over the usual limit.
+    service = Service(binary, str(folder), "--gpu", "off", "--grace", "1s", "--max-model-time", "30d", *options)
     try:
         yield service.start()
     finally:

@@ -2,10 +2,10 @@ import asyncio
 import inspect
 
 import pytest
-from conftest import SLOW, SMALL
+from conftest import ENDLESS, SMALL
 from relay import Relay
 
-from oviduct import AsyncClient, Client, InvalidRequest, NotFound, WaitTimeout
+from oviduct import AsyncClient, Client, InvalidRequest, ModelCancelled, NotFound, WaitTimeout
 
 
 def methods(kind):
@@ -69,16 +69,21 @@ def test_models_events_files_and_batches(service, tmp_path):
 def test_a_wait_lasts_through_a_restart(own_service):
     async def main():
         async with AsyncClient(own_service.url) as client:
-            model = await client.submit(seed=63, spec=SLOW)
-            async for event in client.events(model):
-                if event.name == "progress":
-                    break
-            waiting = asyncio.create_task(client.wait(model))
-            await asyncio.sleep(0.2)
+            model = await client.submit(seed=63, spec=ENDLESS)
+            running, again = asyncio.Event(), asyncio.Event()
+
+            def look(state):
+                if state.status == "running":
+                    (again if state.attempts > 1 else running).set()
+
+            waiting = asyncio.create_task(client.wait(model, progress=look))
+            await running.wait()
             own_service.kill()
-            await asyncio.sleep(0.5)
             await asyncio.to_thread(own_service.start)
-            assert (await waiting).status == "succeeded"
+            await again.wait()
+            await client.cancel(model)
+            with pytest.raises(ModelCancelled):
+                await waiting
 
     asyncio.run(main())
 

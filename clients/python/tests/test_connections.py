@@ -5,7 +5,7 @@ import time
 
 import httpx
 import pytest
-from conftest import SLOW, SMALL
+from conftest import ENDLESS, SMALL
 from relay import Relay
 
 from oviduct import (
@@ -201,10 +201,16 @@ def test_streams_that_are_refused_leave_the_record_to_read(client, relay):
 
 def test_a_stream_that_breaks_goes_on_after_its_last_event(client, relay, grown):
     relay.only, relay.cuts = "/events", [3000, 0]
-    model = client.submit(seed=43, spec=SLOW)
-    events = list(client.events(model))
-    assert events[-1].name == "end"
-    _, second, third = (headers for _, path, headers in relay.requests if path.endswith("/events"))
+    model = client.submit(seed=43, spec=ENDLESS)
+
+    def streams():
+        return [headers for _, path, headers in relay.requests if path.endswith("/events")]
+
+    for event in client.events(model):
+        if len(streams()) == 3:
+            client.cancel(model)
+    assert event.name == "end"
+    _, second, third = streams()
     assert second["last-event-id"] == third["last-event-id"]
 
 

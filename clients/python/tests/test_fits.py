@@ -1,7 +1,7 @@
 import asyncio
 
 import pytest
-from conftest import FIT, SLOW
+from conftest import ENDLESS_FIT, FIT
 
 import oviduct
 from oviduct import (
@@ -14,9 +14,6 @@ from oviduct import (
     NotFound,
     WaitTimeout,
 )
-
-# A fit that no test waits for.
-LONG = {**FIT, "spec": SLOW}
 
 
 @pytest.fixture(scope="module")
@@ -70,13 +67,13 @@ def test_fits_are_listed_cancelled_and_deleted(own_service, monkeypatch):
     monkeypatch.setattr("oviduct._calls.PAGE", 2)
     with Client(own_service.url) as client:
         client.pause_workers()
-        fits = [client.submit_fit(**LONG, labels={"even": str(n % 2 == 0)}) for n in range(3)]
+        fits = [client.submit_fit(**ENDLESS_FIT, labels={"even": str(n % 2 == 0)}) for n in range(3)]
         first, second, third = (fit.id for fit in fits)
         assert [fit.id for fit in client.fits()] == [third, second, first]
         assert [fit.id for fit in client.fits(labels={"even": "True"}, status="queued", preset="pig")] == [third, first]
         assert [fit.id for fit in client.fits(created_after=fits[2].created_at)] == [third]
         assert [fit.id for fit in client.fits(created_before=fits[1].created_at)] == [first]
-        assert next(client.fits()).request is None and client.fit(first).request["evaluations"] == 60
+        assert next(client.fits()).request is None and client.fit(first).request["evaluations"] == 2000
         assert client.fit(third).queue.position == 2
         with pytest.raises(TypeError, match="batch"):
             client.fits(batch="a")
@@ -112,14 +109,19 @@ def test_a_wait_lasts_through_a_restart(own_service):
     restarts = []
 
     def look(fit):
-        if fit.progress and fit.progress.evaluations > 2 and not restarts:
+        if fit.progress and fit.progress.evaluations and not restarts:
             restarts.append(fit)
             own_service.kill()
             own_service.start()
+        elif fit.attempts > 1 and not fit.has_ended:
+            client.cancel_fit(fit)
 
     with Client(own_service.url) as client:
-        fit = client.wait_fit(client.submit_fit(**FIT), progress=look, timeout=50)
-    assert fit.status == "succeeded" and fit.attempts == 2 and restarts
+        endless, small = client.submit_fit(**ENDLESS_FIT), client.submit_fit(**FIT)
+        with pytest.raises(FitCancelled) as caught:
+            client.wait_fit(endless, progress=look, timeout=50)
+        assert caught.value.fit.attempts == 2 and restarts
+        assert client.wait_fit(small, timeout=50).status == "succeeded"
 
 
 def test_the_asynchronous_client_has_the_same_fits(fitted, service):
@@ -133,7 +135,7 @@ def test_the_asynchronous_client_has_the_same_fits(fitted, service):
             done = await client.wait_fit(fit)
             assert done.result == known.result and (await client.fit(fit)).result == known.result
             assert {fit.id, known.id} <= {found.id async for found in client.fits(status="succeeded")}
-            fit = await client.submit_fit(**LONG)
+            fit = await client.submit_fit(**ENDLESS_FIT)
             async for event in client.fit_events(fit):
                 if event.name == "progress":
                     await client.cancel_fit(fit)

@@ -3,7 +3,7 @@ import hashlib
 import json
 
 import pytest
-from conftest import SLOW, SMALL
+from conftest import ENDLESS, SMALL
 
 import oviduct
 from oviduct import Client, InvalidRequest, ModelCancelled, ModelDeleted, NotFound, WaitTimeout
@@ -124,7 +124,7 @@ def test_models_are_listed_page_by_page(own_service, monkeypatch):
 
 
 def test_a_model_that_is_deleted_while_it_is_waited_for(client):
-    model = client.submit(seed=24, spec=SLOW)
+    model = client.submit(seed=24, spec=ENDLESS)
     with pytest.raises(ModelDeleted):
         client.wait(model, progress=lambda state: client.delete(state) if state.status == "running" else None)
 

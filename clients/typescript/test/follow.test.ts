@@ -4,13 +4,13 @@ import { test } from "node:test";
 import { Oviduct, OviductConnectionError, OviductError, type ModelEvent } from "oviduct-client";
 // Not exported by the package.
 import { LIMITS, openEventSource } from "../dist/events.js";
-import { FIT, LONG, SMALL, withServer, withService } from "./service.js";
+import { ENDLESS, ENDLESS_FIT, FIT, SMALL, withServer, withService } from "./service.js";
 
 test("a stream goes on through a restart of the service", async () => {
   await withService([], async (service) => {
     const key = await service.key();
     const client = new Oviduct(service.url, { key });
-    const { id } = await client.submit({ ...LONG, seed: 1 });
+    const { id } = await client.submit({ ...ENDLESS, seed: 1 });
     const batch = await client.submitBatch({ ...SMALL, seeds: [1, 2] });
     const ended = client.waitBatch(batch.id);
     const events: ModelEvent[] = [];
@@ -21,12 +21,14 @@ test("a stream goes on through a restart of the service", async () => {
       if (event.type === "progress" && !restarted) {
         before = events.length;
         restarted = service.kill().then(() => service.start());
+      } else if (event.type === "progress" && "attempts" in event.model && event.model.attempts > 1) {
+        await client.cancel(id);
       }
     }
     await restarted;
     assert(events.slice(before).some((event) => event.type === "progress"), "progress after the restart");
     const last = events.at(-1);
-    assert(last?.type === "end" && last.model.status === "succeeded");
+    assert(last?.type === "end" && last.model.status === "cancelled");
     assert(last.model.attempts >= 2, "it was grown again after the restart");
     assert.equal((await ended).counts.succeeded, 2);
   });
@@ -35,15 +37,21 @@ test("a stream goes on through a restart of the service", async () => {
 test("the stream of a fit goes on through a restart of the service", async () => {
   await withService([], async (service) => {
     const client = new Oviduct(service.url, { key: await service.key() });
-    const { id } = await client.submitFit(FIT);
+    const { id } = await client.submitFit(ENDLESS_FIT);
+    const small = await client.submitFit(FIT);
+    const ended = client.waitFit(small.id);
     let restarted: Promise<void> | undefined;
+    let cancelled: Promise<unknown> | undefined;
     const done = await client.waitFit(id, {
       onProgress: (fit) => {
-        if (fit.progress && fit.progress.evaluations > 2) restarted ??= service.kill().then(() => service.start());
+        if (!fit.progress?.evaluations) return;
+        restarted ??= service.kill().then(() => service.start());
+        if (fit.attempts > 1) cancelled ??= client.cancelFit(id);
       },
     });
-    await restarted;
-    assert.deepEqual([done.status, done.attempts], ["succeeded", 2]);
+    await Promise.all([restarted, cancelled]);
+    assert.deepEqual([done.status, done.attempts], ["cancelled", 2]);
+    assert.equal((await ended).status, "succeeded");
   });
 });
 

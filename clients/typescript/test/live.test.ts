@@ -3,7 +3,7 @@ import assert from "node:assert/strict";
 import { createHash } from "node:crypto";
 import { after, before, test } from "node:test";
 import { Oviduct, OviductError, type FitEvent, type Model, type ModelEvent } from "oviduct-client";
-import { FIT, LONG, proxy, Service, SMALL, withServer, withService } from "./service.js";
+import { ENDLESS, ENDLESS_FIT, FIT, proxy, Service, SMALL, withServer, withService } from "./service.js";
 
 let service: Service;
 let client: Oviduct;
@@ -93,7 +93,7 @@ test("models are listed by pages and conditions", async () => {
 
 test("many models are counted, cancelled and deleted", async () => {
   const labels = { kind: "bulk" };
-  const batch = await client.submitBatch({ ...LONG, count: 5, labels });
+  const batch = await client.submitBatch({ ...ENDLESS, count: 5, labels });
   assert.deepEqual(await client.deleteAll({ labels }, { dryRun: true }), { count: 5, dry_run: true });
   const cancelled = await client.cancelAll({ labels, status: "queued" });
   assert(!cancelled.dry_run && cancelled.count >= 3);
@@ -161,7 +161,7 @@ test("a fit is checked, followed to its result, listed and deleted", async () =>
   assert.equal(done.result?.unmet[0]?.quantity, "lumen_perimeter_mm");
   assert.equal(done.progress?.models, done.result?.models.length);
 
-  const gone = await client.submitFit({ ...FIT, ...LONG });
+  const gone = await client.submitFit(ENDLESS_FIT);
   const ids = async (...list: Parameters<Oviduct["listFits"]>) => (await all(client.listFits(...list))).map((fit) => fit.id);
   assert.deepEqual(await ids({}, { pageSize: 1 }), [gone.id, id]);
   const created_after = new Date(gone.created_at);
@@ -174,7 +174,7 @@ test("a fit is checked, followed to its result, listed and deleted", async () =>
   // One that is followed while it is cancelled, and one while it is deleted.
   for await (const { type } of client.followFit(gone.id)) if (type === "progress") await client.cancelFit(gone.id);
   assert.equal((await client.cancelFit(gone.id)).status, "cancelled");
-  const deleted = await client.submitFit({ ...FIT, ...LONG });
+  const deleted = await client.submitFit(ENDLESS_FIT);
   let end: FitEvent | undefined;
   for await (const event of client.followFit(deleted.id)) {
     if (!end) await client.deleteFit(deleted.id);
@@ -214,7 +214,7 @@ test("many models are followed by one stream", async () => {
   assert.deepEqual(last?.model, { id: gone, status: "deleted" });
   // A stream by label does not end by itself.
   const labels = { followed: "later" };
-  const { id } = await client.submit({ ...LONG, seed: 22, labels });
+  const { id } = await client.submit({ ...ENDLESS, seed: 22, labels });
   const stop = new AbortController();
   const cancelled = () => stop.abort(new Error("cancelled"));
   await assert.rejects(async () => {
@@ -418,7 +418,7 @@ test("a key with a rate is slowed down, not refused", async () => {
 test("a failed model says why, and is grown again as a new one", async () => {
   await withService(["--job-timeout", "100ms"], async (short) => {
     const own = new Oviduct(short.url);
-    const failed = await own.wait((await own.submit({ ...LONG, seed: 1 })).id);
+    const failed = await own.wait((await own.submit({ ...ENDLESS, seed: 1 })).id);
     assert.equal(failed.status, "failed");
     assert.match(failed.problem?.type ?? "", /^urn:oviduct:problem:/);
     const again = await own.retry(failed.id, { idempotencyKey: "again" });

@@ -14,12 +14,10 @@ export const SMALL = {
   spec: { steps: 120, particles: { total: { keys: [[0, 300], [1, 600]] } }, lean: { strength_um: 0 } },
 } satisfies ModelRequest;
 
-/** A model that is still growing when a test kills the service after its first events. */
-export const LONG = {
-  spec: { steps: 2000, particles: { total: { keys: [[0, 710], [1, 6000]] } } },
-} satisfies ModelRequest;
+/** A model with hours of work, so that it is still growing whatever a test does meanwhile; its first sections come soon. */
+export const ENDLESS = { spec: { steps: 100_000, solver: { search: "all_pairs", record_every: 100 } } } satisfies ModelRequest;
 
-/** A fit that takes a second or two: its target is out of reach, so that it does not end at once. */
+/** A small fit. */
 export const FIT = {
   ...SMALL,
   targets: [{ region: "ampulla", quantity: "lumen_perimeter_mm", value: 100 }],
@@ -27,6 +25,13 @@ export const FIT = {
   evaluations: 60,
   seeds: 1,
   models: 1,
+} satisfies FitRequest;
+
+/** A fit with more than half an hour of work: it ends only if a test cancels or deletes it. */
+export const ENDLESS_FIT = {
+  ...FIT,
+  spec: { steps: 1000, particles: { total: { keys: [[0, 600], [1, 2000]] } }, solver: { search: "all_pairs" } },
+  evaluations: 2000,
 } satisfies FitRequest;
 
 const binary = process.env["OVIDUCT_BINARY"];
@@ -55,8 +60,8 @@ export class Service {
     assert(binary, "OVIDUCT_BINARY names the program to test");
     const log = openSync(join(this.data, "server.log"), "a");
     const line = ["serve", "--addr", `127.0.0.1:${this.#port}`, "--data", this.data, "--gpu", "off"];
-    // Jobs of a killed process are taken up soon.
-    line.push("--heartbeat", "500ms", "--lease", "2s", ...this.#options);
+    // Jobs of a killed process are taken up soon. ENDLESS is over the usual limit.
+    line.push("--heartbeat", "500ms", "--lease", "2s", "--max-model-time", "30d", ...this.#options);
     this.#process = spawn(binary, line, { stdio: ["ignore", log, log] });
     for (const end = Date.now() + 120_000; Date.now() < end; await sleep(50)) {
       if (this.#process.exitCode !== null) break;

@@ -36,7 +36,9 @@ fn a_generation_can_be_stopped_as_soon_as_its_directory_exists() {
     for _ in 0..10 {
         let at = tempfile::tempdir().unwrap();
         let out = at.path().join("out");
-        let mut child = oviduct(at.path(), &["generate", "--backend", "cpu", "--out", "out"]);
+        // The work of hours.
+        let endless = "steps=100000;solver={\"search\":\"all_pairs\",\"record_every\":100}";
+        let mut child = oviduct(at.path(), &["generate", "--backend", "cpu", "--out", "out", "--set", endless]);
         until(&mut child, || entries(&out) > 0);
         terminate(&child);
         assert_eq!(child.wait().unwrap().code(), Some(130));

@@ -624,9 +624,11 @@ test("positions in two tubes of different length are those of each", async () =>
 });
 
 test("models that still grow are compared once they have finished", async () => {
-  const { id } = await client.submit({ preset: "pig", seed: 9, spec: { steps: 1000, solver: { search: "grid" } } });
+  await client.pauseWorkers();
+  const { id } = await client.submit({ ...SMALL, seed: 9 });
   const visit = await Visit.open(`${service.url}/#/compare/${models[0].id}/${id}`);
   await visit.page.getByRole("heading", { name: "Only finished models can be compared" }).waitFor();
+  await client.resumeWorkers();
   await canvasOf(visit.page).nth(1).waitFor({ timeout: 240_000 });
   await visit.close();
 });

@@ -1,16 +1,11 @@
 // Growing models: seen at once, and through reloads and restarts of the service.
 import assert from "node:assert/strict";
 import { after, test } from "node:test";
-import { SMALL, withService, type Service } from "../../../clients/typescript/test/service.ts";
+import { ENDLESS, SMALL, withService, type Service } from "../../../clients/typescript/test/service.ts";
 import { Oviduct, type ModelRequest, type Vary } from "../../../clients/typescript/src/index.ts";
 import { closeBrowser, colours, picture, Visit } from "./browser.ts";
 
 after(closeBrowser);
-
-/** Grows for some seconds, also on a fast machine. */
-const SLOW: ModelRequest = { preset: "pig", spec: { steps: 1000, solver: { search: "grid" } } };
-/** Grows until it is cancelled, however slowly the page is drawn. */
-const LONG: ModelRequest = { preset: "pig", spec: { steps: 8000, solver: { search: "grid" } } };
 
 /** Where the page says that a section is. */
 async function place(visit: Visit): Promise<number> {
@@ -25,6 +20,20 @@ async function grows(visit: Visit): Promise<void> {
     if (now > before) return;
     await visit.page.waitForTimeout(100);
   }
+}
+
+/** Collects the places of sections that the page shows from now on. */
+async function collectPlaces(visit: Visit): Promise<() => Promise<string[]>> {
+  await visit.page.evaluate(() => {
+    const places = new Set<string>();
+    new MutationObserver(() => {
+      for (const heading of document.querySelectorAll("h2")) {
+        if (heading.textContent.startsWith("Section at")) places.add(heading.textContent);
+      }
+    }).observe(document.body, { subtree: true, childList: true, characterData: true });
+    Object.assign(window, { places });
+  });
+  return () => visit.page.evaluate(() => [...(window as unknown as { places: Set<string> }).places]);
 }
 
 /** A page that is never loaded again keeps this mark. */
@@ -47,11 +56,16 @@ test("a newcomer grows a model with one click and sees it change", async () => {
     const { page } = visit;
     await mark(visit);
     await visit.accessible();
+    // The page is there before the first section, however slowly it is drawn.
+    const client = new Oviduct(url);
+    await client.pauseWorkers();
     await page.getByRole("button", { name: "Grow an oviduct" }).click();
     await page.waitForURL("**#/models/*");
-    await grows(visit);
-    await visit.accessible();
+    await page.getByRole("heading", { level: 1 }).getByText("queued").waitFor();
+    const places = await collectPlaces(visit);
+    await client.resumeWorkers();
     await page.getByRole("application", { name: /^3D view/ }).waitFor({ timeout: 180_000 });
+    assert((await places()).length > 1, "it was not seen to change");
     assert(await isMarked(visit), "the page was loaded again");
     // The list has changed too.
     await page.getByRole("link", { name: "Models", exact: true }).click();
@@ -64,9 +78,10 @@ test("a newcomer grows a model with one click and sees it change", async () => {
 
 test("a page that is loaded again in the middle goes on", async () => {
   await withService([], async (service) => {
-    const id = await submit(service, SLOW);
+    const id = await submit(service, ENDLESS);
     const visit = await Visit.open(`${service.url}/#/models/${id}`);
     await grows(visit);
+    await visit.accessible();
     const before = await place(visit);
     const tube = visit.page.getByRole("img", { name: /^The growing tube in 3D/ });
     const seen = async () => Number(/\d+(?= sections seen)/.exec((await tube.getAttribute("aria-label"))!)![0]);
@@ -81,7 +96,7 @@ test("a page that is loaded again in the middle goes on", async () => {
 
 test("a service that is restarted in the middle is waited for", async () => {
   await withService([], async (service) => {
-    const id = await submit(service, SLOW);
+    const id = await submit(service, ENDLESS);
     const visit = await Visit.open(`${service.url}/#/models/${id}`);
     const { page } = visit;
     await mark(visit);
@@ -93,7 +108,8 @@ test("a service that is restarted in the middle is waited for", async () => {
     await page.getByText("The service does not answer.").waitFor({ state: "detached" });
     visit.away = false;
     await grows(visit);
-    await page.getByRole("application", { name: /^3D view/ }).waitFor({ timeout: 240_000 });
+    await new Oviduct(service.url).cancel(id);
+    await page.getByRole("heading", { level: 1 }).getByText("cancelled").waitFor();
     assert(await isMarked(visit), "the page was loaded again");
     await visit.close();
   });
@@ -101,7 +117,7 @@ test("a service that is restarted in the middle is waited for", async () => {
 
 test("the growing tube comes back after the loss of the graphics context", async () => {
   await withService([], async (service) => {
-    const id = await submit(service, LONG);
+    const id = await submit(service, ENDLESS);
     const visit = await Visit.open(`${service.url}/#/models/${id}`);
     const { page } = visit;
     await grows(visit);
@@ -120,7 +136,7 @@ test("the growing tube comes back after the loss of the graphics context", async
 
 test("a growing model is cancelled, grown again, and deleted", async () => {
   await withService([], async (service) => {
-    const id = await submit(service, LONG);
+    const id = await submit(service, ENDLESS);
     const visit = await Visit.open(`${service.url}/#/models/${id}`);
     const { page } = visit;
     await grows(visit);
@@ -143,7 +159,7 @@ test("a growing model is cancelled, grown again, and deleted", async () => {
 test("a model that has failed is grown again with its seed", async () => {
   await withService(["--job-timeout", "1s"], async (service) => {
     const client = new Oviduct(service.url);
-    const id = await submit(service, { ...SLOW, seed: 12 });
+    const id = await submit(service, { ...ENDLESS, seed: 12 });
     const visit = await Visit.open(`${service.url}/#/models/${id}`);
     const { page } = visit;
     await page.getByText("It needed more time than a worker may spend on one model.").waitFor();
