@@ -50,7 +50,7 @@ const NAMES: &[(&str, &[&str])] = &[
     ("object_store", &["jobs/artifacts"]),
     ("sqlx", &["jobs/sqlite", "jobs/postgres", "jobs/sql"]),
     ("axum", &["http", "cli"]),
-    ("anyhow", &["cli", "main", "plot", "load_plot", "bench", "figures"]),
+    ("anyhow", &["cli", "plot", "load_plot", "bench", "figures"]),
 ];
 
 /// Beginnings of SQL statements. Only the job store may contain them.
