@@ -103,7 +103,7 @@ impl Status {
     }
 }
 
-/// Why a job failed; becomes an RFC 9457 problem over HTTP.
+/// Problem of a job that failed; becomes an RFC 9457 problem over HTTP.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Problem {
     /// Kind in kebab-case: `certificate`, `panic`, `memory`, `attempts-exhausted`, `storage`, …

@@ -1,5 +1,4 @@
-//! What operators see and control of an installation: its workers, their pauses, the use of
-//! connections.
+//! Installations for operators: workers, their pauses, and the use of connections.
 
 use super::job::JobId;
 use crate::generate::Backend;

@@ -25,8 +25,8 @@ pub struct Scratch {
 pub struct AttemptDir(PathBuf);
 
 impl Scratch {
-    /// Creates a directory for this process under `root`, and removes those of processes that have
-    /// ended.
+    /// Creates a directory for this process under `root`, and removes the directories of processes
+    /// that have ended.
     ///
     /// # Errors
     /// If `root` cannot be created or written to.

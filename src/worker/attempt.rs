@@ -288,8 +288,7 @@ impl<'a> Attempt<'a> {
             running = self.take_last_checkpoint(&mut generation).await;
         }
         generation.stop();
-        // Most generations stop within milliseconds, so the record is true when it says that they
-        // did.
+        // A generation usually stops within milliseconds, before the record says that it did.
         if running && timeout(GENERATION_STOP_WAIT, generation.result()).await.is_err() {
             self.stopping = Some(generation);
         }
@@ -422,7 +421,9 @@ async fn record(context: &Context, claim: Claim, ending: WorkResult) -> bool {
             tracing::info!("attempt {how}, but its model was deleted");
         }
         Err(StoreError::Fenced) => tracing::warn!("attempt {how}, but its lease was lost"),
-        Err(error) => tracing::error!(%error, "attempt {how}, but that was not recorded"),
+        Err(error) => {
+            tracing::error!(%error, "attempt {how}, but the job store did not record it; its lease will expire")
+        }
     }
     result.is_ok() && matches!(end, AttemptMetric::Succeeded | AttemptMetric::Failed | AttemptMetric::Cancelled)
 }

@@ -139,7 +139,7 @@ impl<'a> Checkpoints<'a> {
                     return None;
                 }
                 Err(error) => {
-                    tracing::warn!(%error, tries, "could not read the checkpoint");
+                    tracing::warn!(%error, tries, "could not read the checkpoint; the attempt will retry");
                     tokio::time::sleep(wait).await;
                     wait *= 2;
                 }
@@ -167,7 +167,7 @@ impl<'a> Checkpoints<'a> {
             }
             // Logged once, at the start of the outage.
             Err(error @ ArtifactError::Store(_)) => self.context.storage.write_failed(&error),
-            Err(error) => tracing::warn!(%error, "could not store a checkpoint"),
+            Err(error) => tracing::warn!(%error, "could not store a checkpoint; the attempt continues without it"),
         }
     }
 

@@ -126,7 +126,7 @@ impl<'a> Lease<'a> {
             return None;
         }
         if let Err(injected) = options.faults.point("during-renewal").await {
-            tracing::warn!(%injected, "could not renew the lease");
+            tracing::warn!(%injected, "could not renew the lease; the work continues");
             progress.put_back(update);
             return None;
         }
@@ -144,7 +144,7 @@ impl<'a> Lease<'a> {
             Err(error) => {
                 // The work continues: the store may become available in time, and otherwise the
                 // fence protects the job.
-                tracing::warn!(%error, "could not renew the lease");
+                tracing::warn!(%error, "could not renew the lease; the work continues");
                 progress.put_back(update);
                 None
             }

@@ -163,7 +163,7 @@ impl WorkerPool {
     async fn ended(&mut self) {
         while let Some(task) = self.tasks.join_next().await {
             if let Err(error) = task {
-                tracing::error!(%error, "a worker panicked");
+                tracing::error!(%error, "a worker panicked; its leases will expire");
             }
         }
     }

@@ -91,7 +91,7 @@ struct Claim {
     tried: Mutex<Vec<(JobId, u32)>>,
 }
 
-/// What a claim would find.
+/// Result of a look at the queue.
 struct Look {
     /// Time of the look, by the clock of leases.
     at: Timestamp,

@@ -25,8 +25,7 @@ impl Store {
         self.change("add_first_key", AddKey { new, only_first: true }).await
     }
 
-    /// The time of the store, and all keys, the oldest first, including keys that are no longer
-    /// valid.
+    /// The time of the store, and all keys, oldest first, including expired and revoked keys.
     pub async fn keys(&self) -> Result<(Timestamp, Vec<Key>), StoreError> {
         let tx = &mut self.read("keys").await?;
         let sql = format!("SELECT {COLUMNS} FROM keys ORDER BY created_at, prefix");

@@ -60,7 +60,7 @@ pub trait Hook: Send + Sync + 'static {
         Ok(())
     }
 
-    /// Changes to receive instead of those of the store.
+    /// Changes that subscribers receive instead of the changes of the store.
     fn changes(&self) -> Option<broadcast::Receiver<Change>> {
         None
     }
