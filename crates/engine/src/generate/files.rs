@@ -12,7 +12,7 @@ use crate::export::ply::write_ply;
 use crate::export::sections_bin::write_sections;
 use crate::export::stl::{write_ascii_stl, write_stl};
 use crate::export::vtp::write_vtp;
-use crate::export::{Metadata, Source, glb, lod, sections_bin};
+use crate::export::{Metadata, Shape, glb, lod, sections_bin};
 use crate::model::{BodyKind, LengthUnit, Mesh, Section};
 use rayon::prelude::*;
 use serde_json::json;
@@ -23,25 +23,18 @@ use std::path::Path;
 /// Name of the report.
 pub(super) const REPORT: &str = "report.json";
 /// Name of the file of the sections.
-pub(super) const SECTIONS: &str = "sections.bin";
+const SECTIONS: &str = "sections.bin";
 
 /// What the files of a model are made from.
 pub(super) struct Inputs<'a> {
     pub(super) meta: &'a Metadata,
     /// The surface of each body in each unit that is written.
-    pub(super) surfaces: Vec<(BodyKind, LengthUnit, Box<dyn Source + 'a>)>,
-    /// The tissue; may be none if levels are not asked for.
-    pub(super) tissue: Option<&'a Mesh>,
-    /// The tissue before it was bent; may be none if labels are not asked for.
-    pub(super) straight: Option<&'a Mesh>,
-    pub(super) sections: Sections<'a>,
+    pub(super) surfaces: Vec<(BodyKind, LengthUnit, Shape<'a>)>,
+    pub(super) tissue: &'a Mesh,
+    /// The tissue before it was bent.
+    pub(super) straight: &'a Mesh,
+    pub(super) sections: &'a [Section],
     pub(super) centreline: Centreline,
-}
-
-/// The sections of a model.
-pub(super) enum Sections<'a> {
-    Here(&'a [Section]),
-    Written(FileOutput),
 }
 
 pub(super) type Buffered = HashingWriter<BufWriter<File>>;
@@ -61,32 +54,25 @@ pub(super) fn write(
     for &output in &request.outputs.formats {
         let unit = output.unit(request.outputs.units);
         for (body, _, surface) in surfaces.iter().filter(|(_, of, _)| unit == Some(*of)) {
-            tasks.extend(surface_tasks(output, surface.as_ref(), options, stem(*body)));
+            tasks.extend(surface_tasks(output, surface, options, stem(*body)));
         }
     }
     if let Some(unit) = Output::Centreline.unit(request.outputs.units).filter(|_| wants(Output::Centreline)) {
         tasks.extend(centreline_tasks(&centreline, unit, meta));
     }
-    let written = match sections {
-        Sections::Here(sections) => {
-            let task: Task<'_> = Box::new(|out| write_sections(sections, meta, out));
-            tasks.push((SECTIONS.to_owned(), sections_bin::MEDIA_TYPE, task));
-            None
-        }
-        Sections::Written(file) => Some(file),
-    };
+    tasks.push((
+        SECTIONS.to_owned(),
+        sections_bin::MEDIA_TYPE,
+        Box::new(|out| write_sections(sections, meta, out)),
+    ));
     let (files, levels) = rayon::join(
         || write_all(request, tasks, cancel),
-        || {
-            let mesh = tissue.filter(|_| wants(Output::Lod));
-            mesh.map(|mesh| levels(mesh, &|| cancel.is_cancelled())).transpose()
-        },
+        || wants(Output::Lod).then(|| levels(tissue, &|| cancel.is_cancelled())).transpose(),
     );
     if cancel.is_cancelled() {
         return Err(GenerateError::Cancelled);
     }
-    let mesh = straight.filter(|_| wants(Output::Labels));
-    let labels = mesh.map(|mesh| labels::write(request, mesh, meta, cancel)).transpose()?;
+    let labels = wants(Output::Labels).then(|| labels::write(request, straight, meta, cancel)).transpose()?;
     let levels = levels.map_err(|source| GenerateError::Io { name: lod::FILES[0].into(), source })?;
     let mut report = json!({
         "digest": meta.digest,
@@ -124,7 +110,6 @@ pub(super) fn write(
         Box::new(|out| Ok(serde_json::to_writer_pretty(out, &report)?)),
     ));
     let mut files = files?;
-    files.extend(written);
     files.extend(labels.into_iter().flat_map(|(files, _)| files));
     files.extend(write_all(request, tasks, cancel)?);
     Ok(files)
@@ -133,7 +118,7 @@ pub(super) fn write(
 /// The files of a format of a body.
 fn surface_tasks<'a>(
     output: Output,
-    surface: &'a dyn Source,
+    surface: &'a Shape<'a>,
     options: GlbOptions,
     stem: &'static str,
 ) -> impl Iterator<Item = (String, &'static str, Task<'a>)> {
@@ -150,7 +135,7 @@ fn surface_tasks<'a>(
 pub fn write_surface(
     output: Output,
     ending: &str,
-    surface: &dyn Source,
+    surface: &Shape<'_>,
     options: GlbOptions,
     stem: &str,
     out: &mut impl Write,

@@ -18,7 +18,6 @@ mod lean;
 mod manifest;
 mod outputs;
 mod pace;
-mod stream;
 mod surfaces;
 mod types;
 mod walls;
@@ -35,7 +34,6 @@ pub use types::{
 };
 
 use crate::clock::Stopwatch;
-use crate::export::Source;
 use crate::export::centreline::Centreline;
 use crate::measure;
 use crate::measure::Certificate;
@@ -44,17 +42,16 @@ use crate::measure::morphometry::{Cuts, Morphometry, Regions, cuts, morphometry}
 use crate::mesh::bend::{Leaning, bend_apart};
 use crate::mesh::contract::Rest;
 use crate::mesh::lean::{Leaned, lean};
-use crate::model::{Body, BodyKind, LengthUnit, Section};
+use crate::model::{Body, Section};
 use crate::sim::Statistics;
 use crate::spec::preset;
-use files::{Inputs, Sections};
+use files::Inputs;
 use grow::Grown;
 use pace::Pace;
 use serde_json::json;
 use std::sync::{Mutex, PoisonError};
-use stream::Streamed;
 use surfaces::Surfaces;
-use walls::{Closed, Whole};
+use walls::Closed;
 
 /// Grows, certifies and writes one model on the CPU; for a GPU see [`generate_batch`].
 ///
@@ -141,11 +138,7 @@ fn finish(
     stage(Stage::Mesh, 0.0)?;
     let closed =
         grown.walls.close(surfaces::need_lumen(&request.outputs), &|part| stage(Stage::Mesh, part).is_err())?;
-    let finishing = Finishing { request, statistics, flipped, ran, stage: &stage, cancel };
-    match closed {
-        Closed::Whole(whole) => finishing.whole(whole, watch, seconds),
-        Closed::Streamed(streamed) => finishing.streamed(*streamed, watch, seconds),
-    }
+    Finishing { request, statistics, flipped, ran, stage: &stage, cancel }.examine(closed, watch, seconds)
 }
 
 /// What is known of a model while it is finished.
@@ -179,9 +172,9 @@ struct Examined<'a> {
 }
 
 impl Finishing<'_> {
-    /// Examines a surface that is in memory; `watch` runs since its loft was ended.
-    fn whole(self, whole: Whole, watch: Stopwatch, mut seconds: Seconds) -> Result<Outcome, GenerateError> {
-        let Whole { tissue: mut straight, lids, sections } = whole;
+    /// Certifies and measures a surface, and writes its files; `watch` runs since its loft was ended.
+    fn examine(self, closed: Closed, watch: Stopwatch, mut seconds: Seconds) -> Result<Outcome, GenerateError> {
+        let Closed { tissue: mut straight, lids, sections } = closed;
         let stop = || self.cancel.is_cancelled();
         let along = self.request.spec.bent_course();
         let course = along.as_ref().map(|bent| &bent.course);
@@ -227,10 +220,10 @@ impl Finishing<'_> {
         let placed = surfaces.placed();
         let inputs = Inputs {
             meta: &meta,
-            surfaces: placed.iter().map(|of| of.source(&meta)).collect(),
-            tissue: Some(tissue),
-            straight: Some(straight),
-            sections: Sections::Here(sections),
+            surfaces: placed.iter().map(|of| of.shape(&meta)).collect(),
+            tissue,
+            straight,
+            sections,
             centreline,
         };
         let added = sections.iter().filter(|s| s.added).count();
@@ -238,50 +231,6 @@ impl Finishing<'_> {
         let course = along.as_ref().zip(refined).map(|(bent, refined)| Bending::of(bent, refined));
         let found =
             Examined { certificate, others, contraction, morphometry, cuts, lean: leaned, course, added, ends, inputs };
-        self.write(found, seconds)
-    }
-
-    /// As [`Self::whole`] for a surface that has been examined while it came.
-    fn streamed(self, of: Streamed, watch: Stopwatch, mut seconds: Seconds) -> Result<Outcome, GenerateError> {
-        let Streamed { certificate, spool, .. } = of;
-        seconds.mesh += watch.seconds() - of.busy;
-        Seconds { certify: seconds.certify, measure: seconds.measure, export: seconds.export, .. } = of.seconds;
-
-        (self.stage)(Stage::Certify, 1.0)?;
-        if let Some(detail) = certificate.first_failure() {
-            return Err(GenerateError::Certificate { detail });
-        }
-        let tissue = |(unit, certificate): (LengthUnit, Certificate)| {
-            surfaces::finding(BodyKind::Tissue, unit, &certificate, certificate.first_failure())
-        };
-        let others = of.others.into_iter().map(tissue).collect::<Result<_, _>>()?;
-
-        (self.stage)(Stage::Measure, 1.0)?;
-        let watch = Stopwatch::start();
-        let morphometry = of.survey.finish(&certificate.section_gaps_um, &self.regions());
-        seconds.measure += watch.seconds();
-
-        let meta = self.request.metadata(of.sections);
-        let is_written = |unit: &LengthUnit| !self.request.outputs.bodies_in(*unit).is_empty();
-        let levels = spool.as_ref().filter(|_| self.request.outputs.has(Output::Lod));
-        let tissue = levels.map(stream::read_back).transpose()?;
-        let mut surfaces: Vec<(_, _, Box<dyn Source + '_>)> = Vec::new();
-        if let Some(spool) = &spool {
-            for unit in LengthUnit::ALL.into_iter().filter(is_written) {
-                surfaces.push((BodyKind::Tissue, unit, Box::new(spool.shape(unit, &meta))));
-            }
-        }
-        let inputs = Inputs {
-            meta: &meta,
-            surfaces,
-            tissue: tissue.as_ref(),
-            straight: None,
-            sections: Sections::Written(of.file),
-            centreline: of.centreline,
-        };
-        let (added, ends) = (of.added, of.ends);
-        let (contraction, cuts, lean, course) = (None, None, None, None);
-        let found = Examined { certificate, others, contraction, morphometry, cuts, lean, course, added, ends, inputs };
         self.write(found, seconds)
     }
 

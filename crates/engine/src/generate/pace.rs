@@ -9,9 +9,8 @@ use tempfile::TempPath;
 const STAGES: [Stage; 6] = [Stage::Simulate, Stage::Mesh, Stage::Certify, Stage::Measure, Stage::Export, Stage::Store];
 
 /// The fraction of the whole that is done when each of the stages ends; for a surface that is lofted while the simulation
-/// runs, one that is also examined meanwhile, and an even one.
+/// runs, and for an even one.
 const LOFTED: [f64; 6] = [0.80, 0.82, 0.90, 0.93, 0.98, 1.0];
-const STREAMED: [f64; 6] = [0.92, 0.93, 0.94, 0.95, 0.98, 1.0];
 const EVEN: [f64; 6] = [0.10, 0.86, 0.93, 0.94, 0.98, 1.0];
 /// By what factor stages before the export are a smaller fraction with levels of detail, which take 55 % of the time of `paper` and
 /// 27 % of that of `pig`. Even surfaces take much longer to mesh.
@@ -52,13 +51,7 @@ impl<'a> Pace<'a> {
             eta_seconds: None,
         };
         sink.progress(&now);
-        let mut ends = if spec.mesh.resolution_um > 0.0 {
-            EVEN
-        } else if spec.is_streamed(&request.outputs.names()) {
-            STREAMED
-        } else {
-            LOFTED
-        };
+        let mut ends = if spec.mesh.resolution_um > 0.0 { EVEN } else { LOFTED };
         if request.outputs.has(Output::Lod) && ends != EVEN {
             ends[..4].iter_mut().for_each(|end| *end *= WITH_LEVELS);
         }

@@ -2,7 +2,7 @@
 
 use super::outputs::Outputs;
 use super::types::GenerateError;
-use crate::export::{Metadata, Shape, Source};
+use crate::export::{Metadata, Shape};
 use crate::geometry::course::Course;
 use crate::measure::{certify_body, certify_regions};
 use crate::mesh::bend::bend;
@@ -93,7 +93,7 @@ impl<'a> Surfaces<'a> {
 }
 
 /// The certificate of a body in a unit, as the report has it; fails with its first failure.
-pub(super) fn finding(
+fn finding(
     body: BodyKind,
     unit: LengthUnit,
     certificate: &impl Serialize,
@@ -127,8 +127,8 @@ pub(super) struct Placed<'a> {
 
 impl<'a> Placed<'a> {
     /// As the writers take it, with its body and unit.
-    pub(super) fn source(&'a self, meta: &'a Metadata) -> (BodyKind, LengthUnit, Box<dyn Source + 'a>) {
+    pub(super) fn shape(&'a self, meta: &'a Metadata) -> (BodyKind, LengthUnit, Shape<'a>) {
         let shape = Shape { positions: &self.positions, unit: self.unit, ..Shape::of(self.mesh, meta) };
-        (self.mesh.body, self.unit, Box::new(shape))
+        (self.mesh.body, self.unit, shape)
     }
 }

@@ -264,42 +264,6 @@ fn progress_only_grows_and_names_every_stage() {
     assert_eq!((sink.sections.into_inner(), sink.reported.into_inner()), (13, 13));
 }
 
-/// Everything that can be streamed is; a label volume keeps the surface in memory.
-#[test]
-fn a_streamed_surface_has_the_files_of_one_in_memory() {
-    let formats = |more: &[Output]| -> Outputs {
-        let streamed = Output::ALL.into_iter().filter(|output| *output != Output::Labels);
-        streamed.chain(more.iter().copied()).collect::<Vec<_>>().into()
-    };
-    let straight = json!({ "lean": { "strength_um": 0 } });
-    for mut patch in [json!({}), json!({ "mesh": { "smooth_um": 5 }, "piece": { "from": 0.2 } })] {
-        let dir = tempfile::tempdir().unwrap();
-        let sink = Recorder::default();
-        json_patch::merge(&mut patch, &straight);
-        let mut request = request(small(&patch), Backend::Cpu, dir.path());
-        request.outputs = formats(&[]);
-        assert!(request.spec.is_streamed(&request.outputs.names()));
-        let streamed = generate(&request, &sink, &CancelToken::default()).unwrap();
-        let left: Vec<_> = std::fs::read_dir(dir.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
-        assert_eq!(left.len(), streamed.files.len(), "{left:?}");
-        request.outputs = formats(&[Output::Labels]);
-        let whole = generate(&request, &(), &CancelToken::default()).unwrap();
-
-        for file in streamed.files.iter().filter(|file| file.name != "report.json") {
-            assert!(whole.files.contains(file), "{}", file.name);
-        }
-        assert_eq!(whole.files.len(), streamed.files.len() + 2);
-        assert!(streamed.findings.morphometry == whole.findings.morphometry);
-        assert_eq!(streamed.findings.surfaces.len(), 1, "the tissue in millimetres");
-        assert!(alike(&json!(streamed.findings.surfaces), &json!(whole.findings.surfaces)));
-        assert!(alike(&streamed.findings.certificate, &whole.findings.certificate));
-        assert!(alike(&streamed.findings.summary, &whole.findings.summary));
-        let seen = sink.fractions.into_inner().unwrap();
-        assert!(seen.windows(2).all(|w| w[0].1 <= w[1].1 && w[1].1 <= 1.0));
-        assert_eq!(sink.sections.into_inner(), sink.reported.into_inner());
-    }
-}
-
 #[test]
 fn a_leaning_surface_is_certified_in_every_form_and_reported() {
     let dir = tempfile::tempdir().unwrap();
@@ -308,7 +272,6 @@ fn a_leaning_surface_is_certified_in_every_form_and_reported() {
     let mut lean = json!({ "lean": { "strength_um": 1000, "wavelength_um": 100, "ends_mm": 4 } });
     json_patch::merge(&mut lean, &shape);
     let request = request(small(&lean), Backend::Cpu, dir.path());
-    assert!(!request.spec.is_streamed(&["ply"]));
     let leaning = generate(&request, &(), &CancelToken::default()).unwrap().findings;
     let done = leaning.lean.unwrap();
     assert!(done.met > 0 && done.damped > 0 && done.rounds > 0 && done.scale > 0.0, "{done:?}");
@@ -331,19 +294,22 @@ fn a_leaning_surface_is_certified_in_every_form_and_reported() {
     assert!(spec.asks_to_lean() && !spec.leans());
 }
 
-/// Whether values are equal, numbers but for their last digits: sums have another order.
-fn alike(a: &serde_json::Value, b: &serde_json::Value) -> bool {
-    use serde_json::Value::{Array, Number, Object};
-    match (a, b) {
-        (Array(a), Array(b)) => a.len() == b.len() && a.iter().zip(b).all(|(a, b)| alike(a, b)),
-        (Object(a), Object(b)) => {
-            a.len() == b.len() && a.iter().all(|(name, a)| b.get(name).is_some_and(|b| alike(a, b)))
-        }
-        (Number(a), Number(b)) if a.is_f64() => {
-            let (a, b) = (a.as_f64().unwrap(), b.as_f64().unwrap());
-            (a - b).abs() <= 1e-12 * a.abs()
-        }
-        _ => a == b,
+#[test]
+fn files_and_findings_do_not_depend_on_what_else_is_asked_for() {
+    for lean in [json!({}), json!({ "lean": { "strength_um": 0 } })] {
+        let dir = tempfile::tempdir().unwrap();
+        let all = request(small(&lean), Backend::Cpu, dir.path());
+        let mut one = all.clone();
+        one.outputs = vec![Output::Vtp].into();
+        let [all, one] = [all, one].map(|request| generate(&request, &(), &CancelToken::default()).unwrap());
+        let names: Vec<&str> = one.files.iter().map(|file| file.name.as_str()).collect();
+        assert_eq!(names, ["model.vtp", "sections.bin", "report.json"]);
+        assert!(one.files[..2].iter().all(|file| all.files.contains(file)));
+        assert_eq!(one.findings.certificate, all.findings.certificate);
+        assert_eq!(one.findings.summary, all.findings.summary);
+        assert_eq!(one.findings.surfaces.len(), 1, "the tissue in millimetres");
+        assert!(all.findings.surfaces.contains(&one.findings.surfaces[0]));
+        assert!(one.findings.morphometry == all.findings.morphometry);
     }
 }
 

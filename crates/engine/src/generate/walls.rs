@@ -1,7 +1,6 @@
-//! The walls of a model while it grows. The surface of the recorded sections is lofted and tested slab by slab, and streamed if
-//! nothing needs the whole of it; for an even surface the sections of every step are kept and remeshed at the end.
+//! The walls of a model while it grows. The surface of the recorded sections is lofted and tested slab by slab; for an
+//! even surface the sections of every step are kept and remeshed at the end.
 
-use super::stream::{Stream, Streamed};
 use super::types::{GenerateError, Request};
 use crate::clock::Stopwatch;
 use crate::export::Metadata;
@@ -25,7 +24,7 @@ pub(super) struct Walls {
     smooth: Option<Smooth>,
     /// First and last step of the model, and steps between recorded sections.
     recorded: [u32; 3],
-    /// The sections that the model shows: recorded ones, and those added to mend slabs. None if they are streamed.
+    /// The sections that the model shows: recorded ones, and those added to mend slabs.
     sections: Vec<Section>,
     flipped: usize,
     seconds: f64,
@@ -34,20 +33,12 @@ pub(super) struct Walls {
 enum Form {
     /// With open ends.
     Lofted(Box<Lofter>),
-    /// With open ends; what is finished has gone into the stream.
-    Streamed(Box<Lofter>, Box<Stream>),
     /// The sections of every step.
     Even(Quality, Vec<Section>),
 }
 
 /// A closed surface.
-pub(super) enum Closed {
-    Whole(Whole),
-    Streamed(Box<Streamed>),
-}
-
-/// A closed surface in memory.
-pub(super) struct Whole {
+pub(super) struct Closed {
     /// The tissue.
     pub(super) tissue: Mesh,
     /// The ends of the lumen, if it was asked for and the surface is an even one.
@@ -83,23 +74,16 @@ impl Walls {
         } else {
             // If walls meet in many places, mending could add vertices almost without end.
             let most = 2 * spec.cost(&[]).vertices + SPARE_VERTICES;
-            let lofter = Box::new(Lofter::new(first.clone()).map_err(unsound)?.with_most_vertices(most));
-            if spec.is_streamed(&request.outputs.names()) {
-                Form::Streamed(lofter, Box::new(Stream::new(request)?))
-            } else {
-                Form::Lofted(lofter)
-            }
+            Form::Lofted(Box::new(Lofter::new(first.clone()).map_err(unsound)?.with_most_vertices(most)))
         };
-        let mut walls = Self {
+        Ok(Self {
             form,
             smooth: smoothing(spec),
             recorded: [*recorded.start(), *recorded.end(), spec.solver.record_every],
-            sections: Vec::new(),
+            sections: vec![first],
             flipped: 0,
             seconds: 0.0,
-        };
-        walls.accept(vec![first])?;
-        Ok(walls)
+        })
     }
 
     /// Walls from the sections that [`Walls::save`] wrote.
@@ -118,9 +102,8 @@ impl Walls {
             }
             let section = section?;
             match &mut walls.form {
-                Form::Lofted(lofter) | Form::Streamed(lofter, _) => {
-                    let accepted = lofter.advance(&[section]).map_err(unsound)?;
-                    walls.accept(accepted.sections)?;
+                Form::Lofted(lofter) => {
+                    walls.sections.extend(lofter.advance(&[section]).map_err(unsound)?.sections);
                 }
                 Form::Even(..) => walls.keep(section),
             }
@@ -131,11 +114,10 @@ impl Walls {
     }
 
     /// Writes all sections that the surface is made of.
-    pub(super) fn save(&mut self, meta: &Metadata, mut out: &mut dyn Write) -> io::Result<()> {
-        match &mut self.form {
+    pub(super) fn save(&self, meta: &Metadata, mut out: &mut dyn Write) -> io::Result<()> {
+        match &self.form {
             Form::Lofted(_) => write_sections(&self.sections, meta, &mut out),
             Form::Even(_, sections) => write_sections(sections, meta, &mut out),
-            Form::Streamed(_, stream) => stream.save(out),
         }
     }
 
@@ -159,7 +141,7 @@ impl Walls {
         let watch = Stopwatch::start();
         let smoothed = |section| smoothed(self.smooth, section);
         match &mut self.form {
-            Form::Lofted(lofter) | Form::Streamed(lofter, _) => {
+            Form::Lofted(lofter) => {
                 let accepted = match lofter.try_advance(&smoothed(section)).map_err(unsound)? {
                     Some(accepted) => accepted,
                     None => {
@@ -168,7 +150,7 @@ impl Walls {
                     }
                 };
                 self.flipped += accepted.flipped;
-                self.accept(accepted.sections)?;
+                self.sections.extend(accepted.sections);
             }
             Form::Even(..) => {
                 let section = smoothed(section).into_owned();
@@ -176,21 +158,6 @@ impl Walls {
             }
         }
         self.seconds += watch.seconds();
-        Ok(())
-    }
-
-    /// Takes sections that are now part of the surface.
-    fn accept(&mut self, sections: Vec<Section>) -> Result<(), GenerateError> {
-        match &mut self.form {
-            Form::Streamed(lofter, stream) => {
-                if stream.accept(sections) {
-                    let part = lofter.take();
-                    stream.process(&part)?;
-                    lofter.reuse(part);
-                }
-            }
-            _ => self.sections.extend(sections),
-        }
         Ok(())
     }
 
@@ -216,11 +183,7 @@ impl Walls {
         Ok(match self.form {
             Form::Lofted(lofter) => {
                 let tissue = lofter.finish().map_err(unsound)?;
-                Closed::Whole(Whole { tissue, lids: None, sections: self.sections })
-            }
-            Form::Streamed(lofter, stream) => {
-                let last = lofter.end().map_err(unsound)?;
-                Closed::Streamed(Box::new(stream.finish(&last)?))
+                Closed { tissue, lids: None, sections: self.sections }
             }
             Form::Even(quality, sections) => {
                 let closed = remesh(&sections, &Quality { lids, ..quality }, watch);
@@ -228,7 +191,7 @@ impl Walls {
                     RemeshError::Stopped => GenerateError::Cancelled,
                     error => GenerateError::Certificate { detail: error.to_string() },
                 })?;
-                Closed::Whole(Whole { tissue, lids, sections: self.sections })
+                Closed { tissue, lids, sections: self.sections }
             }
         })
     }

@@ -8,7 +8,7 @@
 mod part;
 pub(super) mod scene;
 
-use super::shape::{Head, Source};
+use super::shape::Shape;
 use crate::model::LengthUnit;
 use gltf_json as json;
 use json::validation::USize64;
@@ -36,16 +36,15 @@ pub struct GlbOptions {
 ///
 /// # Errors
 /// Those of the surface and of `out`; [`io::ErrorKind::InvalidInput`], before anything is written, if the surface has no
-/// triangles, is not in metres, is to have strips without being in memory, or the file would exceed 4 GiB, the limit of GLB.
+/// triangles, is not in metres, or the file would exceed 4 GiB, the limit of GLB.
 ///
 /// # Panics
 /// If the indices or patch ranges of a shape are out of bounds.
-pub fn write_glb(surface: &dyn Source, options: &GlbOptions, out: &mut impl Write) -> io::Result<()> {
-    let head = surface.head();
-    let parts = parts(surface, &head, options)?;
-    let (root, bin_len) = document(&head, &parts)?;
+pub fn write_glb(surface: &Shape<'_>, options: &GlbOptions, out: &mut impl Write) -> io::Result<()> {
+    let parts = parts(surface, options)?;
+    let (root, bin_len) = document(surface, &parts)?;
     write_head(&root, bin_len, out)?;
-    parts.iter().try_for_each(|part| part.write(surface, out))
+    parts.iter().try_for_each(|part| part.write(out))
 }
 
 /// Writes a surface as glTF text without its data, which it finds beside it under the name `data`.
@@ -55,9 +54,8 @@ pub fn write_glb(surface: &dyn Source, options: &GlbOptions, out: &mut impl Writ
 ///
 /// # Panics
 /// As [`write_glb`].
-pub fn write_gltf(surface: &dyn Source, options: &GlbOptions, data: &str, out: &mut impl Write) -> io::Result<()> {
-    let head = surface.head();
-    let (mut root, _) = document(&head, &parts(surface, &head, options)?)?;
+pub fn write_gltf(surface: &Shape<'_>, options: &GlbOptions, data: &str, out: &mut impl Write) -> io::Result<()> {
+    let (mut root, _) = document(surface, &parts(surface, options)?)?;
     root.buffers[0].uri = Some(data.into());
     serde_json::to_writer_pretty(&mut *out, &root)?;
     out.write_all(b"\n")
@@ -70,23 +68,20 @@ pub fn write_gltf(surface: &dyn Source, options: &GlbOptions, data: &str, out: &
 ///
 /// # Panics
 /// As [`write_glb`].
-pub fn write_gltf_data(surface: &dyn Source, options: &GlbOptions, out: &mut impl Write) -> io::Result<()> {
-    parts(surface, &surface.head(), options)?.iter().try_for_each(|part| part.write(surface, out))
+pub fn write_gltf_data(surface: &Shape<'_>, options: &GlbOptions, out: &mut impl Write) -> io::Result<()> {
+    parts(surface, options)?.iter().try_for_each(|part| part.write(out))
 }
 
 /// The patches of a surface that have triangles.
-fn parts<'a>(surface: &dyn Source, head: &Head<'a>, options: &GlbOptions) -> io::Result<Vec<Part<'a>>> {
+fn parts<'a>(surface: &'a Shape<'_>, options: &GlbOptions) -> io::Result<Vec<Part<'a>>> {
     let refused = |detail| Err(io::Error::new(io::ErrorKind::InvalidInput, detail));
-    if head.unit != LengthUnit::Metre {
+    if surface.unit != LengthUnit::Metre {
         return refused("glTF is in metres");
     }
-    if options.strips && !surface.is_in_memory() {
-        return refused("a surface that is not in memory cannot be written as triangle strips");
-    }
-    let parts = (head.patches.iter().enumerate())
-        .filter(|(_, patch)| !patch.triangles.is_empty())
-        .map(|(number, patch)| Part::new(surface, number, patch, options.strips))
-        .collect::<io::Result<Vec<_>>>()?;
+    let parts: Vec<_> = (surface.patches.iter())
+        .filter(|patch| !patch.triangles.is_empty())
+        .map(|patch| Part::new(surface, patch, options.strips))
+        .collect();
     if parts.is_empty() {
         return refused("the mesh has no triangles");
     }
@@ -94,8 +89,8 @@ fn parts<'a>(surface: &dyn Source, head: &Head<'a>, options: &GlbOptions) -> io:
 }
 
 /// The JSON part, and the length of the binary part.
-fn document(head: &Head<'_>, parts: &[Part<'_>]) -> io::Result<(json::Root, usize)> {
-    let mut scene = Scene::new(head.name, head.generator(), head.meta, Map::new())?;
+fn document(surface: &Shape<'_>, parts: &[Part<'_>]) -> io::Result<(json::Root, usize)> {
+    let mut scene = Scene::new(surface.name, surface.generator(), surface.meta, Map::new())?;
     let data = scene.root.push(buffer(0));
     let mut offset = 0;
     for part in parts {
@@ -124,7 +119,7 @@ fn document(head: &Head<'_>, parts: &[Part<'_>]) -> io::Result<(json::Root, usiz
         scene.add_patch(part.name, primitive(mode, positions, normals, indices))?;
     }
     scene.root.buffers[0].byte_length = USize64::from(offset);
-    let counts = Counts { vertices: head.vertices, triangles: head.triangles };
+    let counts = Counts { vertices: surface.positions.len(), triangles: surface.triangles.len() };
     Ok((scene.finish(&counts, json::Node::default())?, offset))
 }
 

@@ -22,12 +22,11 @@ pub mod ply;
 pub mod read;
 pub mod sections_bin;
 pub mod shape;
-pub mod spool;
 pub mod stl;
 pub mod svg;
 pub mod vtp;
 
-pub use shape::{AXES, NamedPatch, Shape, Source};
+pub use shape::{AXES, NamedPatch, Shape};
 
 use serde::{Deserialize, Serialize};
 

@@ -2,7 +2,7 @@
 //! roots are used, in a fixed order: the same surface gives the same bits on every machine.
 
 use super::chunks::{vec3, write_items};
-use super::shape::Source;
+use super::shape::Shape;
 use crate::geometry::patch::{add, doubled_area_normal};
 use std::io::{self, Write};
 
@@ -21,33 +21,20 @@ pub(super) fn of_triangle(corners: [[f32; 3]; 3]) -> [f32; 3] {
 ///
 /// # Panics
 /// If the triangles or patches of a shape are out of bounds.
-pub(super) fn write_of_vertices(surface: &dyn Source, out: &mut dyn Write) -> io::Result<()> {
-    let head = surface.head();
-    let is_wall: Vec<bool> = head.patches.iter().map(|patch| patch.name.contains("wall")).collect();
-    // Walls first: then most vertices that the other patches leave alone are known.
-    let mut patches: Vec<usize> = (0..is_wall.len()).collect();
-    patches.sort_by_key(|&patch| !is_wall[patch]);
-    // The sums from the vertex `first` on; those before are written.
-    let (mut first, mut sums) = (0, Vec::<Sum>::new());
-    surface.walk(&patches, &mut |piece| {
-        let done = (piece.first - first) as usize;
-        sums.resize(sums.len().max(done + piece.positions.len()), Sum::default());
-        write_items(sums.drain(..done), out, Sum::bytes)?;
-        first = piece.first;
-        let on_wall = is_wall[piece.patch];
-        for &triangle in piece.triangles {
-            let normal = doubled_area_normal(piece.corners(triangle));
+pub(super) fn write_of_vertices(surface: &Shape<'_>, out: &mut dyn Write) -> io::Result<()> {
+    let mut sums = vec![Sum::default(); surface.positions.len()];
+    for patch in &surface.patches {
+        let on_wall = patch.name.contains("wall");
+        for &triangle in surface.triangles_of(patch) {
+            let normal = doubled_area_normal(surface.corners(triangle));
             for vertex in triangle {
-                sums[(vertex - first) as usize].add(normal, on_wall);
+                sums[vertex as usize].add(normal, on_wall);
             }
         }
-        Ok(())
-    })?;
-    sums.resize(head.vertices - first as usize, Sum::default());
+    }
     write_items(sums, out, Sum::bytes)
 }
 
-/// Sum of the normals of the triangles around a vertex that count.
 #[derive(Clone, Copy, Default)]
 struct Sum {
     normal: [f64; 3],

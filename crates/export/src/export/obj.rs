@@ -6,7 +6,7 @@
 
 use super::CITATION;
 use super::chunks::one_line;
-use super::shape::{AXES, Source};
+use super::shape::{AXES, Shape};
 use crate::model::LengthUnit;
 use std::io::{self, Write};
 
@@ -20,49 +20,44 @@ const CHUNK: usize = 1 << 16;
 ///
 /// # Errors
 /// Those of the surface and of `out`.
-pub fn write_obj(surface: &dyn Source, out: &mut impl Write) -> io::Result<()> {
-    let head = surface.head();
+pub fn write_obj(surface: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
     let mut text = Vec::with_capacity(CHUNK + 256);
-    let unit = match head.unit {
+    let unit = match surface.unit {
         LengthUnit::Metre => "metres",
         unit => unit.name(),
     };
-    writeln!(text, "# generator: {}", head.generator())?;
-    if let Some(meta) = head.meta {
+    writeln!(text, "# generator: {}", surface.generator())?;
+    if let Some(meta) = surface.meta {
         writeln!(text, "# method: {CITATION}")?;
         writeln!(text, "# units: {unit}; axes: {AXES}")?;
         writeln!(text, "# preset: {}", one_line(&meta.preset))?;
         writeln!(text, "# seed: {}", meta.seed)?;
         writeln!(text, "# digest: {}", one_line(&meta.digest))?;
         writeln!(text, "# length_mm: {}", meta.length_mm)?;
-        writeln!(text, "# body: {}", head.name)?;
+        writeln!(text, "# body: {}", surface.name)?;
         writeln!(text, "# sections: {}", meta.sections)?;
     } else {
         writeln!(text, "# units: {unit}")?;
     }
-    writeln!(text, "# vertices: {}", head.vertices)?;
-    writeln!(text, "# triangles: {}", head.triangles)?;
-    writeln!(text, "o {}", one_word(head.name))?;
-    surface.positions(&mut |positions| {
-        positions.iter().try_for_each(|[x, y, z]| {
-            writeln!(text, "v {x} {y} {z}")?;
-            flush_chunk(&mut text, out)
-        })
-    })?;
-    for (number, patch) in head.patches.iter().enumerate() {
+    writeln!(text, "# vertices: {}", surface.positions.len())?;
+    writeln!(text, "# triangles: {}", surface.triangles.len())?;
+    writeln!(text, "o {}", one_word(surface.name))?;
+    for [x, y, z] in surface.positions {
+        writeln!(text, "v {x} {y} {z}")?;
+        flush_chunk(&mut text, out)?;
+    }
+    for patch in &surface.patches {
         let name = one_word(patch.name);
         writeln!(text, "g {name}\nusemtl {name}")?;
-        surface.walk(&[number], &mut |piece| {
-            piece.triangles.iter().try_for_each(|triangle| {
-                text.extend_from_slice(b"f");
-                for index in triangle {
-                    text.push(b' ');
-                    push_number(&mut text, u64::from(*index) + 1);
-                }
-                text.push(b'\n');
-                flush_chunk(&mut text, out)
-            })
-        })?;
+        for triangle in surface.triangles_of(patch) {
+            text.extend_from_slice(b"f");
+            for index in triangle {
+                text.push(b' ');
+                push_number(&mut text, u64::from(*index) + 1);
+            }
+            text.push(b'\n');
+            flush_chunk(&mut text, out)?;
+        }
     }
     out.write_all(&text)
 }

@@ -3,7 +3,7 @@
 
 use super::CITATION;
 use super::chunks::{join, one_line, vec3, write_items};
-use super::shape::{Head, Source};
+use super::shape::Shape;
 use std::io::{self, Write};
 
 /// Media type of the file. None is registered; this one is formed as those of STL and OBJ.
@@ -17,14 +17,12 @@ pub const MEDIA_TYPE: &str = "model/ply";
 ///
 /// # Panics
 /// If the triangles or patches of the shape are out of bounds.
-pub fn write_ply(surface: &dyn Source, out: &mut impl Write) -> io::Result<()> {
-    let head = surface.head();
-    indexable(head.vertices as u64)?;
-    out.write_all(&header(&head)?)?;
-    surface.positions(&mut |positions| write_items(positions, out, |&p| vec3(p)))?;
-    surface.walk_in_order(&mut |piece| {
-        write_items(piece.triangles, out, |t| join::<13>([&[3][..], t.map(u32::to_le_bytes).as_flattened()]))
-    })
+pub fn write_ply(surface: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
+    indexable(surface.positions.len() as u64)?;
+    out.write_all(&header(surface)?)?;
+    write_items(surface.positions, out, |&p| vec3(p))?;
+    let triangles = surface.patches.iter().flat_map(|patch| surface.triangles_of(patch));
+    write_items(triangles, out, |t| join::<13>([&[3][..], t.map(u32::to_le_bytes).as_flattened()]))
 }
 
 fn indexable(vertices: u64) -> io::Result<()> {
@@ -37,27 +35,27 @@ fn indexable(vertices: u64) -> io::Result<()> {
     Err(io::Error::new(io::ErrorKind::InvalidInput, message))
 }
 
-fn header(head: &Head<'_>) -> io::Result<Vec<u8>> {
+fn header(surface: &Shape<'_>) -> io::Result<Vec<u8>> {
     let mut text = b"ply\nformat binary_little_endian 1.0\n".to_vec();
-    writeln!(text, "comment generator: {}", one_line(&head.generator()))?;
+    writeln!(text, "comment generator: {}", one_line(&surface.generator()))?;
     writeln!(text, "comment method: {CITATION}")?;
-    if let Some(meta) = head.meta {
+    if let Some(meta) = surface.meta {
         writeln!(text, "comment axes: right-handed, y up, z along the tube from isthmus to ampulla")?;
         writeln!(text, "comment preset: {}", one_line(&meta.preset))?;
         writeln!(text, "comment seed: {}", meta.seed)?;
         writeln!(text, "comment digest: {}", one_line(&meta.digest))?;
     }
-    writeln!(text, "comment body: {}", one_line(head.name))?;
-    for patch in &head.patches {
+    writeln!(text, "comment body: {}", one_line(surface.name))?;
+    for patch in &surface.patches {
         writeln!(text, "comment patch {} {} {}", patch.triangles.start, patch.triangles.len(), one_line(patch.name))?;
     }
     // Last, as a name above may look like a unit to readers.
-    writeln!(text, "comment units: {}", head.unit.name())?;
-    writeln!(text, "element vertex {}", head.vertices)?;
+    writeln!(text, "comment units: {}", surface.unit.name())?;
+    writeln!(text, "element vertex {}", surface.positions.len())?;
     for property in ["x", "y", "z"] {
         writeln!(text, "property float {property}")?;
     }
-    writeln!(text, "element face {}", head.triangles)?;
+    writeln!(text, "element face {}", surface.triangles.len())?;
     writeln!(text, "property list uchar int vertex_indices\nend_header")?;
     Ok(text)
 }

@@ -6,7 +6,7 @@
 
 use super::chunks::{CHUNK, join, one_line, vec3, write_items};
 use super::normals;
-use super::shape::{Head, Piece, Source, engine};
+use super::shape::{Shape, engine};
 use std::io::{self, Write};
 
 /// Media type of the file.
@@ -28,19 +28,19 @@ const MAX_ATTRIBUTE: u16 = (1 << 15) - 1;
 ///
 /// # Panics
 /// If the triangles or patches of a shape are out of bounds.
-pub fn write_stl(surface: &dyn Source, out: &mut impl Write) -> io::Result<()> {
-    let head = surface.head();
-    let count = count(head.triangles as u64)?;
-    out.write_all(&header(&head))?;
+pub fn write_stl(surface: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
+    let count = count(surface.triangles.len() as u64)?;
+    out.write_all(&header(surface))?;
     out.write_all(&count.to_le_bytes())?;
-    surface.walk_in_order(&mut |piece| {
-        let attribute = u16::try_from(piece.patch + 1).ok().filter(|&a| a <= MAX_ATTRIBUTE).unwrap_or_default();
-        write_items(piece.triangles, out, |&triangle| {
-            let corners = piece.corners(triangle);
+    for (patch, number) in surface.patches.iter().zip(1_usize..) {
+        let attribute = u16::try_from(number).ok().filter(|&a| a <= MAX_ATTRIBUTE).unwrap_or_default();
+        write_items(surface.triangles_of(patch), out, |&triangle| {
+            let corners = surface.corners(triangle);
             let [a, b, c] = corners.map(vec3);
             join::<RECORD>([&vec3(normals::of_triangle(corners))[..], &a, &b, &c, &attribute.to_le_bytes()])
-        })
-    })
+        })?;
+    }
+    Ok(())
 }
 
 /// Writes a surface as text STL.
@@ -52,33 +52,29 @@ pub fn write_stl(surface: &dyn Source, out: &mut impl Write) -> io::Result<()> {
 ///
 /// # Panics
 /// If the triangles or patches of a shape are out of bounds.
-pub fn write_ascii_stl(surface: &dyn Source, out: &mut impl Write) -> io::Result<()> {
-    let head = surface.head();
+pub fn write_ascii_stl(surface: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
     let mut points = Points::new();
     let mut text = Vec::with_capacity(CHUNK + 1024);
-    for (number, patch) in head.patches.iter().enumerate().filter(|(_, patch)| !patch.triangles.is_empty()) {
+    for patch in surface.patches.iter().filter(|patch| !patch.triangles.is_empty()) {
         let name = one_line(patch.name);
         writeln!(text, "solid {name}")?;
-        surface.walk(&[number], &mut |piece| {
-            for &triangle in piece.triangles {
-                let [x, y, z] = normals::of_triangle(piece.corners(triangle));
-                writeln!(text, "facet normal {x} {y} {z}\nouter loop")?;
-                for vertex in triangle {
-                    text.extend_from_slice(b"vertex");
-                    text.extend_from_slice(points.get(vertex, piece)?);
-                }
-                text.extend_from_slice(b"endloop\nendfacet\n");
-                if text.len() >= CHUNK {
-                    out.write_all(&text)?;
-                    text.clear();
-                }
+        for &triangle in surface.triangles_of(patch) {
+            let [x, y, z] = normals::of_triangle(surface.corners(triangle));
+            writeln!(text, "facet normal {x} {y} {z}\nouter loop")?;
+            for vertex in triangle {
+                text.extend_from_slice(b"vertex");
+                text.extend_from_slice(points.get(vertex, surface)?);
             }
-            Ok(())
-        })?;
+            text.extend_from_slice(b"endloop\nendfacet\n");
+            if text.len() >= CHUNK {
+                out.write_all(&text)?;
+                text.clear();
+            }
+        }
         writeln!(text, "endsolid {name}")?;
     }
-    if head.triangles == 0 {
-        let name = one_line(head.name);
+    if surface.triangles.is_empty() {
+        let name = one_line(surface.name);
         write!(text, "solid {name}\nendsolid {name}\n")?;
     }
     out.write_all(&text)
@@ -95,10 +91,10 @@ impl Points {
         Self(vec![(None, Vec::new()); Self::KEPT])
     }
 
-    fn get(&mut self, vertex: u32, piece: &Piece<'_>) -> io::Result<&[u8]> {
+    fn get(&mut self, vertex: u32, surface: &Shape<'_>) -> io::Result<&[u8]> {
         let (kept, text) = &mut self.0[vertex as usize % Self::KEPT];
         if *kept != Some(vertex) {
-            let [x, y, z] = piece.position(vertex);
+            let [x, y, z] = surface.positions[vertex as usize];
             text.clear();
             writeln!(text, " {x} {y} {z}")?;
             *kept = Some(vertex);
@@ -117,12 +113,12 @@ fn count(triangles: u64) -> io::Result<u32> {
 }
 
 /// Generator and unit first, as the end is cut off. It must not begin with the word `solid`, which marks text.
-fn header(head: &Head<'_>) -> [u8; HEADER] {
+fn header(surface: &Shape<'_>) -> [u8; HEADER] {
     // Only letters, digits and a few signs: some readers look for colours and the like in the header.
     let plain = |text: &str| text.replace(|c: char| !(c.is_ascii_alphanumeric() || "._-".contains(c)), "_");
-    let (engine, name) = (plain(engine(head.meta)), plain(head.name));
-    let mut text = format!("oviduct {engine:.16} units={} {name}", head.unit.name());
-    if let Some(meta) = head.meta {
+    let (engine, name) = (plain(engine(surface.meta)), plain(surface.name));
+    let mut text = format!("oviduct {engine:.16} units={} {name}", surface.unit.name());
+    if let Some(meta) = surface.meta {
         text += &format!(" digest={}", plain(&meta.digest));
     }
     let mut header = [0; HEADER];
@@ -159,7 +155,7 @@ mod tests {
         let mut shape = sample.shape();
         shape.name = "units µm, solid";
         let expected = format!("oviduct {} units=mm units__m__solid\0", env!("CARGO_PKG_VERSION"));
-        assert!(header(&shape.head()).starts_with(expected.as_bytes()));
+        assert!(header(&shape).starts_with(expected.as_bytes()));
     }
 
     #[test]

@@ -6,7 +6,7 @@
 
 use super::chunks::{one_line, vec3, write_items};
 use super::normals;
-use super::shape::{Source, engine};
+use super::shape::{Shape, engine};
 use super::{CITATION, Metadata};
 use crate::model::LengthUnit;
 use quick_xml::escape::escape;
@@ -26,12 +26,11 @@ pub const MEDIA_TYPE: &str = "application/octet-stream";
 ///
 /// # Panics
 /// If the triangles or patches of a shape are out of bounds.
-pub fn write_vtp(surface: &dyn Source, out: &mut impl Write) -> io::Result<()> {
-    let head = surface.head();
-    let (points, triangles) = (head.vertices as u64, head.triangles as u64);
-    let mut document = Document::new(head.unit, head.meta);
-    let names: Vec<&str> = head.patches.iter().map(|patch| patch.name).collect();
-    document.strings("name", &[head.name]);
+pub fn write_vtp(surface: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
+    let (points, triangles) = (surface.positions.len() as u64, surface.triangles.len() as u64);
+    let mut document = Document::new(surface.unit, surface.meta);
+    let names: Vec<&str> = surface.patches.iter().map(|patch| patch.name).collect();
+    document.strings("name", &[surface.name]);
     document.strings("patch_names", &names);
     document.piece(points, 0, triangles);
 
@@ -40,30 +39,29 @@ pub fn write_vtp(surface: &dyn Source, out: &mut impl Write) -> io::Result<()> {
     document.close();
     document.open("CellData Scalars=\"patch\"");
     document.array("Int32", "patch", 1, 4 * triangles, |out| {
-        let patches = head.patches.iter().zip(0_i32..);
+        let patches = surface.patches.iter().zip(0_i32..);
         let each = patches.flat_map(|(patch, number)| std::iter::repeat_n(number, patch.triangles.len()));
         write_items(each, out, i32::to_le_bytes)
     });
     document.close();
     document.open("Points");
     document.array("Float32", "Points", 3, 12 * points, |out| {
-        surface.positions(&mut |positions| write_items(positions, out, |&p| vec3(p)))
+        write_items(surface.positions, out, |&p| vec3(p))
     });
     document.close();
     document.open("Polys");
+    let corners = || surface.patches.iter().flat_map(|patch| surface.triangles_of(patch).as_flattened());
     let ends = || (1..=triangles).map(|i| 3 * i);
     if i32::try_from(points.max(3 * triangles)).is_ok() {
         document.array("Int32", "connectivity", 1, 12 * triangles, |out| {
-            surface.walk_in_order(&mut |piece| write_items(piece.triangles.as_flattened(), out, |v| v.to_le_bytes()))
+            write_items(corners(), out, |v| v.to_le_bytes())
         });
         document.array("Int32", "offsets", 1, 4 * triangles, |out| {
             write_items(ends(), out, |end| (end as u32).to_le_bytes())
         });
     } else {
         document.array("Int64", "connectivity", 1, 24 * triangles, |out| {
-            surface.walk_in_order(&mut |piece| {
-                write_items(piece.triangles.as_flattened(), out, |&v| u64::from(v).to_le_bytes())
-            })
+            write_items(corners(), out, |&v| u64::from(v).to_le_bytes())
         });
         document.array("Int64", "offsets", 1, 8 * triangles, |out| write_items(ends(), out, u64::to_le_bytes));
     }

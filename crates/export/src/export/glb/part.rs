@@ -1,8 +1,8 @@
-//! A patch of a glTF file. It is read once to be counted and again for each of its arrays, so that only the vertices that
-//! are in use need be known at a time.
+//! A patch of a glTF file. Its triangles are gone through once to be counted and again for each of its arrays, so that only
+//! the vertices in use need be known at a time.
 
 use crate::export::chunks::{join, vec3, write_items};
-use crate::export::shape::{NamedPatch, Piece, Source};
+use crate::export::shape::{NamedPatch, Piece, Shape};
 use crate::geometry::patch::{Numbering, add, doubled_area_normal, unit};
 use crate::geometry::strips::{join_strips, strips};
 use gltf_json::accessor::ComponentType;
@@ -15,8 +15,8 @@ const MAX_SHORT_VERTICES: usize = 65_535;
 /// own triangles, as [`part_geometry`](crate::geometry::patch::part_geometry) does.
 pub(super) struct Part<'a> {
     pub(super) name: &'a str,
-    /// Number of the patch.
-    patch: usize,
+    positions: &'a [[f32; 3]],
+    pieces: Vec<Piece<'a>>,
     pub(super) vertices: usize,
     triangles: usize,
     /// Least and greatest coordinates, exactly.
@@ -26,17 +26,26 @@ pub(super) struct Part<'a> {
 }
 
 impl<'a> Part<'a> {
-    pub(super) fn new(surface: &dyn Source, number: usize, patch: &NamedPatch<'a>, as_strip: bool) -> io::Result<Self> {
-        let (mut min, mut max) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    pub(super) fn new(surface: &'a Shape<'_>, patch: &NamedPatch<'a>, as_strip: bool) -> Self {
+        let mut part = Self {
+            name: patch.name,
+            positions: surface.positions,
+            pieces: surface.pieces(patch),
+            vertices: 0,
+            triangles: patch.triangles.len(),
+            bounds: ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]),
+            strip: None,
+        };
+        let (min, max) = &mut part.bounds;
         let mut numbering = Numbering::default();
         let mut kept = Vec::new();
-        surface.walk(&[number], &mut |piece| {
-            numbering.advance(piece.first, piece.positions.len());
+        for piece in &part.pieces {
+            numbering.advance(piece.vertices.start, piece.vertices.len());
             for triangle in piece.triangles {
                 let local = triangle.map(|vertex| {
                     let (local, is_new) = numbering.number(vertex);
                     if is_new {
-                        for (axis, x) in piece.position(vertex).into_iter().enumerate() {
+                        for (axis, x) in surface.positions[vertex as usize].into_iter().enumerate() {
                             min[axis] = min[axis].min(x);
                             max[axis] = max[axis].max(x);
                         }
@@ -47,16 +56,10 @@ impl<'a> Part<'a> {
                     kept.push(local);
                 }
             }
-            Ok(())
-        })?;
-        Ok(Self {
-            name: patch.name,
-            patch: number,
-            vertices: numbering.count() as usize,
-            triangles: patch.triangles.len(),
-            bounds: (min, max),
-            strip: as_strip.then(|| join_strips(&strips(&kept))),
-        })
+        }
+        part.vertices = numbering.count() as usize;
+        part.strip = as_strip.then(|| join_strips(&strips(&kept)));
+        part
     }
 
     pub(super) fn index_count(&self) -> usize {
@@ -68,26 +71,26 @@ impl<'a> Part<'a> {
     }
 
     /// Writes positions, normals and indices, each with the length that the document states.
-    pub(super) fn write(&self, surface: &dyn Source, out: &mut impl Write) -> io::Result<()> {
-        self.walk(surface, |piece, numbering| {
+    pub(super) fn write(&self, out: &mut impl Write) -> io::Result<()> {
+        self.walk(|piece, numbering| {
             let vertices = piece.triangles.as_flattened().iter();
-            write_items(vertices.filter(|&&v| numbering.number(v).1), out, |&v| vec3(piece.position(v)))
+            write_items(vertices.filter(|&&v| numbering.number(v).1), out, |&v| vec3(self.positions[v as usize]))
         })?;
-        self.write_normals(surface, out)?;
-        self.write_indices(surface, out)
+        self.write_normals(out)?;
+        self.write_indices(out)
     }
 
     /// Sums are written once no triangle can add to them.
-    fn write_normals(&self, surface: &dyn Source, out: &mut impl Write) -> io::Result<()> {
+    fn write_normals(&self, out: &mut impl Write) -> io::Result<()> {
         // The vertices from the local number `written` on, and the sums of the normals around them.
         let (mut written, mut sums) = (0, Vec::<(u32, [f64; 3])>::new());
         let bytes = |(_, sum)| vec3(unit(sum));
-        self.walk(surface, |piece, numbering| {
-            let done = sums.iter().take_while(|(vertex, _)| *vertex < piece.first).count();
+        self.walk(|piece, numbering| {
+            let done = sums.iter().take_while(|(vertex, _)| *vertex < piece.vertices.start).count();
             write_items(sums.drain(..done), out, bytes)?;
             written += done;
             for &triangle in piece.triangles {
-                let normal = doubled_area_normal(piece.corners(triangle));
+                let normal = doubled_area_normal(triangle.map(|v| self.positions[v as usize]));
                 for vertex in triangle {
                     let (local, is_new) = numbering.number(vertex);
                     if is_new {
@@ -101,13 +104,13 @@ impl<'a> Part<'a> {
         write_items(sums, out, bytes)
     }
 
-    fn write_indices(&self, surface: &dyn Source, out: &mut impl Write) -> io::Result<()> {
+    fn write_indices(&self, out: &mut impl Write) -> io::Result<()> {
         let is_short = self.index_type() == ComponentType::U16;
         let short = |index: u32| (index as u16).to_le_bytes();
         match &self.strip {
             Some(strip) if is_short => write_items(strip, out, |&index| short(index)),
             Some(strip) => write_items(strip, out, |&index| index.to_le_bytes()),
-            None => self.walk(surface, |piece, numbering| {
+            None => self.walk(|piece, numbering| {
                 let triangles = piece.triangles.iter().map(|t| t.map(|vertex| numbering.number(vertex).0));
                 if is_short {
                     write_items(triangles, out, |t| join::<6>(t.map(short)))
@@ -121,15 +124,12 @@ impl<'a> Part<'a> {
     }
 
     /// Walks through the patch with the numbers of its vertices.
-    fn walk(
-        &self,
-        surface: &dyn Source,
-        mut each: impl FnMut(&Piece<'_>, &mut Numbering) -> io::Result<()>,
-    ) -> io::Result<()> {
+    fn walk(&self, mut each: impl FnMut(&Piece<'_>, &mut Numbering) -> io::Result<()>) -> io::Result<()> {
         let mut numbering = Numbering::default();
-        surface.walk(&[self.patch], &mut |piece| {
-            numbering.advance(piece.first, piece.positions.len());
-            each(piece, &mut numbering)
-        })
+        for piece in &self.pieces {
+            numbering.advance(piece.vertices.start, piece.vertices.len());
+            each(piece, &mut numbering)?;
+        }
+        Ok(())
     }
 }
