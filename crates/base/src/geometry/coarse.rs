@@ -42,24 +42,21 @@ impl Coarse {
         self.blocks.update(&blocks, |block| hulls(block, self.len, &points).union());
     }
 
-    /// Windows on the first `fresh` items: each pair that overlaps and of which at least one is among these lies in one window,
-    /// with at least one of the window's own.
-    pub fn windows(&self, fresh: usize) -> impl Iterator<Item = Window> {
-        (0..fresh).step_by(WINDOW * WIDTH).map(move |start| self.window(start..fresh.min(start + WINDOW * WIDTH)))
+    /// Windows on the items: each pair that overlaps lies in one window, with at least one of the window's own.
+    pub fn windows(&self) -> impl Iterator<Item = Window> {
+        (0..self.len).step_by(WINDOW * WIDTH).map(move |start| self.window(start..self.len.min(start + WINDOW * WIDTH)))
     }
 
     fn window(&self, own: Range<usize>) -> Window {
         let (first, last) = (own.start / WIDTH, own.end.div_ceil(WIDTH));
-        // The last block may have later items.
-        let later = own.end / WIDTH;
-        let mut is_near = vec![false; self.len.div_ceil(WIDTH) - later];
+        let mut is_near = vec![false; self.len.div_ceil(WIDTH) - last];
         for start in (first..last).step_by(GROUP) {
             let bounds = self.blocks.bounds(start..last.min(start + GROUP));
-            self.blocks.overlapping_from(&bounds, later, |block| is_near[block - later] = true);
+            self.blocks.overlapping_from(&bounds, last, |block| is_near[block - last] = true);
         }
         let mut items: Vec<u32> = own.clone().map(|item| item as u32).collect();
-        for (block, _) in (later..).zip(&is_near).filter(|(_, is_near)| **is_near) {
-            items.extend((own.end.max(block * WIDTH)..self.len.min((block + 1) * WIDTH)).map(|item| item as u32));
+        for (block, _) in (last..).zip(&is_near).filter(|(_, is_near)| **is_near) {
+            items.extend((block * WIDTH..self.len.min((block + 1) * WIDTH)).map(|item| item as u32));
         }
         Window { items, own: own.len() }
     }
@@ -117,9 +114,9 @@ mod tests {
     }
 
     /// All pairs, by windows.
-    fn pairs(coarse: &Coarse, fresh: usize, items: &[Segment]) -> Vec<(u32, u32)> {
+    fn pairs(coarse: &Coarse, items: &[Segment]) -> Vec<(u32, u32)> {
         let mut found = Vec::new();
-        for window in coarse.windows(fresh) {
+        for window in coarse.windows() {
             let numbers = &window.items;
             let bvh = Bvh::of_hulls(Bvh::default(), numbers.len(), |some, of| {
                 points(numbers[some].iter().map(|&i| items[i as usize]), of);
@@ -142,21 +139,19 @@ mod tests {
         #[test]
         fn windows_have_each_pair_once(
             mut items in prop::collection::vec(prop::array::uniform2(prop::array::uniform3(-40i8..40)), 1..1500),
-            fresh in 0.0..1.0f64,
             moved in prop::array::uniform3(-40i8..40),
         ) {
-            let fresh = ((fresh * 1.2).min(1.0) * items.len() as f64) as usize;
             let mut coarse = Coarse::of_hulls(items.len(), |some, of| points(items[some].iter().copied(), of));
             for round in 0..2 {
                 let mut expected = Vec::new();
-                for i in 0..fresh {
+                for i in 0..items.len() {
                     for j in i + 1..items.len() {
                         if bounds(items[i]).overlaps(&bounds(items[j])) {
                             expected.push((i as u32, j as u32));
                         }
                     }
                 }
-                prop_assert_eq!(pairs(&coarse, fresh, &items), expected);
+                prop_assert_eq!(pairs(&coarse, &items), expected);
                 for &query in items.iter().take(20) {
                     let mut found = Vec::new();
                     coarse.overlapping(&bounds(query), |some, of| points(items[some].iter().copied(), of), |i| found.push(i));

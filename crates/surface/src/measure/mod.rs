@@ -6,7 +6,6 @@ pub mod micrograph;
 pub mod morphometry;
 
 pub use certificate::{
-    BothCertificate, Certificate, CheckOptions, Chunk, Component, Failure, FailureKind, Place, RegionsCertificate,
-    StreamCertifier, TriangleQuality, certify, certify_body, certify_regions, certify_soup, check_regions,
-    check_surface,
+    BothCertificate, Certificate, CheckOptions, Component, Failure, FailureKind, Place, RegionsCertificate,
+    TriangleQuality, certify, certify_body, certify_regions, certify_soup, check_regions, check_surface,
 };

@@ -38,7 +38,7 @@ impl Meeting {
     pub(super) fn pairs(&self, mesh: &Mesh) -> Vec<[u32; 2]> {
         let mut pairs: Vec<[u32; 2]> = (0..mesh.triangles.len()).filter_map(|t| self.flat(t)).collect();
         let mut tree = Bvh::default();
-        for Window { items, own } in self.coarse.windows(mesh.triangles.len()) {
+        for Window { items, own } in self.coarse.windows() {
             let triangle = |item: usize| items[item] as usize;
             tree = Bvh::of_hulls(tree, items.len(), |some, of| points(mesh, &self.is_flat, some.map(triangle), of));
             pairs.par_extend((0..own.div_ceil(tree.part_len())).into_par_iter().flat_map_iter(|part| {

@@ -9,7 +9,7 @@
 //! is bounded for surfaces with very many faults.
 
 use super::surface::{Coordinate, Corners, Surface, Tally, few};
-use super::topology::{Copies, Stars, Topology};
+use super::topology::{Copies, Topology};
 use super::types::{FailureKind, Failures, PLACES};
 use crate::geometry::bvh::{Bounds, Bvh, WIDTH, morton};
 use crate::geometry::coarse::{Coarse, Window};
@@ -45,22 +45,10 @@ pub(super) fn examine<C: Coordinate>(
     failures: &mut Failures,
 ) -> Meetings {
     let mut meetings = Meetings::default();
-    let Topology { connectivity, copies, crowded, .. } = topology;
-    let known = Known { degenerate, copies, stars: &connectivity.stars, crowded };
-    meetings.search(surface, surface.triangles.len(), &known);
-    meetings.add_duplicates(surface, degenerate, copies);
+    meetings.search(surface, degenerate, topology);
+    meetings.add_duplicates(surface, degenerate, &topology.copies);
     meetings.report(failures);
     meetings
-}
-
-/// What is known of the triangles that are searched.
-pub(super) struct Known<'a> {
-    /// Numbers of the degenerate ones.
-    pub(super) degenerate: &'a [u32],
-    pub(super) copies: &'a Copies,
-    /// The triangles at some vertices, and those of these vertices at which they may meet.
-    pub(super) stars: &'a Stars,
-    pub(super) crowded: &'a [u32],
 }
 
 impl Meetings {
@@ -73,7 +61,7 @@ impl Meetings {
     }
 
     /// Adds the pairs of copies.
-    pub(super) fn add_duplicates<C: Coordinate>(
+    fn add_duplicates<C: Coordinate>(
         &mut self,
         surface: &Surface<'_, C>,
         degenerate: &[u32],
@@ -91,15 +79,14 @@ impl Meetings {
         self.duplicates.add(count, few(&first, |pair| surface.place_of_triangles(pair)));
     }
 
-    /// Adds the pairs that meet of which at least one is among the first `fresh` triangles, and those that meet at a crowded
-    /// vertex. Of triangles with the same vertices only the least is searched.
-    pub(super) fn search<C: Coordinate>(&mut self, surface: &Surface<'_, C>, fresh: usize, known: &Known<'_>) {
-        let search = Search { surface, known, left_out: left_out(surface, known) };
-        let stars: Vec<&[u32]> = known.crowded.chunks(TASK).collect();
+    /// Adds the pairs that meet. Of triangles with the same vertices only the least is searched.
+    fn search<C: Coordinate>(&mut self, surface: &Surface<'_, C>, degenerate: &[u32], topology: &Topology) {
+        let search = Search { surface, topology, left_out: left_out(surface, degenerate, &topology.copies) };
+        let stars: Vec<&[u32]> = topology.crowded.chunks(TASK).collect();
         self.add(surface, stars.len(), |task, most| search.stars(stars[task], most));
-        let order = Order::of(surface, fresh);
+        let order = Order::of(surface);
         if surface.triangles.len() <= LARGE {
-            self.search_window(&search, order, fresh);
+            self.search_window(&search, order, surface.triangles.len());
             return;
         }
         let coarse = Coarse::of_hulls(
@@ -107,14 +94,14 @@ impl Meetings {
             #[inline(always)]
             |items, of| search.points(&order, items, of),
         );
-        for Window { mut items, own } in coarse.windows(fresh) {
+        for Window { mut items, own } in coarse.windows() {
             items.iter_mut().for_each(|item| *item = order.triangle(*item as usize) as u32);
             self.search_window(&search, Order(Some(items)), own);
         }
     }
 
-    /// Adds the pairs of triangles without a common vertex, of which at least one is among the first `fresh` in order.
-    fn search_window<C: Coordinate>(&mut self, search: &Search<'_, C>, order: Order, fresh: usize) {
+    /// Adds the pairs of triangles without a common vertex, of which at least one is among the first `own` in order.
+    fn search_window<C: Coordinate>(&mut self, search: &Search<'_, C>, order: Order, own: usize) {
         if self.met > MOST {
             return;
         }
@@ -127,8 +114,8 @@ impl Meetings {
             |items, of| search.points(&order, items, of),
         );
         let vertices = order.vertices(vertices, search.surface.triangles, count);
-        let window = WindowSearch { search, fresh, order, vertices, bvh };
-        let parts = fresh.div_ceil(window.bvh.part_len());
+        let window = WindowSearch { search, own, order, vertices, bvh };
+        let parts = own.div_ceil(window.bvh.part_len());
         self.add(search.surface, parts, |part, most| window.part(part, most));
         self.memory = (window.bvh, window.vertices);
     }
@@ -172,7 +159,7 @@ impl Meetings {
         self.meetings.add(count, few(&first, |pair| surface.place_of_triangles(pair)));
     }
 
-    pub(super) fn report(&self, failures: &mut Failures) {
+    fn report(&self, failures: &mut Failures) {
         let what = "pairs of triangles meet where they share neither vertex nor edge";
         let detail = match self.met > MOST {
             false => format!("{} {what}", self.count()),
@@ -186,16 +173,14 @@ impl Meetings {
 }
 
 /// Marks the triangles that are not searched: degenerate ones, and all of a group of copies but the least.
-fn left_out<C: Coordinate>(surface: &Surface<'_, C>, known: &Known<'_>) -> Option<Vec<bool>> {
-    let Known { degenerate, copies, .. } = known;
+fn left_out<C>(surface: &Surface<'_, C>, degenerate: &[u32], copies: &Copies) -> Option<Vec<bool>> {
     if degenerate.is_empty() && copies.is_empty() {
         return None;
     }
     let others = copies.groups().flat_map(|group| group[1..].iter().map(|pair| pair[1]));
-    let mut out: Vec<u32> = degenerate.iter().copied().chain(others).collect();
-    out.sort_unstable();
-    let is_out = |triangle| out.binary_search(&surface.number(triangle)).is_ok();
-    Some((0..surface.triangles.len()).map(is_out).collect())
+    let mut out = vec![false; surface.triangles.len()];
+    degenerate.iter().copied().chain(others).for_each(|triangle| out[triangle as usize] = true);
+    Some(out)
 }
 
 #[derive(Default)]
@@ -226,7 +211,7 @@ impl Found {
 
 struct Search<'a, C> {
     surface: &'a Surface<'a, C>,
-    known: &'a Known<'a>,
+    topology: &'a Topology,
     left_out: Option<Vec<bool>>,
 }
 
@@ -247,7 +232,7 @@ impl<C: Coordinate> Search<'_, C> {
         let (mut found, mut star) = (Found::default(), Vec::new());
         for &vertex in vertices {
             let is_searched = |&t: &usize| !self.left_out.as_ref().is_some_and(|out| out[t]);
-            let triangles = self.known.stars.at(vertex).iter().map(|&t| t as usize).filter(is_searched);
+            let triangles = self.topology.connectivity.stars.at(vertex).iter().map(|&t| t as usize).filter(is_searched);
             star.clear();
             star.extend(triangles.map(|t| (t, Triangle::new(self.surface.corners(t)))));
             for (i, (first, a)) in star.iter().enumerate() {
@@ -265,8 +250,7 @@ impl<C: Coordinate> Search<'_, C> {
     }
 
     fn add(&self, found: &mut Found, first: usize, second: usize) {
-        let (first, second) = (self.surface.number(first), self.surface.number(second));
-        found.add(self.known.copies, [first.min(second), first.max(second)]);
+        found.add(&self.topology.copies, [first.min(second), first.max(second)].map(|triangle| triangle as u32));
     }
 }
 
@@ -274,7 +258,7 @@ impl<C: Coordinate> Search<'_, C> {
 struct WindowSearch<'a, C> {
     search: &'a Search<'a, C>,
     /// Pairs are sought of which one is among so many first ones.
-    fresh: usize,
+    own: usize,
     order: Order,
     /// Of each block of the hierarchy.
     vertices: Vec<Vertices>,
@@ -291,8 +275,8 @@ impl<C: Coordinate> WindowSearch<'_, C> {
             part,
             #[inline(always)]
             |i, block, others| {
-                // The last part may hold items that are not fresh.
-                if i >= self.fresh || found.is_full(most) {
+                // The last part may hold later items.
+                if i >= self.own || found.is_full(most) {
                     return;
                 }
                 let first = self.order.triangle(i);
@@ -353,22 +337,16 @@ impl Order {
         memory
     }
 
-    /// Keeps the given order except in runs of stretches that are not coherent; the first `fresh` triangles stay the first.
-    fn of<C: Coordinate>(surface: &Surface<'_, C>, fresh: usize) -> Self {
-        let mut order = Self(None);
-        order.arrange(surface, 0..fresh);
-        order.arrange(surface, fresh..surface.triangles.len());
-        order
-    }
-
-    fn arrange<C: Coordinate>(&mut self, surface: &Surface<'_, C>, part: Range<usize>) {
-        let starts: Vec<usize> = part.clone().step_by(STRETCH).collect();
-        let stretch = |start: usize| start..part.end.min(start + STRETCH);
+    /// Keeps the given order except in runs of stretches that are not coherent.
+    fn of<C: Coordinate>(surface: &Surface<'_, C>) -> Self {
+        let count = surface.triangles.len();
+        let starts: Vec<usize> = (0..count).step_by(STRETCH).collect();
+        let stretch = |start: usize| start..count.min(start + STRETCH);
         let coherent: Vec<bool> = starts.par_iter().map(|&start| is_coherent(surface, stretch(start))).collect();
         if coherent.iter().all(|&c| c) {
-            return;
+            return Self(None);
         }
-        let order = self.0.get_or_insert_with(|| (0..surface.triangles.len() as u32).collect());
+        let mut order: Vec<u32> = (0..count as u32).collect();
         let mut begin = 0;
         for run in coherent.chunk_by(|a, b| a == b) {
             let end = begin + run.len();
@@ -378,6 +356,7 @@ impl Order {
             }
             begin = end;
         }
+        Self(Some(order))
     }
 }
 

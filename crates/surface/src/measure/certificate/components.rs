@@ -1,6 +1,6 @@
 //! The connected parts of a surface.
 
-use super::types::{BODIES, Component};
+use super::types::Component;
 
 /// A component.
 #[derive(Clone, Copy, Default)]
@@ -13,14 +13,6 @@ pub(super) struct Body {
 }
 
 impl Body {
-    /// Joins another to it.
-    pub(super) fn add(&mut self, other: &Self) {
-        self.vertices += other.vertices;
-        self.edges += other.edges;
-        self.triangles += other.triangles;
-        self.vertex = self.vertex.min(other.vertex);
-    }
-
     pub(super) fn euler(&self) -> i64 {
         self.vertices as i64 - self.edges as i64 + self.triangles as i64
     }
@@ -30,47 +22,10 @@ impl Body {
     }
 }
 
-/// All components together, and the first ones one by one.
-#[derive(Default)]
-pub(super) struct Totals {
-    pub(super) components: u64,
-    pub(super) vertices: u64,
-    pub(super) triangles: u64,
-    pub(super) euler: i64,
-    pub(super) volume: f64,
-    /// Those with the least vertices, and more, in any order.
-    first: Vec<(Body, f64)>,
-}
-
-impl Totals {
-    /// Adds a component and its volume.
-    pub(super) fn add(&mut self, body: Body, volume: f64) {
-        self.components += 1;
-        self.vertices += body.vertices;
-        self.triangles += body.triangles;
-        self.euler += body.euler();
-        self.volume += volume;
-        self.first.push((body, volume));
-        if self.first.len() >= 2 * BODIES {
-            self.sort();
-        }
-    }
-
-    /// The first components, in the order of their least vertices.
-    pub(super) fn first(&mut self) -> &[(Body, f64)] {
-        self.sort();
-        &self.first
-    }
-
-    fn sort(&mut self) {
-        self.first.sort_by_key(|(body, _)| body.vertex);
-        self.first.truncate(BODIES);
-    }
-}
-
-/// For each vertex a vertex of its component, the same for all of one: the least. `parent` names for each vertex one of its
-/// component that is not greater: itself, as long as no triangles are known.
-pub(super) fn components(mut parent: Vec<u32>, triangles: &[[u32; 3]]) -> Vec<u32> {
+/// For each of `vertices` vertices the least one of its component.
+pub(super) fn components(vertices: u32, triangles: &[[u32; 3]]) -> Vec<u32> {
+    // For each vertex one of its component that is not greater.
+    let mut parent: Vec<u32> = (0..vertices).collect();
     for t in triangles {
         // Mostly all three are known to be in one component.
         let [a, b, c] = t.map(|v| parent[v as usize]);

@@ -10,34 +10,35 @@ mod nesting;
 mod regions;
 mod sections;
 mod shape;
-mod stream;
 mod surface;
 mod topology;
 mod types;
 
 pub use regions::{BothCertificate, RegionsCertificate, certify_regions, check_regions};
-pub use stream::{Chunk, StreamCertifier};
 pub use types::{Certificate, CheckOptions, Component, Failure, FailureKind, Place, TriangleQuality};
 
 use crate::model::{BodyKind, LengthUnit, Mesh, Section};
 use collide::Meetings;
-use components::Totals;
+use components::Body;
 use rayon::prelude::*;
 use sections::Contours;
 use shape::{Shape, Turns};
-use surface::{Coordinate, Surface, Tally};
-use topology::{Connectivity, Faults};
-use types::{Failures, METRE_UM};
+use surface::{Coordinate, Surface};
+use topology::{Connectivity, Topology};
+use types::{BODIES, Failures, METRE_UM};
 
 /// Proves that a generated model is sound, or lists its faults: those of the sections it was made from, and of its surface,
 /// which must be one component with the Euler number of its body.
 #[must_use]
+#[inline(never)] // counted by scripts/counts
 pub fn certify(mesh: &Mesh, sections: &[Section]) -> Certificate {
-    let (mut failures, mut contours) = (Failures::default(), Contours::default());
-    contours.add(sections);
+    let mut failures = Failures::default();
+    let contours = Contours::of(sections);
     contours.report(&mut failures);
     let mut certificate = body(mesh, LengthUnit::Metre, failures);
-    certificate.add_sections(contours);
+    certificate.section_crossings = contours.crossings();
+    certificate.min_gap_um = contours.gaps_um.iter().copied().flatten().reduce(f64::min);
+    certificate.section_gaps_um = contours.gaps_um;
     certificate
 }
 
@@ -61,15 +62,6 @@ fn demanded(mut certificate: Certificate, body: BodyKind) -> Certificate {
     }
     demand_euler(&certificate, body.euler(), &mut failures);
     certificate.conclude(failures)
-}
-
-impl Certificate {
-    /// Adds the measures of sections, whose failures it has.
-    fn add_sections(&mut self, contours: Contours) {
-        self.section_crossings = contours.crossings();
-        self.min_gap_um = contours.gaps_um.iter().copied().flatten().reduce(f64::min);
-        self.section_gaps_um = contours.gaps_um;
-    }
 }
 
 /// The certificate of any surface, given as lists of positions (metres) and triangles. Vertices at exactly the
@@ -131,50 +123,38 @@ fn surface<C: Coordinate>(
         failures.0.push(failure);
         return Certificate::without_surface(failures);
     }
-    let surface = Surface { positions, triangles, unit_um, numbers: None };
+    let surface = Surface { positions, triangles, unit_um };
     let connectivity = Connectivity::of(&surface);
-    let mut shape = Shape::new();
     let mut turns = vec![Turns::ANY; surface.triangles.len()];
-    shape.add(&surface, surface.corners(0)[0], |t| connectivity.body_of(t), &mut turns);
+    let shape = Shape::of(&surface, surface.corners(0)[0], |t| connectivity.body_of(t), &mut turns);
     let topology = topology::examine(&surface, connectivity, &turns, &mut failures);
-    let mut degenerate = Tally::default();
-    shape::tally(&surface, &shape.degenerate, &mut degenerate);
-    shape::report(&degenerate, &mut failures);
+    shape.report(&surface, &mut failures);
     let meetings = collide::examine(&surface, &shape.degenerate, &topology, &mut failures);
     nesting::examine(&surface, &topology, &shape.volumes, meetings.count() == 0, &mut failures);
-    let mut totals = Totals::default();
-    for (body, volume) in topology.connectivity.bodies.iter().zip(&shape.volumes) {
-        totals.add(*body, *volume);
-    }
-    of_findings(unit_um, &topology.faults, totals, shape, degenerate.count, &meetings).conclude(failures)
+    of_findings(unit_um, &topology, shape, &meetings).conclude(failures)
 }
 
 /// The certificate of these findings, as yet without failures.
-fn of_findings(
-    unit_um: f64,
-    faults: &Faults,
-    mut totals: Totals,
-    shape: Shape,
-    degenerate: u64,
-    meetings: &Meetings,
-) -> Certificate {
+fn of_findings(unit_um: f64, topology: &Topology, shape: Shape, meetings: &Meetings) -> Certificate {
+    let (bodies, faults) = (&topology.connectivity.bodies, &topology.faults);
     let unit_mm = unit_um / 1e3;
-    let bodies = totals.first().iter().map(|(body, volume)| body.report(volume * unit_mm.powi(3))).collect();
+    let each = bodies.iter().zip(&shape.volumes);
+    let volume = shape.volumes.iter().fold(0.0, |sum, volume| sum + volume);
     Certificate {
         passed: false,
         closed: faults.open_edges.count == 0,
         manifold: faults.open_edges.count == 0 && faults.bad_edges.count == 0 && faults.bad_vertices.count == 0,
         oriented: faults.disoriented_edges.count == 0,
-        euler: totals.euler,
-        components: totals.components,
-        bodies,
-        vertices: totals.vertices,
-        triangles: totals.triangles,
+        euler: bodies.iter().map(Body::euler).sum(),
+        components: bodies.len() as u64,
+        bodies: each.take(BODIES).map(|(body, volume)| body.report(volume * unit_mm.powi(3))).collect(),
+        vertices: bodies.iter().map(|body| body.vertices).sum(),
+        triangles: bodies.iter().map(|body| body.triangles).sum(),
         open_edges: faults.open_edges.count,
         non_manifold_edges: faults.bad_edges.count,
         non_manifold_vertices: faults.bad_vertices.count,
         disoriented_edges: faults.disoriented_edges.count,
-        degenerate_triangles: degenerate,
+        degenerate_triangles: shape.degenerate.len() as u64,
         duplicate_triangles: meetings.duplicates(),
         section_crossings: 0,
         triangle_intersections: meetings.count(),
@@ -183,7 +163,7 @@ fn of_findings(
         min_edge_um: shape.min_edge * unit_um,
         min_angle_deg: shape.min_angle_deg,
         quality: shape.quality.shared(),
-        volume_mm3: totals.volume * unit_mm.powi(3),
+        volume_mm3: volume * unit_mm.powi(3),
         area_mm2: shape.area * unit_mm.powi(2),
         bounds_um: shape.bounds.map(|corner| corner.map(|x| x * unit_um)),
         failures: Vec::new(),
@@ -193,7 +173,8 @@ fn of_findings(
 /// Refuses surfaces to which the other tests cannot be applied.
 fn admissible<C: Coordinate>(positions: &[[C; 3]], triangles: &[[u32; 3]]) -> Result<(), Failure> {
     if triangles.is_empty() {
-        return Err(surface::empty());
+        let detail = "there are no triangles".to_owned();
+        return Err(Failure { kind: FailureKind::Empty, count: 1, detail, places: Vec::new() });
     }
     let outside = |t: &&[u32; 3]| t.iter().any(|&v| v as usize >= positions.len());
     let count = triangles.iter().filter(outside).count();
@@ -203,7 +184,10 @@ fn admissible<C: Coordinate>(positions: &[[C; 3]], triangles: &[[u32; 3]]) -> Re
     }
     match surface::beyond_range(positions) {
         (0, _) => Ok(()),
-        (count, first) => Err(surface::out_of_range(count, first as u64)),
+        (count, first) => {
+            let detail = format!("{count} vertices (first: {first}) have coordinates that are not finite or beyond 1e±60");
+            Err(Failure { kind: FailureKind::Coordinates, count, detail, places: Vec::new() })
+        }
     }
 }
 

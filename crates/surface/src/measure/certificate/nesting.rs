@@ -4,7 +4,7 @@
 
 use super::surface::{Coordinate, Surface, few};
 use super::topology::Topology;
-use super::types::{FailureKind, Failures, Place};
+use super::types::{FailureKind, Failures};
 use crate::geometry::bvh::{Bounds, Bvh, morton};
 use rayon::prelude::*;
 
@@ -26,18 +26,14 @@ pub(super) fn examine<C: Coordinate>(
         (0..volumes.len()).filter(|&body| wrong(volumes[body], windings[body])).collect()
     };
     let inverted = of(&|volume, winding| volume == 0.0 || (volume < 0.0 && winding < 1));
-    report_inverted(inverted.len() as u64, few(&inverted, place), failures);
+    let count = inverted.len() as u64;
+    let detail = format!("{count} components enclose no volume or are inside out");
+    failures.add(FailureKind::Volume, count, detail, few(&inverted, place));
     // If surfaces cross, nesting is undefined, and the crossing is reported instead.
     let within = if apart { of(&|volume, winding| volume > 0.0 && winding > 0) } else { Vec::new() };
     let count = within.len() as u64;
     let detail = format!("{count} components lie within the material of others, whose volume so counts twice");
     failures.add(FailureKind::Overlap, count, detail, few(&within, place));
-}
-
-/// Reports components that enclose no volume or are inside out.
-pub(super) fn report_inverted(count: u64, places: Vec<Place>, failures: &mut Failures) {
-    let detail = format!("{count} components enclose no volume or are inside out");
-    failures.add(FailureKind::Volume, count, detail, places);
 }
 
 /// The components with their triangles and boxes.

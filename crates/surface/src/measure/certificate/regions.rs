@@ -49,7 +49,7 @@ impl RegionsCertificate {
 pub fn certify_regions(regions: &Mesh, lumen: &Mesh, bodies: [f64; 2], unit: LengthUnit) -> RegionsCertificate {
     let positions = unit.of_metres(&regions.positions);
     let unit_um = unit.metres() * METRE_UM;
-    let surface = Surface { positions: &positions, triangles: &regions.triangles, unit_um, numbers: None };
+    let surface = Surface { positions: &positions, triangles: &regions.triangles, unit_um };
     let mut failures = Failures::default();
     if !shares_wall(regions, lumen) {
         let detail = "the lumen's wall is not the tissue's inner wall".to_owned();
@@ -95,7 +95,7 @@ pub fn check_regions(
     let wall = of(&[PatchKind::InnerWall]).into_iter().map(|[a, b, c]| [a, c, b]);
     let lumen: Vec<[u32; 3]> = wall.chain(of(&[PatchKind::Inlet, PatchKind::Outlet])).collect();
     let lumen = judged(&lumen, BodyKind::Lumen);
-    let surface = Surface { positions, triangles, unit_um: unit_metres * METRE_UM, numbers: None };
+    let surface = Surface { positions, triangles, unit_um: unit_metres * METRE_UM };
     let regions = together(&surface, patches, [tissue.volume_mm3, lumen.volume_mm3], Failures::default());
     BothCertificate { tissue, lumen, regions }
 }

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 type P2 = [f64; 2];
 
-/// Findings on sections, which are added in their order.
+/// Findings on sections, in their order.
 #[derive(Default)]
 pub(super) struct Contours {
     pub(super) gaps_um: Vec<Option<f64>>,
@@ -33,22 +33,23 @@ struct Found {
 }
 
 impl Contours {
-    #[inline(never)] // counted by scripts/counts
-    pub(super) fn add(&mut self, sections: &[Section]) {
+    pub(super) fn of(sections: &[Section]) -> Self {
+        let mut contours = Self::default();
         let found: Vec<Found> = sections.par_iter().map(examine_section).collect();
         for (section, found) in sections.iter().zip(found) {
-            let index = self.gaps_um.len() as u32;
+            let index = contours.gaps_um.len() as u32;
             let place = |at: P2| Place { section: Some(index), ..Place::at([at[0], at[1], section.z_um]) };
             let first_point = || vec![place(section.inner.points.first().map_or([0.0; 2], |p| p.map(f64::from)))];
             if found.broken {
-                self.broken.add(1, first_point());
+                contours.broken.add(1, first_point());
             }
             if found.outside {
-                self.outside.add(1, first_point());
+                contours.outside.add(1, first_point());
             }
-            self.crossing.add(found.crossings, found.places.into_iter().map(place).collect());
-            self.gaps_um.push(found.gap);
+            contours.crossing.add(found.crossings, found.places.into_iter().map(place).collect());
+            contours.gaps_um.push(found.gap);
         }
+        contours
     }
 
     /// Pairs of edges that meet, and rings in the wrong order.

@@ -1,6 +1,6 @@
 //! Measures of the triangles: area, enclosed volume, least edge and angle; and which are degenerate, exactly.
 
-use super::surface::{Coordinate, Corners, LANES, Surface, Tally, few};
+use super::surface::{Coordinate, Corners, LANES, Surface, few};
 use super::types::{FailureKind, Failures, TriangleQuality};
 use crate::geometry::bvh::no_points;
 use crate::geometry::tri_tri::Triangle;
@@ -12,7 +12,7 @@ const RUN: usize = 4096;
 
 /// Measures in metres and degrees.
 pub(super) struct Shape {
-    /// Numbers of the triangles without area, in order.
+    /// The triangles without area, in order.
     pub(super) degenerate: Vec<u32>,
     pub(super) area: f64,
     /// Enclosed by each component, up to the last one of those met.
@@ -77,9 +77,16 @@ struct Least {
 }
 
 impl Shape {
-    /// The measures of no triangles.
-    pub(super) fn new() -> Self {
-        Self {
+    /// Those of a surface; `body_of` tells the component of each triangle. Volumes are measured from `origin`: relative to a
+    /// vertex of the surface they lose no digits to its distance from the origin of the coordinates. `turns` becomes how each
+    /// triangle turns.
+    pub(super) fn of<C: Coordinate>(
+        surface: &Surface<'_, C>,
+        origin: [f64; 3],
+        body_of: impl Fn([u32; 3]) -> usize + Sync,
+        turns: &mut [Turns],
+    ) -> Self {
+        let mut shape = Self {
             degenerate: Vec::new(),
             area: 0.0,
             volumes: Vec::new(),
@@ -87,19 +94,7 @@ impl Shape {
             min_angle_deg: f64::INFINITY,
             quality: TriangleQuality::default(),
             bounds: [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]],
-        }
-    }
-
-    /// Adds the triangles of a surface; `body_of` tells the component of each. Volumes are measured from `origin`: relative to
-    /// a vertex of the surface they lose no digits to its distance from the origin of the coordinates. `turns` becomes how each
-    /// triangle turns.
-    pub(super) fn add<C: Coordinate>(
-        &mut self,
-        surface: &Surface<'_, C>,
-        origin: [f64; 3],
-        body_of: impl Fn([u32; 3]) -> usize + Sync,
-        turns: &mut [Turns],
-    ) {
+        };
         let part = |(run, turns): (usize, &mut [Turns])| {
             Vectors::best().run(
                 #[inline(always)]
@@ -108,34 +103,32 @@ impl Shape {
         };
         let parts: Vec<Part> = turns.par_chunks_mut(RUN).enumerate().map(part).collect();
         for part in parts {
-            self.area += part.area;
+            shape.area += part.area;
             for (body, volume) in part.volumes {
-                if self.volumes.len() <= body {
-                    self.volumes.resize(body + 1, 0.0);
+                if shape.volumes.len() <= body {
+                    shape.volumes.resize(body + 1, 0.0);
                 }
-                self.volumes[body] += volume / 6.0;
+                shape.volumes[body] += volume / 6.0;
             }
             let Least { edge_squared, tan_squared, low, high } = part.least;
-            self.min_edge = self.min_edge.min(least(edge_squared).sqrt());
-            self.min_angle_deg = self.min_angle_deg.min(least(tan_squared).sqrt().atan().to_degrees());
-            self.quality.add(&part.quality);
+            shape.min_edge = shape.min_edge.min(least(edge_squared).sqrt());
+            shape.min_angle_deg = shape.min_angle_deg.min(least(tan_squared).sqrt().atan().to_degrees());
+            shape.quality.add(&part.quality);
             for axis in 0..3 {
-                self.bounds[0][axis] = self.bounds[0][axis].min(least(low[axis]));
-                self.bounds[1][axis] = self.bounds[1][axis].max(-least(high[axis].map(|x| -x)));
+                shape.bounds[0][axis] = shape.bounds[0][axis].min(least(low[axis]));
+                shape.bounds[1][axis] = shape.bounds[1][axis].max(-least(high[axis].map(|x| -x)));
             }
-            self.degenerate.extend(part.degenerate);
+            shape.degenerate.extend(part.degenerate);
         }
+        shape
     }
-}
 
-/// Adds degenerate triangles to a tally.
-pub(super) fn tally<C: Coordinate>(surface: &Surface<'_, C>, degenerate: &[u32], tally: &mut Tally) {
-    tally.add(degenerate.len() as u64, few(degenerate, |&t| surface.place_of_triangles(&[t])));
-}
-
-/// Reports them.
-pub(super) fn report(degenerate: &Tally, failures: &mut Failures) {
-    degenerate.report(FailureKind::DegenerateTriangles, "triangles have no area", failures);
+    /// Reports the degenerate triangles.
+    pub(super) fn report<C: Coordinate>(&self, surface: &Surface<'_, C>, failures: &mut Failures) {
+        let count = self.degenerate.len() as u64;
+        let places = few(&self.degenerate, |&t| surface.place_of_triangles(&[t]));
+        failures.add(FailureKind::DegenerateTriangles, count, format!("{count} triangles have no area"), places);
+    }
 }
 
 /// Measures the triangles from `first` on, as many as `turns`, which it fills.
@@ -169,7 +162,7 @@ fn part<C: Coordinate>(
         part.quality.count(&lanes.tan_squared, &lanes.ratio_squared, triangles.len());
         for (lane, triangle) in triangles.enumerate() {
             if lanes.is_thin[lane] != 0 && Triangle::new(surface.corners(triangle)).is_degenerate() {
-                part.degenerate.push(surface.number(triangle));
+                part.degenerate.push(triangle as u32);
             }
             part.area += lanes.area[lane];
             let body = body_of(surface.triangles[triangle]);

@@ -1,6 +1,6 @@
 //! The surface under test, and the locations of faults on it.
 
-use super::types::{Failure, FailureKind, Failures, PLACES, Place};
+use super::types::{FailureKind, Failures, PLACES, Place};
 use crate::geometry::bvh::{Points, WIDTH, points};
 
 /// A coordinate of a surface: f32 or f64.
@@ -18,8 +18,6 @@ pub(super) struct Surface<'a, C> {
     pub(super) triangles: &'a [[u32; 3]],
     /// Micrometres per unit of the positions.
     pub(super) unit_um: f64,
-    /// The number of each triangle if these are some triangles of a larger surface; else they are numbered in order.
-    pub(super) numbers: Option<&'a [u32]>,
 }
 
 impl<C: Coordinate> Surface<'_, C> {
@@ -39,31 +37,16 @@ impl<C: Coordinate> Surface<'_, C> {
         points(triangles.map(|triangle| self.corners(triangle)), corners);
     }
 
-    /// The number of a triangle in the whole surface.
-    #[inline]
-    pub(super) fn number(&self, triangle: usize) -> u32 {
-        self.numbers.map_or(triangle as u32, |numbers| numbers[triangle])
-    }
-
     pub(super) fn place_of_vertex(&self, vertex: u32) -> Place {
         Place::at(self.point(vertex).map(|x| x * self.unit_um))
     }
 
-    /// The place of triangles given by their numbers: the centre of the first, which must be one of these.
+    /// The place of triangles: the centre of the first.
     pub(super) fn place_of_triangles(&self, triangles: &[u32]) -> Place {
-        let first = match self.numbers {
-            None => triangles[0] as usize,
-            Some(numbers) => numbers.iter().position(|&n| n == triangles[0]).expect("the triangle is one of these"),
-        };
-        let corners = self.corners(first);
+        let corners = self.corners(triangles[0] as usize);
         let centre = std::array::from_fn(|axis| corners.iter().map(|p| p[axis]).sum::<f64>() / 3.0 * self.unit_um);
         Place { triangles: triangles.to_vec(), ..Place::at(centre) }
     }
-}
-
-/// The failure of a surface without triangles.
-pub(super) fn empty() -> Failure {
-    Failure { kind: FailureKind::Empty, count: 1, detail: "there are no triangles".to_owned(), places: Vec::new() }
 }
 
 /// The number of vertices whose coordinates are beyond the range of the predicates, and the first of them.
@@ -79,12 +62,6 @@ pub(super) fn beyond_range<C: Coordinate>(positions: &[[C; 3]]) -> (u64, usize) 
     let is_beyond = |p: &&[C; 3]| !p.iter().all(is_within);
     let first = positions.iter().position(|p| is_beyond(&p)).unwrap_or(0);
     (positions.iter().filter(is_beyond).count() as u64, first)
-}
-
-/// The failure of such vertices.
-pub(super) fn out_of_range(count: u64, first: u64) -> Failure {
-    let detail = format!("{count} vertices (first: {first}) have coordinates that are not finite or beyond 1e±60");
-    Failure { kind: FailureKind::Coordinates, count, detail, places: Vec::new() }
 }
 
 /// The places of the first [`PLACES`] items.

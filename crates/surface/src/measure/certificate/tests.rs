@@ -303,8 +303,8 @@ fn section(inner: &[[f32; 2]], outer: &[[f32; 2]]) -> Section {
 }
 
 fn judge_section(inner: &[[f32; 2]], outer: &[[f32; 2]]) -> (u64, Vec<FailureKind>, Option<f64>) {
-    let (mut failures, mut found) = (Failures::default(), Contours::default());
-    found.add(&[section(inner, outer)]);
+    let mut failures = Failures::default();
+    let found = Contours::of(&[section(inner, outer)]);
     found.report(&mut failures);
     (
         found.crossings(),
@@ -417,7 +417,7 @@ proptest! {
 #[test]
 fn at_most_vertices_of_a_tube_triangles_are_seen_to_be_apart() {
     let (mesh, _) = folded_tube(9, 600, 60, 9);
-    let surface = Surface { positions: &mesh.positions, triangles: &mesh.triangles, unit_um: 1e6, numbers: None };
+    let surface = Surface { positions: &mesh.positions, triangles: &mesh.triangles, unit_um: 1e6 };
     let crowded = topology::examine_alone(&surface, &mut Failures::default()).crowded;
     assert!(crowded.len() * 10 < mesh.positions.len(), "{} of {}", crowded.len(), mesh.positions.len());
 }
@@ -434,7 +434,7 @@ fn a_corner_with_many_triangles_takes_time_for_each() {
     let triangles = (0..n).flat_map(|i| [[i, (i + 1) % n, n], [(i + 1) % n, i, n + 1]]).collect();
     // Their bounds all overlap at the tips, so that pairs are not searched here.
     let surface: Soup = (positions, triangles);
-    let surface = Surface { positions: &surface.0, triangles: &surface.1, unit_um: 1.0, numbers: None };
+    let surface = Surface { positions: &surface.0, triangles: &surface.1, unit_um: 1.0 };
     assert!(topology::examine_alone(&surface, &mut Failures::default()).crowded.is_empty());
 }
 

@@ -9,7 +9,6 @@ use super::shape::{Shape, Turns};
 use super::surface::{Coordinate, Surface, Tally, few};
 use super::types::{FailureKind, Failures};
 use rayon::prelude::*;
-use std::ops::Range;
 
 /// Vertices examined in one task.
 const RUN: usize = 8192;
@@ -34,7 +33,6 @@ pub(super) struct Connectivity {
 }
 
 /// Faults of edges and vertices.
-#[derive(Default)]
 pub(super) struct Faults {
     pub(super) open_edges: Tally,
     pub(super) bad_edges: Tally,
@@ -43,18 +41,20 @@ pub(super) struct Faults {
 }
 
 impl Faults {
-    /// Adds the findings at some vertices.
-    pub(super) fn add<C: Coordinate>(&mut self, surface: &Surface<'_, C>, found: &[Found]) {
-        let edges = |tally: &mut Tally, list: fn(&Found) -> &Vec<[u32; 2]>| {
-            let count = found.iter().map(|f| list(f).len() as u64).sum();
-            tally.add(count, few(found.iter().flat_map(list), |edge| surface.place_of_vertex(edge[0])));
+    fn of<C: Coordinate>(surface: &Surface<'_, C>, found: &[Found]) -> Self {
+        let edges = |list: fn(&Found) -> &Vec<[u32; 2]>| Tally {
+            count: found.iter().map(|f| list(f).len() as u64).sum(),
+            places: few(found.iter().flat_map(list), |edge| surface.place_of_vertex(edge[0])),
         };
-        edges(&mut self.open_edges, |f| &f.open);
-        edges(&mut self.bad_edges, |f| &f.bad);
-        edges(&mut self.disoriented_edges, |f| &f.disoriented);
-        let count = found.iter().map(|f| f.bad_vertices.len() as u64).sum();
-        let places = few(found.iter().flat_map(|f| &f.bad_vertices), |&v| surface.place_of_vertex(v));
-        self.bad_vertices.add(count, places);
+        Self {
+            open_edges: edges(|f| &f.open),
+            bad_edges: edges(|f| &f.bad),
+            disoriented_edges: edges(|f| &f.disoriented),
+            bad_vertices: Tally {
+                count: found.iter().map(|f| f.bad_vertices.len() as u64).sum(),
+                places: few(found.iter().flat_map(|f| &f.bad_vertices), |&v| surface.place_of_vertex(v)),
+            },
+        }
     }
 
     pub(super) fn report(&self, failures: &mut Failures) {
@@ -77,30 +77,15 @@ impl Faults {
 /// the same.
 #[derive(Default)]
 pub(super) struct Copies {
-    /// For each such triangle the number of the least one of its group and its own, sorted: a group is a run of equal first
-    /// items.
+    /// For each such triangle the least one of its group and itself, sorted: a group is a run of equal first items.
     pairs: Vec<[u32; 2]>,
 }
 
 impl Copies {
-    pub(super) fn among<C: Coordinate>(surface: &Surface<'_, C>, found: &[Found]) -> Self {
-        let pairs = found.iter().flat_map(|f| &f.copies);
-        let mut pairs: Vec<[u32; 2]> = pairs.map(|pair| pair.map(|t| surface.number(t as usize))).collect();
+    fn among(found: &[Found]) -> Self {
+        let mut pairs: Vec<[u32; 2]> = found.iter().flat_map(|f| &f.copies).copied().collect();
         pairs.par_sort_unstable();
         Self { pairs }
-    }
-
-    /// Adds others.
-    pub(super) fn add(&mut self, others: &Self) {
-        if !others.is_empty() {
-            self.pairs.extend(&others.pairs);
-            self.pairs.sort_unstable();
-        }
-    }
-
-    /// Keeps the groups of these least triangles.
-    pub(super) fn retain(&mut self, is_kept: impl Fn(u32) -> bool) {
-        self.pairs.retain(|pair| is_kept(pair[0]));
     }
 
     /// The groups in ascending order, each as (least triangle, triangle) for all its triangles in ascending order.
@@ -122,9 +107,8 @@ impl Copies {
 
 impl Connectivity {
     pub(super) fn of<C: Coordinate>(surface: &Surface<'_, C>) -> Self {
-        let vertices = 0..surface.positions.len() as u32;
-        let stars = Stars::of(Stars::default(), surface, vertices.clone());
-        let least = components(vertices.collect(), surface.triangles);
+        let stars = Stars::of(surface);
+        let least = components(surface.positions.len() as u32, surface.triangles);
         let (label, mut bodies) = number(&least, |v| !stars.at(v).is_empty());
         for t in surface.triangles {
             bodies[label[t[0] as usize] as usize].triangles += 1;
@@ -141,9 +125,9 @@ impl Connectivity {
 
 /// Findings at a run of vertices.
 #[derive(Default)]
-pub(super) struct Found {
+struct Found {
     /// Edges whose lesser vertex is in the run, by component.
-    pub(super) edges: Vec<(u32, u64)>,
+    edges: Vec<(u32, u64)>,
     open: Vec<[u32; 2]>,
     bad: Vec<[u32; 2]>,
     disoriented: Vec<[u32; 2]>,
@@ -153,11 +137,6 @@ pub(super) struct Found {
     crowded: Vec<u32>,
 }
 
-/// All vertices found whose triangles may have other points in common than those that they share.
-pub(super) fn crowded(found: &[Found]) -> Vec<u32> {
-    found.iter().flat_map(|f| &f.crowded).copied().collect()
-}
-
 /// Examines a surface whose triangles turn so.
 pub(super) fn examine<C: Coordinate>(
     surface: &Surface<'_, C>,
@@ -165,36 +144,31 @@ pub(super) fn examine<C: Coordinate>(
     turns: &[Turns],
     failures: &mut Failures,
 ) -> Topology {
-    let found = fans(surface, &connectivity.stars, &connectivity.label, turns);
+    let found = fans(surface, &connectivity, turns);
     for (body, edges) in found.iter().flat_map(|f| &f.edges).filter(|(_, edges)| *edges > 0) {
         connectivity.bodies[*body as usize].edges += edges;
     }
-    let mut faults = Faults::default();
-    faults.add(surface, &found);
+    let faults = Faults::of(surface, &found);
     faults.report(failures);
-    let (copies, crowded) = (Copies::among(surface, &found), crowded(&found));
-    Topology { connectivity, faults, copies, crowded }
+    let crowded = found.iter().flat_map(|f| &f.crowded).copied().collect();
+    Topology { connectivity, faults, copies: Copies::among(&found), crowded }
 }
 
 /// The same for a surface whose measures are not wanted.
 pub(super) fn examine_alone<C: Coordinate>(surface: &Surface<'_, C>, failures: &mut Failures) -> Topology {
     let mut turns = vec![Turns::ANY; surface.triangles.len()];
-    Shape::new().add(surface, [0.0; 3], |_| 0, &mut turns);
+    Shape::of(surface, [0.0; 3], |_| 0, &mut turns);
     examine(surface, Connectivity::of(surface), &turns, failures)
 }
 
-/// Examines the vertices of `stars`, and the edges from these to greater vertices; `label` tells the component of each vertex
-/// of the surface, `turns` how each triangle turns.
-pub(super) fn fans<C: Coordinate>(
-    surface: &Surface<'_, C>,
-    stars: &Stars,
-    label: &[u32],
-    turns: &[Turns],
-) -> Vec<Found> {
-    let starts: Vec<u32> = stars.vertices().step_by(RUN).collect();
+/// Examines all vertices, and the edges from each to greater ones; `turns` tells how each triangle turns.
+fn fans<C: Coordinate>(surface: &Surface<'_, C>, connectivity: &Connectivity, turns: &[Turns]) -> Vec<Found> {
+    let Connectivity { stars, label, .. } = connectivity;
+    let vertices = surface.positions.len() as u32;
+    let starts: Vec<u32> = (0..vertices).step_by(RUN).collect();
     let examine = |&start: &u32| {
         let (mut found, mut fan) = (Found::default(), Fan::default());
-        for vertex in start..stars.vertices().end.min(start + RUN as u32) {
+        for vertex in start..vertices.min(start + RUN as u32) {
             let edges = fan.examine(surface, vertex, stars.at(vertex), turns, &mut found);
             let body = label[vertex as usize];
             match found.edges.last_mut() {
@@ -207,26 +181,18 @@ pub(super) fn fans<C: Coordinate>(
     starts.par_iter().map(examine).collect()
 }
 
-/// The triangles at each of some successive vertices.
-#[derive(Default)]
+/// The triangles at each vertex.
 pub(super) struct Stars {
-    first: u32,
     /// Where the list of each vertex begins; one more at the end.
     begin: Vec<u32>,
     triangles: Vec<u32>,
 }
 
 impl Stars {
-    /// Those at these vertices, in the memory of others.
-    pub(super) fn of<C>(memory: Self, surface: &Surface<'_, C>, vertices: Range<u32>) -> Self {
-        let Self { mut begin, mut triangles, .. } = memory;
-        let (first, count) = (vertices.start, vertices.len());
-        begin.clear();
-        begin.resize(count + 1, 0);
-        // The position of a lesser vertex wraps around to one beyond the last.
-        let at = |v: u32| Some(v.wrapping_sub(first) as usize).filter(|&i| i < count);
-        for i in surface.triangles.iter().flatten().filter_map(|&v| at(v)) {
-            begin[i] += 1;
+    fn of<C>(surface: &Surface<'_, C>) -> Self {
+        let mut begin = vec![0; surface.positions.len() + 1];
+        for &v in surface.triangles.as_flattened() {
+            begin[v as usize] += 1;
         }
         let mut sum = 0;
         for b in &mut begin {
@@ -234,24 +200,20 @@ impl Stars {
             *b = sum;
         }
         // Each list is filled from its end, which leaves `begin` at the beginnings and the lists in order.
-        triangles.resize(sum as usize, 0);
+        let mut triangles = vec![0; sum as usize];
         for (t, corners) in surface.triangles.iter().enumerate().rev() {
-            for i in corners.iter().filter_map(|&v| at(v)) {
-                let slot = &mut begin[i];
+            for &v in corners {
+                let slot = &mut begin[v as usize];
                 *slot -= 1;
                 triangles[*slot as usize] = t as u32;
             }
         }
-        Self { first, begin, triangles }
-    }
-
-    pub(super) fn vertices(&self) -> Range<u32> {
-        self.first..self.first + self.begin.len() as u32 - 1
+        Self { begin, triangles }
     }
 
     #[inline]
     pub(super) fn at(&self, vertex: u32) -> &[u32] {
-        let v = (vertex - self.first) as usize;
+        let v = vertex as usize;
         &self.triangles[self.begin[v] as usize..self.begin[v + 1] as usize]
     }
 }
