@@ -14,7 +14,7 @@ use crate::geometry::polygon::{ContourError, check_contour, check_nested};
 use crate::geometry::triangulate::annulus;
 use crate::model::{BodyKind, Mesh, Patch, Ring, Section};
 
-/// Places of the patches in [`Part::patches`].
+/// Places of the patches in [`Lofter::patches`].
 const INNER_WALL: usize = 0;
 const OUTER_WALL: usize = 1;
 const CAP_ISTHMUS: usize = 2;
@@ -40,34 +40,12 @@ pub struct Lofter {
     front: Front,
     /// The slab below the front, not yet emitted: the next slab may still refine its upper rim.
     below: Option<Below>,
-    /// What is finished and has not been taken.
-    finished: Part,
-    /// Memory for the next part.
-    spare: Part,
+    /// Vertices, metres.
+    positions: Vec<[f32; 3]>,
+    /// Triangles of each patch of the tissue, in their order: those of all slabs but the newest.
+    patches: [Vec<[u32; 3]>; 4],
     /// Most vertices that the surface may have.
     most: usize,
-}
-
-/// A finished part of a surface; see [`Lofter::take`].
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Part {
-    /// Number of the first of `positions`: vertices are numbered on from part to part.
-    pub first_vertex: u32,
-    /// Vertices, metres.
-    pub positions: Vec<[f32; 3]>,
-    /// Triangles of each patch of the tissue, in their order.
-    pub patches: [Vec<[u32; 3]>; 4],
-    /// No later triangle names a vertex below this number.
-    pub retired_vertices: u32,
-    /// No later triangle has a corner below this z.
-    pub retired_z: f32,
-}
-
-impl Part {
-    /// Number of the next vertex.
-    fn end(&self) -> u32 {
-        self.first_vertex + self.positions.len() as u32
-    }
 }
 
 /// The upper rim of the surface so far; the next slab starts here.
@@ -89,8 +67,6 @@ struct Below {
     blocks: Blocks,
     /// Number of the vertex of each point of the lower rim.
     vertices: Vec<u32>,
-    /// Place of the lower rim along the tube in metres.
-    z: f32,
 }
 
 /// A slab that has passed all tests.
@@ -130,7 +106,7 @@ impl Lofter {
         check_section(&first, &inner, &outer)?;
         let rim = joined(&inner, &outer);
         let z = metres(first.z_um);
-        let positions: Vec<[f32; 3]> = rim.points.iter().map(|p| [p[0], p[1], z]).collect();
+        let positions = rim.points.iter().map(|p| [p[0], p[1], z]).collect();
         Ok(Self {
             front: Front {
                 vertices: (0..rim.len() as u32).collect(),
@@ -140,8 +116,8 @@ impl Lofter {
             },
             section: first,
             below: None,
-            finished: Part { positions, retired_z: z, ..Part::default() },
-            spare: Part::default(),
+            positions,
+            patches: Default::default(),
             most: u32::MAX as usize,
         })
     }
@@ -187,58 +163,19 @@ impl Lofter {
         }
     }
 
-    /// The slabs that are finished and have not been taken, for surfaces that are not kept in memory. The newest slab is not
-    /// among them: the next one may still refine its upper rim.
-    #[inline(never)] // counted by scripts/counts
-    pub fn take(&mut self) -> Part {
-        let (retired_vertices, retired_z) = match &self.below {
-            // Vertices that refine a rim come after those of the rim.
-            Some(below) => (below.vertices[0], below.z),
-            None => (0, self.front.z),
-        };
-        let Part { mut positions, mut patches, .. } = std::mem::take(&mut self.spare);
-        // The next part is probably as large.
-        positions.reserve(self.finished.positions.len());
-        for (patch, finished) in patches.iter_mut().zip(&self.finished.patches) {
-            patch.reserve(finished.len());
-        }
-        let next = Part { first_vertex: self.finished.end(), positions, patches, ..Part::default() };
-        Part { retired_vertices, retired_z, ..std::mem::replace(&mut self.finished, next) }
-    }
-
-    /// Takes back a part that is done with, whose memory a next one uses.
-    pub fn reuse(&mut self, mut part: Part) {
-        part.positions.clear();
-        part.patches.iter_mut().for_each(Vec::clear);
-        self.spare = part;
-    }
-
-    /// Closes the ends, and gives what has not been taken.
-    ///
-    /// # Errors
-    /// [`LoftError::NoSlab`] with one section only, [`LoftError::Cap`] if the end at the ampulla cannot be closed.
-    #[inline(never)] // counted by scripts/counts
-    pub fn end(mut self) -> Result<Part, LoftError> {
-        let below = self.below.take().ok_or(LoftError::NoSlab)?;
-        self.emit(&below.slab, &below.vertices, &self.front.vertices.clone());
-        self.finished.patches[CAP_AMPULLA] = cap(&self.front.rim, &self.front.vertices, "ampulla")?;
-        Ok(Part { retired_vertices: self.finished.end(), retired_z: self.front.z, ..self.finished })
-    }
-
     /// Closes the ends. Vertices are numbered section by section; the patches are `inner_wall`,
     /// `outer_wall`, `cap_isthmus`, `cap_ampulla`, the walls slab by slab in the order of the rings.
     ///
     /// # Errors
-    /// As [`Lofter::end`].
-    ///
-    /// # Panics
-    /// If a part of the surface has been taken.
-    pub fn finish(self) -> Result<Mesh, LoftError> {
-        let Part { first_vertex, positions, patches: parts, .. } = self.end()?;
-        assert_eq!(first_vertex, 0, "a part of the surface has been taken");
+    /// [`LoftError::NoSlab`] with one section only, [`LoftError::Cap`] if the end at the ampulla cannot be closed.
+    #[inline(never)] // counted by scripts/counts
+    pub fn finish(mut self) -> Result<Mesh, LoftError> {
+        let below = self.below.take().ok_or(LoftError::NoSlab)?;
+        self.emit(&below.slab, &below.vertices, &self.front.vertices.clone());
+        self.patches[CAP_AMPULLA] = cap(&self.front.rim, &self.front.vertices, "ampulla")?;
         let body = BodyKind::Tissue;
-        let (mut triangles, mut patches) = (Vec::new(), Vec::with_capacity(parts.len()));
-        for (&kind, part) in body.patches().iter().zip(parts) {
+        let (mut triangles, mut patches) = (Vec::new(), Vec::with_capacity(self.patches.len()));
+        for (&kind, part) in body.patches().iter().zip(self.patches) {
             let from = triangles.len();
             if from == 0 {
                 triangles = part;
@@ -247,7 +184,7 @@ impl Lofter {
             }
             patches.push(Patch { kind, triangles: from..triangles.len() });
         }
-        Ok(Mesh { body, positions, triangles, patches })
+        Ok(Mesh { body, positions: self.positions, triangles, patches })
     }
 
     /// Adds the slabs up to the last section of `history`, with sections in between if walls meet.
@@ -337,7 +274,7 @@ impl Lofter {
     fn accept(&mut self, attempt: Attempt) -> Result<(), LoftError> {
         let Attempt { new_after, below, slab, blocks, ids, z, .. } = attempt;
         let added = slab.lower.len() - self.front.rim.len() + slab.upper.len();
-        if self.finished.end() as usize + added > self.most {
+        if self.positions.len() + added > self.most {
             return Err(LoftError::TooLarge { most: self.most });
         }
         let mut lower = Vec::with_capacity(slab.lower.len());
@@ -345,8 +282,8 @@ impl Lofter {
             lower.push(vertex);
             for _ in 0..count {
                 let p = slab.lower.points[lower.len()];
-                lower.push(self.finished.end());
-                self.finished.positions.push([p[0], p[1], self.front.z]);
+                lower.push(self.positions.len() as u32);
+                self.positions.push([p[0], p[1], self.front.z]);
             }
         }
         match (below, self.below.take()) {
@@ -354,15 +291,15 @@ impl Lofter {
             _ => {
                 let mut isthmus = cap(&slab.lower, &lower, "isthmus")?;
                 isthmus.iter_mut().for_each(|t| t.swap(1, 2));
-                self.finished.patches[CAP_ISTHMUS] = isthmus;
+                self.patches[CAP_ISTHMUS] = isthmus;
             }
         }
-        let first = self.finished.end();
-        self.finished.positions.extend(slab.upper.points.iter().map(|p| [p[0], p[1], z]));
-        let vertices = (first..self.finished.end()).collect();
+        let first = self.positions.len() as u32;
+        self.positions.extend(slab.upper.points.iter().map(|p| [p[0], p[1], z]));
+        let vertices = (first..self.positions.len() as u32).collect();
         let front = Front { rim: slab.upper.clone(), ids, vertices, z };
-        let below = std::mem::replace(&mut self.front, front);
-        self.below = Some(Below { slab, blocks, vertices: lower, z: below.z });
+        self.front = front;
+        self.below = Some(Below { slab, blocks, vertices: lower });
         Ok(())
     }
 
@@ -376,9 +313,9 @@ impl Lofter {
             for k in 0..=slab.edges(cell) {
                 let [a, b, c] = slab.triangle(cell, k, slab.diagonals[cell]).map(index);
                 if cell < slab.lower.inner {
-                    self.finished.patches[INNER_WALL].push([a, c, b]);
+                    self.patches[INNER_WALL].push([a, c, b]);
                 } else {
-                    self.finished.patches[OUTER_WALL].push([a, b, c]);
+                    self.patches[OUTER_WALL].push([a, b, c]);
                 }
             }
         }

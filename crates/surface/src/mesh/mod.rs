@@ -32,4 +32,4 @@ mod tests;
 pub use bodies::{lumen, regions};
 pub use draft::draft;
 pub use error::{LoftError, Wall};
-pub use loft::{Accepted, Lofter, Part};
+pub use loft::{Accepted, Lofter};

@@ -107,43 +107,6 @@ fn a_growing_folded_tube_becomes_a_sound_surface() {
 }
 
 #[test]
-fn parts_that_are_taken_as_they_come_make_the_whole_surface() {
-    let sections = folds(60, 24, 5.0, (12, 3), 10);
-    for every in [1, 3, 20] {
-        let (mut lofter, mut whole) = [&sections[0]; 2].map(|first| Lofter::new(first.clone()).unwrap()).into();
-        let mut parts = Vec::new();
-        for (k, section) in sections[1..].iter().enumerate() {
-            whole.advance(std::slice::from_ref(section)).unwrap();
-            lofter.advance(std::slice::from_ref(section)).unwrap();
-            if k % every == 0 {
-                parts.push(lofter.take());
-            }
-        }
-        parts.push(lofter.end().unwrap());
-        let whole = whole.finish().unwrap();
-        let (mut positions, mut patches) = (Vec::new(), [(); 4].map(|()| Vec::new()));
-        let (mut retired, mut z) = (0, f32::NEG_INFINITY);
-        for part in &parts {
-            assert_eq!(part.first_vertex as usize, positions.len());
-            positions.extend_from_slice(&part.positions);
-            assert!(part.retired_vertices >= retired && part.retired_z >= z);
-            for (patch, triangles) in patches.iter_mut().zip(&part.patches) {
-                for &vertex in triangles.as_flattened() {
-                    assert!(vertex >= retired && positions[vertex as usize][2] >= z, "{vertex} had retired");
-                }
-                patch.extend_from_slice(triangles);
-            }
-            (retired, z) = (part.retired_vertices, part.retired_z);
-        }
-        assert_eq!(retired as usize, positions.len());
-        assert!(positions == whole.positions && patches.concat() == whole.triangles);
-        // Of a long surface, little is kept.
-        let kept = parts.iter().map(|part| part.positions.len()).max().unwrap();
-        assert!(every > 1 || kept < positions.len() / 3, "{kept} of {}", positions.len());
-    }
-}
-
-#[test]
 fn positions_are_metres_rounded_once() {
     let sections = folds(60, 24, 5.0, (0, 0), 1);
     let mut lofter = Lofter::new(sections[0].clone()).unwrap();
