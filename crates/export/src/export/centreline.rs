@@ -42,25 +42,22 @@ impl Centreline {
     #[must_use]
     pub fn of(sections: &[Section], course: Option<&Course>) -> Self {
         let mut line = Self::default();
-        sections.iter().for_each(|section| line.push(section, course));
+        for section in sections {
+            let (inner, outer) = (Extent::of(&section.inner), Extent::of(&section.outer));
+            let straight = [outer.centroid[0], outer.centroid[1], section.z_um];
+            let point = course.map_or(straight, |course| course.place(straight).into());
+            let on = |last: &[f64; 3]| (0..3).map(|axis| (point[axis] - last[axis]).powi(2)).sum::<f64>().sqrt();
+            let so_far = line.arc_length.last().copied().unwrap_or(0.0);
+            line.arc_length.push(so_far + line.points.last().map_or(0.0, on));
+            line.points.push(point);
+            line.step.push(section.step);
+            line.lumen_radius.push((inner.area / std::f64::consts::PI).sqrt());
+            line.outer_radius.push((outer.area / std::f64::consts::PI).sqrt());
+            line.hydraulic_radius.push(2.0 * inner.area / inner.perimeter);
+            line.lumen_area.push(inner.area);
+            line.lumen_perimeter.push(inner.perimeter);
+        }
         line
-    }
-
-    /// Adds the point of the next section.
-    pub fn push(&mut self, section: &Section, course: Option<&Course>) {
-        let (inner, outer) = (Extent::of(&section.inner), Extent::of(&section.outer));
-        let straight = [outer.centroid[0], outer.centroid[1], section.z_um];
-        let point = course.map_or(straight, |course| course.place(straight).into());
-        let on = |last: &[f64; 3]| (0..3).map(|axis| (point[axis] - last[axis]).powi(2)).sum::<f64>().sqrt();
-        let so_far = self.arc_length.last().copied().unwrap_or(0.0);
-        self.arc_length.push(so_far + self.points.last().map_or(0.0, on));
-        self.points.push(point);
-        self.step.push(section.step);
-        self.lumen_radius.push((inner.area / std::f64::consts::PI).sqrt());
-        self.outer_radius.push((outer.area / std::f64::consts::PI).sqrt());
-        self.hydraulic_radius.push(2.0 * inner.area / inner.perimeter);
-        self.lumen_area.push(inner.area);
-        self.lumen_perimeter.push(inner.perimeter);
     }
 
     /// The values at the points, in a unit.

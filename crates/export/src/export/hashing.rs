@@ -40,12 +40,6 @@ impl<W: Write> HashingWriter<W> {
         self.hash.clone().finalize().into()
     }
 
-    /// SHA-256 of the bytes written so far and then `more`.
-    #[must_use]
-    pub fn sha256_with(&self, more: &[u8]) -> [u8; 32] {
-        self.hash.clone().chain_update(more).finalize().into()
-    }
-
     /// Ends the file and returns the inner writer, without flushing it.
     #[must_use]
     pub fn finish(self) -> (W, FileDigest) {

@@ -14,7 +14,7 @@ mod writer;
 
 pub use payload::read_section_from_bytes;
 pub use reader::SectionsReader;
-pub use writer::{SectionsWriter, write_sections};
+pub use writer::write_sections;
 
 use super::Metadata;
 use serde::{Deserialize, Serialize};

@@ -38,7 +38,7 @@ pub use section::{Measures, measure};
 pub use shape::Shape;
 pub use spread::Spread;
 pub use tree::Folds;
-pub use tube::{Along, Morphometry, Region, Regions, Settings, Survey, Tube, morphometry};
+pub use tube::{Along, Morphometry, Region, Regions, Settings, Tube, morphometry};
 
 #[cfg(test)]
 mod tests;

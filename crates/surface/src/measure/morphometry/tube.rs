@@ -154,107 +154,61 @@ impl Regions {
 
 /// Measures a model. `gaps_um` has the least distance of walls in each section, as the certificate found it.
 #[must_use]
+#[inline(never)] // counted by scripts/counts
 pub fn morphometry(sections: &[Section], gaps_um: &[Option<f64>], regions: &Regions) -> Morphometry {
-    let mut survey = Survey::new(sections.iter().filter(|section| !section.added).count());
-    survey.add(sections);
-    survey.finish(gaps_um, regions)
-}
-
-/// Measures a model section by section.
-pub struct Survey {
-    /// Recorded sections that will come.
-    total: usize,
-    /// Sections so far, with added ones.
-    sections: usize,
-    /// Of the recorded ones: place among all sections, time step, place along the tube.
-    recorded: Vec<(usize, f64, f64)>,
-    measured: Vec<Measures>,
-    /// From each recorded section to the next.
-    steps: Vec<Step>,
-    last: Option<Marked>,
-}
-
-impl Survey {
-    /// Begins a model of which `total` sections are recorded ones.
-    #[must_use]
-    pub fn new(total: usize) -> Self {
-        let (recorded, measured, steps) = (Vec::new(), Vec::new(), Vec::new());
-        Self { total, sections: 0, recorded, measured, steps, last: None }
-    }
-
-    /// Every how many recorded sections the shape tree is made.
-    fn every(&self) -> usize {
-        self.total.saturating_sub(1).div_ceil(TREES - 1).max(1)
-    }
-
-    /// Measures the next sections.
-    #[inline(never)] // counted by scripts/counts
-    pub fn add(&mut self, sections: &[Section]) {
-        let recorded: Vec<&Section> = sections.iter().filter(|section| !section.added).collect();
-        let (first, every) = (self.measured.len(), self.every());
-        let measured: Vec<(Measures, Marked)> = recorded
-            .par_iter()
-            .enumerate()
-            .map(|(k, section)| {
-                let shape = Shape::from(*section);
-                let trees = (first + k).is_multiple_of(every) || first + k + 1 == self.total;
-                let base = shape.base_ellipse();
-                (measure_with(&shape, &base, trees), Marked::new(section, &base))
-            })
-            .collect();
-        for (measures, marked) in measured {
-            self.steps.extend(self.last.as_ref().map(|last| last.step(&marked)));
-            self.last = Some(marked);
-            self.measured.push(measures);
-        }
-        let places = sections.iter().zip(self.sections..).filter(|(section, _)| !section.added);
-        self.recorded.extend(places.map(|(section, place)| (place, section.step, section.z_um / 1e3)));
-        self.sections += sections.len();
-    }
-
-    /// The measures of the model, when all sections have come. `gaps_um` is as for [`morphometry`].
-    #[must_use]
-    pub fn finish(self, gaps_um: &[Option<f64>], regions: &Regions) -> Morphometry {
-        let every = self.every();
-        let Self { recorded, measured, steps, .. } = self;
-        let z_mm: Vec<f64> = recorded.iter().map(|&(_, _, z)| z).collect();
-        let mut along: BTreeMap<String, Vec<Option<f64>>> = QUANTITIES
-            .iter()
-            .map(|quantity| (quantity.name.to_owned(), measured.iter().map(|m| quantity.of(m)).collect()))
-            .collect();
-        let gaps = recorded.iter().map(|&(place, ..)| gaps_um.get(place).copied().flatten());
-        along.insert("least_gap_um".into(), gaps.collect());
-        let forth = |of: fn(&Step, f64) -> Option<f64>| -> Vec<Option<f64>> {
-            let lengths = z_mm.windows(2).map(|z| z[1] - z[0]);
-            steps.iter().zip(lengths).map(|(step, length)| of(step, length)).chain([None]).collect()
-        };
-        along.insert("fold_continuity".into(), forth(|step, _| step.continued));
-        along.insert("twist_deg_per_mm".into(), forth(|step, length| Some(step.turn.to_degrees() / length)));
-        let regions_found = regions.ranges().into_iter().filter_map(|(name, range)| {
-            Some((name.to_owned(), region(range, name == "whole" || name == "ampulla", &z_mm, &along)?))
-        });
-        let regions_found: BTreeMap<String, Region> = regions_found.collect();
-        let folds = |name: &str| Some(regions_found.get(name)?.quantities.get("folds_on_ring")?.mean);
-        let tube = tube(regions, &z_mm, &measured, &steps);
-        // After the regions, which have no summary of places and steps.
-        along.insert("z_mm".into(), z_mm.into_iter().map(Some).collect());
-        along.insert("step".into(), recorded.iter().map(|&(_, step, _)| Some(step)).collect());
-        Morphometry {
-            tube: Tube {
-                fold_ratio: folds("isthmus").filter(|&n| n > 0.0).and_then(|n| Some(folds("ampulla")? / n)),
-                ..tube
-            },
-            regions: regions_found,
-            along,
-            settings: Settings {
-                pixel_um: PIXEL_UM,
-                boxes_px: [2, 1 << fractal::LEVELS],
-                ring_share: ring::SHARE,
-                least_height_um: tree::LEAST_HEIGHT_UM,
-                least_slenderness: tree::LEAST_SLENDERNESS,
-                tree_every: every as u32,
-            },
-        }
+    let recorded: Vec<(usize, &Section)> =
+        sections.iter().enumerate().filter(|(_, section)| !section.added).collect();
+    // Every how many recorded sections the shape tree is made.
+    let every = recorded.len().saturating_sub(1).div_ceil(TREES - 1).max(1);
+    let measured: Vec<(Measures, Marked)> = recorded
+        .par_iter()
+        .enumerate()
+        .map(|(k, (_, section))| {
+            let shape = Shape::from(*section);
+            let trees = k.is_multiple_of(every) || k + 1 == recorded.len();
+            let base = shape.base_ellipse();
+            (measure_with(&shape, &base, trees), Marked::new(section, &base))
+        })
+        .collect();
+    let steps: Vec<Step> = measured.windows(2).map(|pair| pair[0].1.step(&pair[1].1)).collect();
+    let measured: Vec<Measures> = measured.into_iter().map(|(measures, _)| measures).collect();
+    let z_mm: Vec<f64> = recorded.iter().map(|(_, section)| section.z_um / 1e3).collect();
+    let mut along: BTreeMap<String, Vec<Option<f64>>> = QUANTITIES
+        .iter()
+        .map(|quantity| (quantity.name.to_owned(), measured.iter().map(|m| quantity.of(m)).collect()))
+        .collect();
+    let gaps = recorded.iter().map(|&(place, _)| gaps_um.get(place).copied().flatten());
+    along.insert("least_gap_um".into(), gaps.collect());
+    let forth = |of: fn(&Step, f64) -> Option<f64>| -> Vec<Option<f64>> {
+        let lengths = z_mm.windows(2).map(|z| z[1] - z[0]);
+        steps.iter().zip(lengths).map(|(step, length)| of(step, length)).chain([None]).collect()
+    };
+    along.insert("fold_continuity".into(), forth(|step, _| step.continued));
+    along.insert("twist_deg_per_mm".into(), forth(|step, length| Some(step.turn.to_degrees() / length)));
+    let regions_found = regions.ranges().into_iter().filter_map(|(name, range)| {
+        Some((name.to_owned(), region(range, name == "whole" || name == "ampulla", &z_mm, &along)?))
+    });
+    let regions_found: BTreeMap<String, Region> = regions_found.collect();
+    let folds = |name: &str| Some(regions_found.get(name)?.quantities.get("folds_on_ring")?.mean);
+    let tube = tube(regions, &z_mm, &measured, &steps);
+    // After the regions, which have no summary of places and steps.
+    along.insert("z_mm".into(), z_mm.into_iter().map(Some).collect());
+    along.insert("step".into(), recorded.iter().map(|(_, section)| Some(section.step)).collect());
+    Morphometry {
+        tube: Tube {
+            fold_ratio: folds("isthmus").filter(|&n| n > 0.0).and_then(|n| Some(folds("ampulla")? / n)),
+            ..tube
+        },
+        regions: regions_found,
+        along,
+        settings: Settings {
+            pixel_um: PIXEL_UM,
+            boxes_px: [2, 1 << fractal::LEVELS],
+            ring_share: ring::SHARE,
+            least_height_um: tree::LEAST_HEIGHT_UM,
+            least_slenderness: tree::LEAST_SLENDERNESS,
+            tree_every: every as u32,
+        },
     }
 }
 
