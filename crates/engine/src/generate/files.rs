@@ -9,7 +9,6 @@ use crate::export::hashing::{FileDigest, HashingWriter};
 use crate::export::lod::levels;
 use crate::export::obj::write_obj;
 use crate::export::ply::write_ply;
-use crate::export::sections_bin::write_sections;
 use crate::export::stl::{write_ascii_stl, write_stl};
 use crate::export::vtp::write_vtp;
 use crate::export::{Metadata, Shape, glb, lod, sections_bin};
@@ -33,13 +32,26 @@ pub(super) struct Inputs<'a> {
     pub(super) tissue: &'a Mesh,
     /// The tissue before it was bent.
     pub(super) straight: &'a Mesh,
-    pub(super) sections: &'a [Section],
     pub(super) centreline: Centreline,
+    /// `sections.bin`, which is written already.
+    pub(super) sections: FileOutput,
 }
 
 pub(super) type Buffered = HashingWriter<BufWriter<File>>;
 
-/// Writes `report.json`, `sections.bin` and the requested outputs. The report contains neither times nor
+/// Writes `sections.bin`.
+pub(super) fn write_sections(
+    request: &Request,
+    sections: &[Section],
+    cancel: &CancelToken,
+) -> Result<FileOutput, GenerateError> {
+    let meta = request.metadata(sections.len());
+    let task: Task<'_> = Box::new(|out| sections_bin::write_sections(sections, &meta, out));
+    let mut files = write_all(request, vec![(SECTIONS.to_owned(), sections_bin::MEDIA_TYPE, task)], cancel)?;
+    Ok(files.remove(0))
+}
+
+/// Writes `report.json` and the requested outputs. The report contains neither times nor
 /// the backend, so its bytes do not depend on where the model is grown.
 pub(super) fn write(
     request: &Request,
@@ -47,7 +59,7 @@ pub(super) fn write(
     findings: &Findings,
     cancel: &CancelToken,
 ) -> Result<Vec<FileOutput>, GenerateError> {
-    let Inputs { meta, surfaces, tissue, straight, sections, centreline } = inputs;
+    let Inputs { meta, surfaces, tissue, straight, centreline, sections } = inputs;
     let options = GlbOptions { strips: request.spec.mesh.strips };
     let wants = |output| request.outputs.has(output);
     let mut tasks: Vec<(String, &str, Task<'_>)> = Vec::new();
@@ -60,11 +72,6 @@ pub(super) fn write(
     if let Some(unit) = Output::Centreline.unit(request.outputs.units).filter(|_| wants(Output::Centreline)) {
         tasks.extend(centreline_tasks(&centreline, unit, meta));
     }
-    tasks.push((
-        SECTIONS.to_owned(),
-        sections_bin::MEDIA_TYPE,
-        Box::new(|out| write_sections(sections, meta, out)),
-    ));
     let (files, levels) = rayon::join(
         || write_all(request, tasks, cancel),
         || wants(Output::Lod).then(|| levels(tissue, &|| cancel.is_cancelled())).transpose(),
@@ -110,6 +117,7 @@ pub(super) fn write(
         Box::new(|out| Ok(serde_json::to_writer_pretty(out, &report)?)),
     ));
     let mut files = files?;
+    files.push(sections);
     files.extend(labels.into_iter().flat_map(|(files, _)| files));
     files.extend(write_all(request, tasks, cancel)?);
     Ok(files)

@@ -187,7 +187,7 @@ impl Finishing<'_> {
             let (mesh, done, edges) = bend_apart(&mut straight, leaning, course, &stop);
             (bent, refined, split) = (Some(mesh), Some(done), edges);
         }
-        let (straight, sections) = (&straight, &sections[..]);
+        let straight = &straight;
         let tissue = bent.as_ref().unwrap_or(straight);
         let surfaces = Surfaces::new(tissue, straight, course, lids.as_ref(), &self.request.outputs);
         let surfaces = surfaces.map_err(walls::unsound)?;
@@ -195,7 +195,7 @@ impl Finishing<'_> {
 
         (self.stage)(Stage::Certify, 0.0)?;
         let watch = Stopwatch::start();
-        let certificate = measure::certify(tissue, sections);
+        let certificate = measure::certify(tissue, &sections);
         if let Some(detail) = certificate.first_failure() {
             return Err(GenerateError::Certificate { detail });
         }
@@ -210,24 +210,30 @@ impl Finishing<'_> {
 
         (self.stage)(Stage::Measure, 0.0)?;
         let watch = Stopwatch::start();
-        let morphometry = morphometry(sections, &certificate.section_gaps_um, &self.regions());
+        let (request, cancel, regions) = (self.request, self.cancel, self.regions());
+        let (morphometry, file) = rayon::join(
+            || morphometry(&sections, &certificate.section_gaps_um, &regions),
+            || files::write_sections(request, &sections, cancel),
+        );
         // Planes across the straight tube are planes across the centre line.
-        let cuts = leaned.and_then(|_| cuts(&Body::from(straight), &self.regions()));
-        let centreline = Centreline::of(sections, course);
+        let cuts = leaned.and_then(|_| cuts(&Body::from(straight), &regions));
+        let centreline = Centreline::of(&sections, course);
+        let meta = self.request.metadata(sections.len());
+        let added = sections.iter().filter(|s| s.added).count();
+        let ends = [&sections[0], &sections[sections.len() - 1]].map(Section::particles);
+        // Levels of detail need the memory.
+        drop(sections);
         seconds.measure = watch.seconds();
 
-        let meta = self.request.metadata(sections.len());
         let placed = surfaces.placed();
         let inputs = Inputs {
             meta: &meta,
             surfaces: placed.iter().map(|of| of.shape(&meta)).collect(),
             tissue,
             straight,
-            sections,
             centreline,
+            sections: file?,
         };
-        let added = sections.iter().filter(|s| s.added).count();
-        let ends = [&sections[0], &sections[sections.len() - 1]].map(Section::particles);
         let course = along.as_ref().zip(refined).map(|(bent, refined)| Bending::of(bent, refined));
         let found =
             Examined { certificate, others, contraction, morphometry, cuts, lean: leaned, course, added, ends, inputs };

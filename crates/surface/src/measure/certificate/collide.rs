@@ -82,7 +82,7 @@ impl Meetings {
     /// Adds the pairs that meet. Of triangles with the same vertices only the least is searched.
     fn search<C: Coordinate>(&mut self, surface: &Surface<'_, C>, degenerate: &[u32], topology: &Topology) {
         let search = Search { surface, topology, left_out: left_out(surface, degenerate, &topology.copies) };
-        let stars: Vec<&[u32]> = topology.crowded.chunks(TASK).collect();
+        let stars: Vec<&[Star]> = topology.crowded.chunks(TASK).collect();
         self.add(surface, stars.len(), |task, most| search.stars(stars[task], most));
         let order = Order::of(surface);
         if surface.triangles.len() <= LARGE {
@@ -209,6 +209,9 @@ impl Found {
     }
 }
 
+/// A vertex and the triangles there.
+type Star = (u32, Box<[u32]>);
+
 struct Search<'a, C> {
     surface: &'a Surface<'a, C>,
     topology: &'a Topology,
@@ -227,19 +230,19 @@ impl<C: Coordinate> Search<'_, C> {
         }
     }
 
-    /// Triangles of which the least common vertex is one of these.
-    fn stars(&self, vertices: &[u32], most: u64) -> Found {
+    /// Triangles of which the least common vertex is that of one of these.
+    fn stars(&self, stars: &[Star], most: u64) -> Found {
         let (mut found, mut star) = (Found::default(), Vec::new());
-        for &vertex in vertices {
+        for (vertex, triangles) in stars {
             let is_searched = |&t: &usize| !self.left_out.as_ref().is_some_and(|out| out[t]);
-            let triangles = self.topology.connectivity.stars.at(vertex).iter().map(|&t| t as usize).filter(is_searched);
+            let triangles = triangles.iter().map(|&t| t as usize).filter(is_searched);
             star.clear();
             star.extend(triangles.map(|t| (t, Triangle::new(self.surface.corners(t)))));
             for (i, (first, a)) in star.iter().enumerate() {
                 let ta = self.surface.triangles[*first];
                 for (second, b) in &star[i + 1..] {
                     let tb = self.surface.triangles[*second];
-                    let is_least = !ta.iter().any(|v| *v < vertex && tb.contains(v));
+                    let is_least = !ta.iter().any(|v| v < vertex && tb.contains(v));
                     if is_least && !found.is_full(most) && meet_in_mesh((a, ta), (b, tb)) {
                         self.add(&mut found, *first, *second);
                     }

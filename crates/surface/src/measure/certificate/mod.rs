@@ -24,7 +24,7 @@ use rayon::prelude::*;
 use sections::Contours;
 use shape::{Shape, Turns};
 use surface::{Coordinate, Surface};
-use topology::{Connectivity, Topology};
+use topology::{Connectivity, Stars, Topology};
 use types::{BODIES, Failures, METRE_UM};
 
 /// Proves that a generated model is sound, or lists its faults: those of the sections it was made from, and of its surface,
@@ -124,10 +124,11 @@ fn surface<C: Coordinate>(
         return Certificate::without_surface(failures);
     }
     let surface = Surface { positions, triangles, unit_um };
-    let connectivity = Connectivity::of(&surface);
+    let stars = Stars::of(&surface);
+    let connectivity = Connectivity::of(&surface, &stars);
     let mut turns = vec![Turns::ANY; surface.triangles.len()];
     let shape = Shape::of(&surface, surface.corners(0)[0], |t| connectivity.body_of(t), &mut turns);
-    let topology = topology::examine(&surface, connectivity, &turns, &mut failures);
+    let topology = topology::examine(&surface, stars, connectivity, &turns, &mut failures);
     shape.report(&surface, &mut failures);
     let meetings = collide::examine(&surface, &shape.degenerate, &topology, &mut failures);
     nesting::examine(&surface, &topology, &shape.volumes, meetings.count() == 0, &mut failures);

@@ -19,13 +19,12 @@ pub(super) struct Topology {
     pub(super) faults: Faults,
     /// Triangles with the same three vertices.
     pub(super) copies: Copies,
-    /// Vertices at which triangles may meet.
-    pub(super) crowded: Vec<u32>,
+    /// Vertices at which triangles may meet, with the triangles there.
+    pub(super) crowded: Vec<(u32, Box<[u32]>)>,
 }
 
-/// The components, and the triangles at each vertex.
+/// The components.
 pub(super) struct Connectivity {
-    pub(super) stars: Stars,
     /// Components in the order of their least vertices; their edges are counted by [`examine`].
     pub(super) bodies: Vec<Body>,
     /// Component of each vertex; unspecified for vertices without triangles.
@@ -106,14 +105,13 @@ impl Copies {
 }
 
 impl Connectivity {
-    pub(super) fn of<C: Coordinate>(surface: &Surface<'_, C>) -> Self {
-        let stars = Stars::of(surface);
+    pub(super) fn of<C: Coordinate>(surface: &Surface<'_, C>, stars: &Stars) -> Self {
         let least = components(surface.positions.len() as u32, surface.triangles);
         let (label, mut bodies) = number(&least, |v| !stars.at(v).is_empty());
         for t in surface.triangles {
             bodies[label[t[0] as usize] as usize].triangles += 1;
         }
-        Self { stars, bodies, label }
+        Self { bodies, label }
     }
 
     /// Component that a triangle belongs to.
@@ -133,24 +131,26 @@ struct Found {
     disoriented: Vec<[u32; 2]>,
     bad_vertices: Vec<u32>,
     copies: Vec<[u32; 2]>,
-    /// Vertices whose triangles may have other points in common than those that they share.
-    crowded: Vec<u32>,
+    /// Vertices whose triangles may have other points in common than those that they share, with these triangles.
+    crowded: Vec<(u32, Box<[u32]>)>,
 }
 
-/// Examines a surface whose triangles turn so.
+/// Examines a surface whose triangles turn so. The triangles at all vertices take much memory, which is free when it is done.
 pub(super) fn examine<C: Coordinate>(
     surface: &Surface<'_, C>,
+    stars: Stars,
     mut connectivity: Connectivity,
     turns: &[Turns],
     failures: &mut Failures,
 ) -> Topology {
-    let found = fans(surface, &connectivity, turns);
+    let mut found = fans(surface, &stars, &connectivity, turns);
+    drop(stars);
     for (body, edges) in found.iter().flat_map(|f| &f.edges).filter(|(_, edges)| *edges > 0) {
         connectivity.bodies[*body as usize].edges += edges;
     }
     let faults = Faults::of(surface, &found);
     faults.report(failures);
-    let crowded = found.iter().flat_map(|f| &f.crowded).copied().collect();
+    let crowded = found.iter_mut().flat_map(|f| std::mem::take(&mut f.crowded)).collect();
     Topology { connectivity, faults, copies: Copies::among(&found), crowded }
 }
 
@@ -158,19 +158,25 @@ pub(super) fn examine<C: Coordinate>(
 pub(super) fn examine_alone<C: Coordinate>(surface: &Surface<'_, C>, failures: &mut Failures) -> Topology {
     let mut turns = vec![Turns::ANY; surface.triangles.len()];
     Shape::of(surface, [0.0; 3], |_| 0, &mut turns);
-    examine(surface, Connectivity::of(surface), &turns, failures)
+    let stars = Stars::of(surface);
+    let connectivity = Connectivity::of(surface, &stars);
+    examine(surface, stars, connectivity, &turns, failures)
 }
 
 /// Examines all vertices, and the edges from each to greater ones; `turns` tells how each triangle turns.
-fn fans<C: Coordinate>(surface: &Surface<'_, C>, connectivity: &Connectivity, turns: &[Turns]) -> Vec<Found> {
-    let Connectivity { stars, label, .. } = connectivity;
+fn fans<C: Coordinate>(
+    surface: &Surface<'_, C>,
+    stars: &Stars,
+    connectivity: &Connectivity,
+    turns: &[Turns],
+) -> Vec<Found> {
     let vertices = surface.positions.len() as u32;
     let starts: Vec<u32> = (0..vertices).step_by(RUN).collect();
     let examine = |&start: &u32| {
         let (mut found, mut fan) = (Found::default(), Fan::default());
         for vertex in start..vertices.min(start + RUN as u32) {
             let edges = fan.examine(surface, vertex, stars.at(vertex), turns, &mut found);
-            let body = label[vertex as usize];
+            let body = connectivity.label[vertex as usize];
             match found.edges.last_mut() {
                 Some((last, sum)) if *last == body => *sum += edges,
                 _ => found.edges.push((body, edges)),
@@ -189,7 +195,7 @@ pub(super) struct Stars {
 }
 
 impl Stars {
-    fn of<C>(surface: &Surface<'_, C>) -> Self {
+    pub(super) fn of<C>(surface: &Surface<'_, C>) -> Self {
         let mut begin = vec![0; surface.positions.len() + 1];
         for &v in surface.triangles.as_flattened() {
             begin[v as usize] += 1;
@@ -212,7 +218,7 @@ impl Stars {
     }
 
     #[inline]
-    pub(super) fn at(&self, vertex: u32) -> &[u32] {
+    fn at(&self, vertex: u32) -> &[u32] {
         let v = vertex as usize;
         &self.triangles[self.begin[v] as usize..self.begin[v + 1] as usize]
     }
@@ -262,7 +268,7 @@ impl Fan {
             self.find_copies(vertex, star, &mut found.copies);
         }
         if star.len() > 1 && !(is_cycle && self.is_spread(surface, vertex, all)) {
-            found.crowded.push(vertex);
+            found.crowded.push((vertex, star.into()));
         }
         if is_cycle {
             return self.spokes.iter().filter(|spoke| spoke[0] > vertex).count() as u64;
