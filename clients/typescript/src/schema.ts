@@ -1982,7 +1982,7 @@ export interface components {
          * @description Kinds of failure.
          * @enum {string}
          */
-        FailureKind: "empty" | "indices" | "order" | "coordinates" | "section_ring" | "section_crossing" | "section_nesting" | "open_edges" | "non_manifold_edges" | "non_manifold_vertices" | "orientation" | "volume" | "overlap" | "degenerate_triangles" | "duplicate_triangles" | "triangle_intersections" | "components" | "euler" | "conformity";
+        FailureKind: "empty" | "indices" | "coordinates" | "section_ring" | "section_crossing" | "section_nesting" | "open_edges" | "non_manifold_edges" | "non_manifold_vertices" | "orientation" | "volume" | "overlap" | "degenerate_triangles" | "duplicate_triangles" | "triangle_intersections" | "components" | "euler" | "conformity";
         /** @description A fall of the misfit. */
         Fall: {
             /** @description Number of candidates. */

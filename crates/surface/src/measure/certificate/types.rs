@@ -214,8 +214,6 @@ pub enum FailureKind {
     Empty,
     /// A triangle names a vertex that does not exist.
     Indices,
-    /// Parts of a surface that do not come as promised.
-    Order,
     /// A coordinate is not finite or outside the range of the exact tests.
     Coordinates,
     /// A ring of a section has fewer than three points.
