@@ -42,7 +42,7 @@ use crate::measure::morphometry::{Cuts, Morphometry, Regions, cuts, morphometry}
 use crate::mesh::bend::{Leaning, bend_apart};
 use crate::mesh::contract::Rest;
 use crate::mesh::lean::{Leaned, lean};
-use crate::model::{Body, Section};
+use crate::model::{Body, BodyKind, LengthUnit, Section};
 use crate::sim::Statistics;
 use crate::spec::preset;
 use files::Inputs;
@@ -195,11 +195,15 @@ impl Finishing<'_> {
 
         (self.stage)(Stage::Certify, 0.0)?;
         let watch = Stopwatch::start();
-        let certificate = measure::certify(tissue, &sections);
+        let mut certificate = measure::certify(tissue, &sections);
+        let batches = self.sums_in_batches().then_some(&sections[..]);
+        if let Some(sections) = batches {
+            certificate.sum_in_batches(tissue, LengthUnit::Metre, sections);
+        }
         if let Some(detail) = certificate.first_failure() {
             return Err(GenerateError::Certificate { detail });
         }
-        let others = surfaces.certify(certificate.volume_mm3)?;
+        let others = surfaces.certify(certificate.volume_mm3, batches)?;
         let contraction = self.request.spec.contracts().then(|| {
             let rest = Rest { straight, z: &z, split: &split, lean: by.as_ref(), course };
             let progress = |part| (self.stage)(Stage::Certify, part);
@@ -238,6 +242,15 @@ impl Finishing<'_> {
         let found =
             Examined { certificate, others, contraction, morphometry, cuts, lean: leaned, course, added, ends, inputs };
         self.write(found, seconds)
+    }
+
+    /// Whether version 0.3.0 certified the surface in batches.
+    fn sums_in_batches(&self) -> bool {
+        let Request { spec, outputs, .. } = self.request;
+        let is_lofted = spec.mesh.resolution_um == 0.0 && !spec.mesh.strips;
+        let is_straight = !(spec.leans() || spec.bends() || spec.contracts());
+        let is_tissue = outputs.bodies.iter().all(|body| *body == BodyKind::Tissue) && !outputs.has(Output::Labels);
+        is_lofted && is_straight && is_tissue
     }
 
     fn regions(&self) -> Regions {

@@ -8,7 +8,7 @@ use crate::measure::{certify_body, certify_regions};
 use crate::mesh::bend::bend;
 use crate::mesh::quality::Lids;
 use crate::mesh::{self, LoftError};
-use crate::model::{BodyKind, LengthUnit, Mesh};
+use crate::model::{BodyKind, LengthUnit, Mesh, Section};
 use serde::Serialize;
 use serde_json::{Value, json};
 use std::borrow::Cow;
@@ -56,15 +56,23 @@ impl<'a> Surfaces<'a> {
     }
 
     /// Certifies all but the tissue in metres, whose volume is given: each surface in the coordinates that are written, and
-    /// whether lumen and tissue fit, in metres even if only one of them is written.
-    pub(super) fn certify(&self, tissue_mm3: f64) -> Result<Vec<Value>, GenerateError> {
+    /// whether lumen and tissue fit, in metres even if only one of them is written. Those of the tissue are summed in batches
+    /// of `sections` if they are given.
+    pub(super) fn certify(
+        &self,
+        tissue_mm3: f64,
+        sections: Option<&[Section]>,
+    ) -> Result<Vec<Value>, GenerateError> {
         let mut found = Vec::new();
         for unit in LengthUnit::ALL {
             let is_written = |body| self.written.contains(&(body, unit));
             let together = is_written(BodyKind::Regions) || (unit == LengthUnit::Metre && self.lumen.is_some());
             let mut volumes = [tissue_mm3, 0.0];
             if unit != LengthUnit::Metre && (together || is_written(BodyKind::Tissue)) {
-                let certificate = certify_body(self.tissue, unit);
+                let mut certificate = certify_body(self.tissue, unit);
+                if let Some(sections) = sections {
+                    certificate.sum_in_batches(self.tissue, unit, sections);
+                }
                 volumes[0] = certificate.volume_mm3;
                 found.push(finding(BodyKind::Tissue, unit, &certificate, certificate.first_failure())?);
             }

@@ -4,6 +4,7 @@
 //! floating-point. The paper names self-intersection as the main defect of such models (section 3); a model that fails
 //! here is not delivered as good. Results depend neither on the number of threads nor on timing.
 
+mod batches;
 mod collide;
 mod components;
 mod nesting;
@@ -62,6 +63,19 @@ fn demanded(mut certificate: Certificate, body: BodyKind) -> Certificate {
     }
     demand_euler(&certificate, body.euler(), &mut failures);
     certificate.conclude(failures)
+}
+
+impl Certificate {
+    /// Sums area and volume again as [`batches::sums`] does.
+    pub fn sum_in_batches(&mut self, mesh: &Mesh, unit: LengthUnit, sections: &[Section]) {
+        if let [body] = &mut self.bodies[..] {
+            let (positions, unit_mm) = (unit.of_metres(&mesh.positions), unit.metres() * METRE_UM / 1e3);
+            let [area, volume] = batches::sums(&positions, mesh, sections);
+            self.area_mm2 = area * unit_mm.powi(2);
+            self.volume_mm3 = volume * unit_mm.powi(3);
+            body.volume_mm3 = self.volume_mm3;
+        }
+    }
 }
 
 /// The certificate of any surface, given as lists of positions (metres) and triangles. Vertices at exactly the

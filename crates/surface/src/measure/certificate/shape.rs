@@ -8,7 +8,7 @@ use crate::vectorize::Vectors;
 use rayon::prelude::*;
 
 /// Triangles summed up as one part.
-const RUN: usize = 4096;
+pub(super) const RUN: usize = 4096;
 
 /// Measures in metres and degrees.
 pub(super) struct Shape {
@@ -23,11 +23,11 @@ pub(super) struct Shape {
     pub(super) bounds: [[f64; 3]; 2],
 }
 
-struct Part {
+pub(super) struct Part {
     degenerate: Vec<u32>,
-    area: f64,
+    pub(super) area: f64,
     /// Six times the volume, by component in the order met.
-    volumes: Vec<(usize, f64)>,
+    pub(super) volumes: Vec<(usize, f64)>,
     quality: TriangleQuality,
     least: Least,
 }
@@ -133,7 +133,7 @@ impl Shape {
 
 /// Measures the triangles from `first` on, as many as `turns`, which it fills.
 #[inline(always)]
-fn part<C: Coordinate>(
+pub(super) fn part<C: Coordinate>(
     surface: &Surface<'_, C>,
     origin: [f64; 3],
     body_of: impl Fn([u32; 3]) -> usize,
