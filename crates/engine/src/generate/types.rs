@@ -171,8 +171,7 @@ pub struct FileOutput {
     pub sha256: String,
 }
 
-/// Wall-clock seconds by stage. If the surface is streamed, `certify`, `measure` and a part of `export` run at the same time, so that
-/// all may be more than the total.
+/// Wall-clock seconds by stage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Seconds {
