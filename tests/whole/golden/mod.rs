@@ -1,4 +1,4 @@
-//! Files of small models, and what the program makes of them, have the recorded digests: their bytes have not changed.
+//! The files of small models, and what the program makes of them, have the recorded digests.
 //!
 //! `digests.json` holds the SHA-256 of every file of each model. When the engine changes on purpose, raise `version` in
 //! `Cargo.toml` (it is part of a model's digest, so a finished model of the old engine is never reused for a new one) and

@@ -1,4 +1,5 @@
-//! The models whose files are pinned: some hundred particles each, together with every preset, format, body, unit and choice.
+//! The models whose files are pinned. They have some hundred particles each, and together every preset,
+//! format, body, unit and choice.
 
 use oviduct::generate::{Output, Outputs};
 use oviduct::model::{BodyKind, LengthUnit};
@@ -63,7 +64,7 @@ pub(super) fn models() -> Vec<Model> {
         let change = match &*preset.name {
             // With so few steps, deeper folds would move too fast.
             "colon" | "small-intestine" => json!({ "folds": { "depth": 0.05, "period_mm": 900 } }),
-            // Its coil is tight: sections farther apart would be divided into millions of triangles.
+            // Its coil is tight. Sections farther apart would be divided into millions of triangles.
             "mouse" => json!({ "solver": { "record_every": 2 }, "piece": { "to": 0.2 } }),
             _ => json!({}),
         };
