@@ -58,11 +58,7 @@ impl<'a> Surfaces<'a> {
     /// Certifies all but the tissue in metres, whose volume is given: each surface in the coordinates that are written, and
     /// whether lumen and tissue fit, in metres even if only one of them is written. Those of the tissue are summed in batches
     /// of `sections` if they are given.
-    pub(super) fn certify(
-        &self,
-        tissue_mm3: f64,
-        sections: Option<&[Section]>,
-    ) -> Result<Vec<Value>, GenerateError> {
+    pub(super) fn certify(&self, tissue_mm3: f64, sections: Option<&[Section]>) -> Result<Vec<Value>, GenerateError> {
         let mut found = Vec::new();
         for unit in LengthUnit::ALL {
             let is_written = |body| self.written.contains(&(body, unit));

@@ -45,17 +45,14 @@ pub fn write_vtp(surface: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
     });
     document.close();
     document.open("Points");
-    document.array("Float32", "Points", 3, 12 * points, |out| {
-        write_items(surface.positions, out, |&p| vec3(p))
-    });
+    document.array("Float32", "Points", 3, 12 * points, |out| write_items(surface.positions, out, |&p| vec3(p)));
     document.close();
     document.open("Polys");
     let corners = || surface.patches.iter().flat_map(|patch| surface.triangles_of(patch).as_flattened());
     let ends = || (1..=triangles).map(|i| 3 * i);
     if i32::try_from(points.max(3 * triangles)).is_ok() {
-        document.array("Int32", "connectivity", 1, 12 * triangles, |out| {
-            write_items(corners(), out, |v| v.to_le_bytes())
-        });
+        document
+            .array("Int32", "connectivity", 1, 12 * triangles, |out| write_items(corners(), out, |v| v.to_le_bytes()));
         document.array("Int32", "offsets", 1, 4 * triangles, |out| {
             write_items(ends(), out, |end| (end as u32).to_le_bytes())
         });

@@ -61,12 +61,7 @@ impl Meetings {
     }
 
     /// Adds the pairs of copies.
-    fn add_duplicates<C: Coordinate>(
-        &mut self,
-        surface: &Surface<'_, C>,
-        degenerate: &[u32],
-        copies: &Copies,
-    ) {
+    fn add_duplicates<C: Coordinate>(&mut self, surface: &Surface<'_, C>, degenerate: &[u32], copies: &Copies) {
         let (mut count, mut first) = (0, Vec::new());
         for group in copies.groups().filter(|group| degenerate.binary_search(&group[0][0]).is_err()) {
             let size = group.len() as u64;

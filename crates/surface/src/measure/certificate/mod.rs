@@ -200,7 +200,8 @@ fn admissible<C: Coordinate>(positions: &[[C; 3]], triangles: &[[u32; 3]]) -> Re
     match surface::beyond_range(positions) {
         (0, _) => Ok(()),
         (count, first) => {
-            let detail = format!("{count} vertices (first: {first}) have coordinates that are not finite or beyond 1e±60");
+            let detail =
+                format!("{count} vertices (first: {first}) have coordinates that are not finite or beyond 1e±60");
             Err(Failure { kind: FailureKind::Coordinates, count, detail, places: Vec::new() })
         }
     }

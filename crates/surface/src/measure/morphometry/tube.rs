@@ -156,8 +156,7 @@ impl Regions {
 #[must_use]
 #[inline(never)] // counted by scripts/counts
 pub fn morphometry(sections: &[Section], gaps_um: &[Option<f64>], regions: &Regions) -> Morphometry {
-    let recorded: Vec<(usize, &Section)> =
-        sections.iter().enumerate().filter(|(_, section)| !section.added).collect();
+    let recorded: Vec<(usize, &Section)> = sections.iter().enumerate().filter(|(_, section)| !section.added).collect();
     // Every how many recorded sections the shape tree is made.
     let every = recorded.len().saturating_sub(1).div_ceil(TREES - 1).max(1);
     let measured: Vec<(Measures, Marked)> = recorded
