@@ -466,7 +466,6 @@ mod tests {
             (&json!({}), &["glb"][..], 84.0),
             (&json!({}), &["glb", "lod"], 102.0),
             (&tenfold, &["glb"], 723.0),
-            (&tenfold, &["glb", "lod"], 723.0),
         ] {
             let predicted = spec(patch).cost(outputs).memory_bytes as f64 / 1e6;
             assert!((1.0..1.6).contains(&(predicted / measured)), "{outputs:?}: {predicted} MB");
