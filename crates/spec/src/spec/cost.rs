@@ -462,11 +462,9 @@ mod tests {
     #[test]
     fn memory_is_what_was_measured_and_some_to_spare() {
         let tenfold = json!({ "solver": { "record_every": 1 } });
-        for (patch, outputs, measured) in [
-            (&json!({}), &["glb"][..], 84.0),
-            (&json!({}), &["glb", "lod"], 102.0),
-            (&tenfold, &["glb"], 723.0),
-        ] {
+        for (patch, outputs, measured) in
+            [(&json!({}), &["glb"][..], 84.0), (&json!({}), &["glb", "lod"], 102.0), (&tenfold, &["glb"], 723.0)]
+        {
             let predicted = spec(patch).cost(outputs).memory_bytes as f64 / 1e6;
             assert!((1.0..1.6).contains(&(predicted / measured)), "{outputs:?}: {predicted} MB");
         }
