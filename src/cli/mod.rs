@@ -4,56 +4,35 @@
 //! invalid spec, 130 interrupted.
 
 mod args;
-mod check;
-mod client;
-mod compare;
 mod config;
-mod connections;
-mod convert;
-mod cut;
-mod demo;
 mod exit;
-mod first_key;
-mod fit;
-pub mod generate;
 pub mod gpu;
 mod interrupt;
-mod keys;
-mod layers;
 pub mod load;
-mod measure;
-mod migrate;
+mod local;
 pub mod model;
-mod print;
-pub mod render;
-mod report;
-mod restart;
+mod remote;
 mod scratch;
-mod secret;
-mod section;
-mod serve;
 mod service;
-mod sse;
-mod submit;
 mod telemetry;
 pub mod term;
 pub mod units;
-mod upkeep;
-mod worker;
-mod workers;
 
 // Parts that the program `oviduct-lab` (crates/lab) uses too.
 pub use args::{GpuArgs, GpuUse, ServeArgs, SpecArgs};
-pub use client::Client;
 pub use config::with_variables;
 pub use exit::{Ended, Failure, exit_code};
 pub use interrupt::Signals;
-pub use restart::without_device_select;
+pub use local::{generate, render};
+pub use remote::{Client, Key};
 pub use scratch::Scratch;
-pub use secret::Key;
 pub use service::Service;
 
-use args::{Cli, Command};
+use crate::spec::{self, Preset};
+use args::{Cli, Command, PresetsArgs};
+use local::{check, compare, convert, cut, fit, measure, report, section};
+use remote::{demo, submit, workers};
+use service::{keys, run as process};
 use std::ffi::OsString;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -76,7 +55,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Err(failure) => return exit_code(&Err(failure)),
     };
     if cli.command.may_use_gpu() {
-        without_device_select();
+        gpu::without_device_select();
     }
     exit_code(&start(cli))
 }
@@ -98,7 +77,7 @@ fn start(cli: Cli) -> Ended {
 
 async fn dispatch(command: Command) -> Ended {
     match command {
-        Command::Serve(args) => serve::run(args).await,
+        Command::Serve(args) => process::serve(args).await,
         Command::Generate(args) => generate::run(args).await,
         Command::Demo(args) => demo::run(args).await,
         Command::Submit(args) => submit::run(args).await,
@@ -112,13 +91,26 @@ async fn dispatch(command: Command) -> Ended {
         Command::Section(args) => section::run(args).await,
         Command::Cut(args) => cut::run(args).await,
         Command::Measure(args) => measure::run(args).await,
-        Command::Presets(args) => print::presets(&args),
-        Command::Worker(args) => worker::run(args).await,
+        Command::Presets(args) => print_presets(&args),
+        Command::Worker(args) => process::work(args).await,
         Command::Keys(args) => keys::run(args).await,
         Command::Workers(args) => workers::run(args).await,
-        Command::Migrate(args) => migrate::run(args).await,
-        Command::Schema => print::schema(),
-        Command::Openapi => print::openapi(),
-        Command::Healthcheck(args) => client::Client::new(&args.url, None)?.get("/healthz").await.map(|_| ()),
+        Command::Migrate(args) => process::migrate(args).await,
+        Command::Schema => Ok(term::print_json(&spec::schema())?),
+        Command::Openapi => Ok(term::print(&crate::http::openapi_yaml())?),
+        Command::Healthcheck(args) => Client::new(&args.url, None)?.get("/healthz").await.map(|_| ()),
     }
+}
+
+/// Lists the presets.
+fn print_presets(args: &PresetsArgs) -> Ended {
+    if args.json {
+        let all: Vec<_> = spec::presets().iter().map(Preset::to_json).collect();
+        return Ok(term::print_json(&all)?);
+    }
+    for preset in spec::presets() {
+        let default = if preset.name == spec::DEFAULT_PRESET { " (default)" } else { "" };
+        term::print(&format!("{}{default}: {}\n    {}", preset.name, preset.title, preset.description))?;
+    }
+    Ok(())
 }

@@ -1,11 +1,11 @@
-//! Values on the command line: durations `500ms`, `2s`, `5m`, `1h`; sizes `400MB`, `2GiB`, `65536`; lengths `12mm`; planes `z=12mm`;
-//! and names of what the HTTP interface names too.
+//! Values on the command line: durations `500ms`, `2s`, `5m`, `1h`; sizes `400MB`, `2GiB`, `65536`;
+//! lengths `12mm`; planes `z=12mm`; names of the HTTP interface. Errors are messages for the user.
 
 use crate::render::Plane;
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
-/// Splits `"12.5ms"` into `12.5` and `"ms"`.
+/// Splits `12.5ms` into 12.5 and `ms`.
 fn number_and_unit(text: &str) -> Result<(f64, &str), String> {
     let text = text.trim();
     let end = text.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(text.len());
@@ -14,10 +14,7 @@ fn number_and_unit(text: &str) -> Result<(f64, &str), String> {
     Ok((number, unit.trim()))
 }
 
-/// A duration with its unit: `2s`, `500ms`, `5m`, `1h`, `7d`. A bare number is refused, zero with a unit is accepted.
-///
-/// # Errors
-/// A message for the command line if the text is not a duration.
+/// Parses a duration with its unit: `2s`, `500ms`, `5m`, `1h`, `7d`. Refuses a bare number, also 0.
 pub(super) fn duration(text: &str) -> Result<Duration, String> {
     let (number, unit) = number_and_unit(text)?;
     let seconds = match unit {
@@ -32,10 +29,7 @@ pub(super) fn duration(text: &str) -> Result<Duration, String> {
     Duration::try_from_secs_f64(number * seconds).map_err(|error| error.to_string())
 }
 
-/// A [`duration`] above zero.
-///
-/// # Errors
-/// A message for the command line if the text is not a duration, or is zero.
+/// Parses a [`duration`] above zero.
 pub(super) fn positive_duration(text: &str) -> Result<Duration, String> {
     match number_and_unit(text) {
         Ok((0.0, _)) => Err("must be more than 0".to_owned()),
@@ -43,18 +37,12 @@ pub(super) fn positive_duration(text: &str) -> Result<Duration, String> {
     }
 }
 
-/// A [`duration`], or `0` without a unit, which gives zero: for options whose help says that 0 means "none".
-///
-/// # Errors
-/// A message for the command line if the text is neither.
+/// Parses a [`duration`], or `0` without a unit: for options whose help says that 0 means "none".
 pub(super) fn duration_or_zero(text: &str) -> Result<Duration, String> {
     if text.trim() == "0" { Ok(Duration::ZERO) } else { duration(text) }
 }
 
-/// A rate per second, such as `10` or `0.5`; zero is accepted.
-///
-/// # Errors
-/// A message for the command line if the text is not such a number.
+/// Parses a rate per second, such as `10` or `0.5`. Accepts zero.
 pub(super) fn rate(text: &str) -> Result<f64, String> {
     match text.trim().parse::<f64>() {
         Ok(rate) if rate.is_finite() && rate >= 0.0 => Ok(rate),
@@ -62,18 +50,12 @@ pub(super) fn rate(text: &str) -> Result<f64, String> {
     }
 }
 
-/// A [`rate`] above zero.
-///
-/// # Errors
-/// A message for the command line if the text is not a number above zero.
+/// Parses a [`rate`] above zero.
 pub(super) fn positive_rate(text: &str) -> Result<f64, String> {
     rate(text).and_then(|rate| if rate > 0.0 { Ok(rate) } else { Err("must be more than 0".to_owned()) })
 }
 
-/// A size in bytes such as `400MB` (decimal), `2GiB` (binary) or `65536`.
-///
-/// # Errors
-/// A message for the command line if the text is not a size.
+/// Parses a size in bytes, such as `400MB` (decimal), `2GiB` (binary) or `65536`.
 pub(super) fn bytes(text: &str) -> Result<u64, String> {
     let (number, unit) = number_and_unit(text)?;
     let factor: f64 = match unit.to_ascii_lowercase().as_str() {
@@ -90,10 +72,7 @@ pub(super) fn bytes(text: &str) -> Result<u64, String> {
     if size < 9.0e15 { Ok(size as u64) } else { Err(format!("`{text}` is too large")) }
 }
 
-/// A size of [`bytes`] above zero.
-///
-/// # Errors
-/// A message for the command line if the text is not a size, or is zero.
+/// Parses a size in [`bytes`] above zero.
 pub(super) fn positive_bytes(text: &str) -> Result<u64, String> {
     match bytes(text)? {
         0 => Err("must be more than 0".to_owned()),
@@ -101,10 +80,7 @@ pub(super) fn positive_bytes(text: &str) -> Result<u64, String> {
     }
 }
 
-/// A length in metres, such as `12mm` or `-500um`; zero needs no unit.
-///
-/// # Errors
-/// A message for the command line if the text is not a length.
+/// Parses a length in metres, such as `12mm` or `-500um`. Zero needs no unit.
 fn length(text: &str) -> Result<f64, String> {
     let text = text.trim();
     let (sign, digits) = text.strip_prefix('-').map_or((1.0, text), |rest| (-1.0, rest));
@@ -121,11 +97,8 @@ fn length(text: &str) -> Result<f64, String> {
     Ok(sign * number * metres)
 }
 
-/// A plane and the side in front of it: `z=12mm` (greater z), `-z=12mm` (lesser z), or a direction and the distance from the
-/// origin along it, such as `1,1,0=2mm`.
-///
-/// # Errors
-/// A message for the command line if the text is not a plane.
+/// Parses a plane and the side in front of it: `z=12mm` (greater z), `-z=12mm` (smaller z), or a
+/// direction and the distance from the origin along it, such as `1,1,0=2mm`.
 pub(super) fn plane(text: &str) -> Result<Plane, String> {
     let (direction, place) = text.split_once('=').ok_or("must be written as z=12mm, -z=12mm or 1,1,0=2mm")?;
     let place = length(place)?;
@@ -151,7 +124,7 @@ pub(super) fn plane(text: &str) -> Result<Plane, String> {
     }
 }
 
-/// First and last seed: `1..20`.
+/// Parses the first and the last seed of a range, such as `1..20`.
 pub(super) fn seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
     let read = || {
         let (first, last) = text.split_once("..")?;
@@ -161,7 +134,7 @@ pub(super) fn seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
     read().ok_or_else(|| "must be a first and a last seed below 2^53, such as 1..20".to_owned())
 }
 
-/// A size in decimal units with one digit after the point: `12.3 MB`.
+/// Formats a size in decimal units with one digit after the point, such as `12.3 MB`.
 #[must_use]
 pub fn show_bytes(bytes: u64) -> String {
     let value = bytes as f64;
@@ -173,7 +146,8 @@ pub fn show_bytes(bytes: u64) -> String {
     }
 }
 
-/// Parses a value by its name in JSON, so that the command line and the HTTP interface accept the same names.
+/// Parses a value by its name in JSON, so that the command line and the HTTP interface accept the
+/// same names.
 pub fn named<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
     serde_json::from_value(serde_json::Value::from(text)).map_err(|error| error.to_string())
 }

@@ -7,7 +7,7 @@ mod load_plot;
 mod plot;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
-use oviduct::cli::{Ended, Failure, GpuUse, exit_code, with_variables, without_device_select};
+use oviduct::cli::{Ended, Failure, GpuUse, exit_code, gpu, with_variables};
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
 
@@ -57,7 +57,7 @@ fn main() -> ExitCode {
     let matches = with_variables(Cli::command()).get_matches();
     let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     if cli.command.may_use_gpu() {
-        without_device_select();
+        gpu::without_device_select();
     }
     exit_code(&run(cli))
 }

@@ -1,6 +1,6 @@
 //! Options of `keys`.
 
-use super::database::DatabaseArgs;
+use super::shared::DatabaseArgs;
 use crate::cli::units;
 use crate::jobs::keys::{Owner, Scope};
 use clap::builder::FalseyValueParser;

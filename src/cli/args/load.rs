@@ -1,7 +1,6 @@
 //! Options of `load`.
 
-use super::model::ModelArgs;
-use super::remote::RemoteArgs;
+use super::shared::{ModelArgs, RemoteArgs};
 use crate::cli::load::{Arrivals, Mix, Rate};
 use crate::cli::units;
 use clap::Args;

@@ -1,14 +1,14 @@
 //! The calls of a mix, each once: no error is tried again, and every answer is checked.
 
-use super::super::client::{self, ErrorKind, Model};
-use super::super::exit::Failure;
-use super::super::sse::Parser;
 use super::errors::Lost;
 use super::known::File;
 use super::mix::Call;
 use super::plan::Planned;
 use super::record::{Outcome, Timed};
 use super::target::Target;
+use crate::cli::exit::Failure;
+use crate::cli::remote::client::{self, ErrorKind, Model};
+use crate::cli::remote::sse::Parser;
 use anyhow::{Context, anyhow};
 use reqwest::{Method, RequestBuilder, Response, header};
 use serde::de::DeserializeOwned;

@@ -1,8 +1,5 @@
 //! The closed loop: a number of users, each of whom makes the next request when the last one has ended.
 
-use super::super::client::Client;
-use super::super::exit::Failure;
-use super::super::submit;
 use super::calls;
 use super::errors::Lost;
 use super::mix::{Call, Mix};
@@ -10,6 +7,9 @@ use super::plan::{self, Planned};
 use super::record::{Outcome, Timed};
 use super::seeds::Seeds;
 use super::target::Target;
+use crate::cli::exit::Failure;
+use crate::cli::remote::client::Client;
+use crate::cli::remote::submit;
 use anyhow::{Context, anyhow};
 use serde_json::Value;
 use std::sync::Arc;

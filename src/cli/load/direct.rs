@@ -1,8 +1,8 @@
 //! Models grown in this process without a service: the baseline of a load.
 
-use super::super::exit::Failure;
 use super::errors::Lost;
 use super::seeds::Seeds;
+use crate::cli::exit::Failure;
 use crate::clock::Stopwatch;
 use crate::generate::{Backend, CancelToken, Outputs, Request, generate};
 use crate::spec::ModelSpec;

@@ -1,7 +1,7 @@
 //! Errors that a load met, counted by kind.
 
-use super::super::client::ErrorKind;
-use super::super::exit::Failure;
+use crate::cli::exit::Failure;
+use crate::cli::remote::client::ErrorKind;
 use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
 

@@ -15,7 +15,6 @@ mod plan;
 mod record;
 mod report;
 mod seeds;
-mod streams;
 mod target;
 #[cfg(test)]
 mod tests;
@@ -29,11 +28,13 @@ pub(super) use mix::Mix;
 pub(super) use plan::{Arrivals, Rate};
 pub use seeds::Seeds;
 
-use super::args::LoadArgs;
-use super::client::Client;
-use super::exit::{Ended, Failure};
-use super::interrupt::Signals;
-use super::{connections, model, submit, term};
+use crate::cli::args::LoadArgs;
+use crate::cli::exit::{Ended, Failure};
+use crate::cli::interrupt::Signals;
+use crate::cli::remote::client::{Client, Followed};
+use crate::cli::remote::submit;
+use crate::cli::service::connections;
+use crate::cli::{model, term};
 use crate::clock::Stopwatch;
 use crate::generate::Backend;
 use anyhow::anyhow;
@@ -47,6 +48,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use target::Target;
 use times::Times;
+use tokio::task::JoinSet;
 
 /// Length of a run by default.
 const LENGTH: Duration = Duration::from_secs(60);
@@ -56,6 +58,8 @@ const WARM_UP: Duration = Duration::from_secs(5);
 const MODELS: u64 = 100;
 /// Time for the last events to arrive once all models have ended.
 const LAST_EVENTS: Duration = Duration::from_secs(10);
+/// Pause of an event stream while there is no model to follow, and after an error.
+const STREAM_PAUSE: Duration = Duration::from_millis(100);
 /// Descriptors for everything but calls and streams.
 const DESCRIPTORS: u64 = 64;
 
@@ -172,8 +176,8 @@ async fn through_service(args: &LoadArgs, first: u64, signals: &mut Signals) -> 
 
 /// Makes the calls, and waits for the models and streams.
 async fn drive(args: &LoadArgs, settings: &Settings, seed: u64, target: &Arc<Target>) -> Ended {
-    let mut held = streams::hold(target, args.streams);
-    let mut scouts = tokio::task::JoinSet::new();
+    let mut held = hold_streams(target, args.streams);
+    let mut scouts = JoinSet::new();
     if settings.mix.as_ref().is_some_and(|mix| mix.has(Call::Download)) {
         scouts.spawn(models::scout(Arc::clone(target)));
     }
@@ -209,6 +213,47 @@ async fn drive(args: &LoadArgs, settings: &Settings, seed: u64, target: &Arc<Tar
         let _ = tokio::time::timeout(LAST_EVENTS, told).await;
     }
     Ok(())
+}
+
+/// Opens this many streams. The tasks end when the run is over and each stream was told of the end that it waits for;
+/// dropping them closes the streams.
+fn hold_streams(target: &Arc<Target>, count: u32) -> JoinSet<()> {
+    target.record.streams(|streams| streams.held = count);
+    let mut tasks = JoinSet::new();
+    for place in 0..count {
+        let target = Arc::clone(target);
+        tasks.spawn(async move {
+            while !target.over.is_cancelled() {
+                // Neighbours follow different models, as far as there are that many.
+                match target.known.open(place as usize) {
+                    Some(id) => follow(&target, &id).await,
+                    None => tokio::time::sleep(STREAM_PAUSE).await,
+                }
+            }
+        });
+    }
+    tasks
+}
+
+/// Follows a model to its end, over any number of connections.
+async fn follow(target: &Target, id: &str) {
+    let record = &target.record;
+    record.streams(|streams| streams.followed += 1);
+    let lost = |followed: Followed<'_>| {
+        if matches!(followed, Followed::Away) {
+            record.streams(|streams| streams.cut += 1);
+        }
+    };
+    match target.client.follow(id, lost).await {
+        Ok(()) => {
+            target.known.end(id, None);
+            record.streams(|streams| streams.told += 1);
+        }
+        Err(failure) => {
+            record.streams(|streams| streams.errors.add(failure.into()));
+            tokio::time::sleep(STREAM_PAUSE).await;
+        }
+    }
 }
 
 /// The model of the options, for this process.

@@ -2,12 +2,12 @@
 //!
 //! They are found by the label of the run, so a model whose acceptance was answered too late, or not at all, is counted too.
 
-use super::super::client::{self, Model, RemoteFile};
-use super::super::exit::Failure;
 use super::calls;
 use super::errors::Lost;
 use super::target::Target;
 use super::times::{Times, add, histogram};
+use crate::cli::exit::Failure;
+use crate::cli::remote::client::{self, Model, RemoteFile};
 use jiff::Timestamp;
 use reqwest::Method;
 use serde::{Deserialize, Serialize};

@@ -1,9 +1,9 @@
 //! The open loop: each call starts when it is due, whatever became of those before it.
 
-use super::super::exit::Failure;
 use super::calls;
 use super::plan::{Plan, Planned};
 use super::target::Target;
+use crate::cli::exit::Failure;
 use anyhow::Context;
 use std::sync::Arc;
 use std::time::Duration;

@@ -4,10 +4,10 @@
 //! Latencies are those of calls that were answered as they should be, and of those that timed out: without these, the
 //! slowest would be missing.
 
-use super::super::client::ErrorKind;
 use super::errors::{Errors, Lost};
 use super::mix::Call;
 use super::times::{add, histogram};
+use crate::cli::remote::client::ErrorKind;
 use hdrhistogram::Histogram;
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};

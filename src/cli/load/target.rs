@@ -1,9 +1,9 @@
 //! What the parts of a running load share.
 
-use super::super::client::Client;
 use super::known::Known;
 use super::record::Record;
 use super::seeds::Seeds;
+use crate::cli::remote::client::Client;
 use crate::clock::Stopwatch;
 use serde_json::{Value, json};
 use std::sync::OnceLock;

@@ -1,9 +1,9 @@
 //! The report of a load as text.
 
-use super::super::units::show_bytes;
 use super::models::Models;
 use super::report::{Calls, Mode, Report};
 use super::times::Times;
+use crate::cli::units::show_bytes;
 
 /// The report, line by line.
 pub(super) fn lines(report: &Report) -> Vec<String> {

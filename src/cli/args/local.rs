@@ -1,0 +1,237 @@
+//! Options of the commands that work without a service: they grow models and read files.
+
+use super::shared::{GpuArgs, ModelArgs};
+use crate::cli::units;
+use crate::model::LengthUnit;
+use crate::render::{MAX_SIZE, NamedView, Plane};
+use clap::Args;
+use clap::builder::FalseyValueParser;
+use std::path::PathBuf;
+
+/// Options of `generate`.
+#[derive(Clone, Debug, Args)]
+pub(in crate::cli) struct GenerateArgs {
+    #[command(flatten)]
+    pub(in crate::cli) model: ModelArgs,
+    /// Directory for the files; created if it does not exist
+    #[arg(long, value_name = "DIR", required = true)]
+    pub(in crate::cli) out: PathBuf,
+    #[command(flatten)]
+    pub(in crate::cli) gpu: GpuArgs,
+    /// Memory limit of the model, such as 2GB [default: no limit]
+    #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
+    pub(in crate::cli) memory_limit: Option<u64>,
+    /// Also write report.html, the report as a web page
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(in crate::cli) report: bool,
+    /// Print one JSON object
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(in crate::cli) json: bool,
+}
+
+/// Options of `compare`.
+#[derive(Clone, Debug, Args)]
+pub(in crate::cli) struct CompareArgs {
+    /// Presets, separated by commas
+    #[arg(long = "preset", value_name = "LIST", value_delimiter = ',', default_value = "pig,human,cow")]
+    pub(in crate::cli) presets: Vec<String>,
+    /// First and last seed, such as 1..20
+    #[arg(long, value_name = "FIRST..LAST", value_parser = units::seeds, default_value = "1..20")]
+    pub(in crate::cli) seeds: std::ops::RangeInclusive<u64>,
+    /// Print JSON with the means of every model instead of tables
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(in crate::cli) json: bool,
+}
+
+/// Options of `presets`.
+#[derive(Clone, Debug, Args)]
+pub(in crate::cli) struct PresetsArgs {
+    /// Print a JSON array with all values of all presets
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(in crate::cli) json: bool,
+}
+
+/// Options of `check`.
+#[derive(Clone, Debug, Args)]
+pub(in crate::cli) struct CheckArgs {
+    /// Files to certify
+    #[arg(value_name = "FILE", required = true)]
+    pub(in crate::cli) files: Vec<PathBuf>,
+    /// Euler number that every component must have
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    pub(in crate::cli) euler: Option<i64>,
+    /// Print a JSON array with the certificate of each file
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(in crate::cli) json: bool,
+}
+
+/// Options of `convert`.
+#[derive(Clone, Debug, Args)]
+pub(in crate::cli) struct ConvertArgs {
+    /// File to read
+    #[arg(value_name = "FILE")]
+    pub(in crate::cli) file: PathBuf,
+    /// File to write; its ending selects the format: .glb, .gltf (with a .bin next to it), .obj,
+    /// .stl, .ascii.stl, .ply or .vtp
+    #[arg(value_name = "OUT")]
+    pub(in crate::cli) out: PathBuf,
+    /// Unit to write: m, mm or um [default: m in OBJ and glTF, mm in STL, PLY and VTP]
+    #[arg(long, value_name = "UNIT", value_parser = units::named::<LengthUnit>)]
+    pub(in crate::cli) units: Option<LengthUnit>,
+    /// Unit of FILE: m, mm or um [default: the unit that the file states, or m]
+    #[arg(long, value_name = "UNIT", value_parser = units::named::<LengthUnit>)]
+    pub(in crate::cli) from_units: Option<LengthUnit>,
+    /// Write STL as text, with one solid per patch
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(in crate::cli) ascii: bool,
+}
+
+/// Options of `report`.
+#[derive(Clone, Debug, Args)]
+pub(in crate::cli) struct ReportArgs {
+    /// Directory with the report.json and sections.bin of a model
+    #[arg(value_name = "DIR")]
+    pub(in crate::cli) dir: PathBuf,
+    /// File for the page [default: report.html in DIR]
+    #[arg(long, value_name = "FILE")]
+    pub(in crate::cli) out: Option<PathBuf>,
+}
+
+/// Options of `render`.
+#[derive(Clone, Debug, Args)]
+pub(in crate::cli) struct RenderArgs {
+    /// Files to draw; the tube runs along z, and y is up
+    #[arg(value_name = "FILE", required = true)]
+    pub(in crate::cli) files: Vec<PathBuf>,
+    /// Directory for the pictures, which are named after the files; or the picture itself, if PATH
+    /// ends in .png
+    #[arg(long, value_name = "PATH", default_value = ".")]
+    pub(in crate::cli) out: PathBuf,
+    /// View: whole, opened (without the quarter where x and y are above the middle), isthmus or
+    /// ampulla (the ends)
+    #[arg(long, value_name = "NAME", default_value = NamedView::default().name())]
+    pub(in crate::cli) view: NamedView,
+    /// Azimuth of the camera, degrees around y, instead of the view's: 0 faces the ampulla end, 90
+    /// looks from +x
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
+    pub(in crate::cli) azimuth: Option<f64>,
+    /// Elevation of the camera, degrees above the horizontal plane, instead of the view's, -89 to
+    /// 89
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
+    pub(in crate::cli) elevation: Option<f64>,
+    /// Longest side of a picture, pixels
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(32..=i64::from(MAX_SIZE)), default_value_t = 1024)]
+    pub(in crate::cli) size: u32,
+    /// Plane that cuts away the part in front of it, instead of the view's cut: z=12mm removes
+    /// larger z, -z=12mm removes smaller z; 1,1,0=2mm removes everything farther than 2 mm from the
+    /// origin in the direction x = y. Lengths in um, mm, cm or m. With several planes, only the
+    /// part in front of all of them is removed
+    #[arg(long, value_name = "PLANE", value_parser = units::plane, value_delimiter = ';', allow_hyphen_values = true)]
+    pub(in crate::cli) cut: Vec<Plane>,
+}
+
+/// Options of `section`.
+#[derive(Clone, Debug, Args)]
+pub(in crate::cli) struct SectionArgs {
+    /// The sections.bin file of a model
+    #[arg(value_name = "FILE")]
+    pub(in crate::cli) file: PathBuf,
+    /// Index of the section, from 0 at the isthmus end
+    #[arg(long, value_name = "K")]
+    pub(in crate::cli) index: u32,
+    /// Directory for the picture (section-K.png or section-K-labels.png); or the picture itself, if
+    /// PATH ends in .png
+    #[arg(long, value_name = "PATH", default_value = ".")]
+    pub(in crate::cli) out: PathBuf,
+    /// Longer side of the picture, pixels
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(32..=i64::from(MAX_SIZE)), default_value_t = 1024)]
+    pub(in crate::cli) size: u32,
+    /// Write the tissue label of each pixel as a grey value instead of a stained picture: 0
+    /// outside, 1 lumen, 2 epithelium, 3 lamina propria, 4 circular muscle, 5 longitudinal muscle,
+    /// 6 serosa
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(in crate::cli) labels: bool,
+    #[command(flatten)]
+    pub(in crate::cli) layers: LayerArgs,
+}
+
+/// Heights of the tissue layers in pictures.
+#[derive(Clone, Debug, Args)]
+pub(in crate::cli) struct LayerArgs {
+    /// Height of the epithelium, µm [default: the value of the model's preset]
+    #[arg(long, value_name = "UM")]
+    pub(in crate::cli) epithelium_um: Option<f64>,
+    /// Minimum thickness of the lamina propria under the epithelium, µm [default: the value of the
+    /// model's preset]
+    #[arg(long, value_name = "UM")]
+    pub(in crate::cli) lamina_um: Option<f64>,
+    /// Fraction of the muscle that is the longitudinal layer, 0 to 1 [default: the value of the
+    /// model's preset]
+    #[arg(long, value_name = "SHARE")]
+    pub(in crate::cli) longitudinal_share: Option<f64>,
+    /// Thickness of the serosa, µm [default: the value of the model's preset]
+    #[arg(long, value_name = "UM")]
+    pub(in crate::cli) serosa_um: Option<f64>,
+}
+
+/// Options of `cut`.
+#[derive(Clone, Debug, Args)]
+#[command(group = clap::ArgGroup::new("place").required(true).multiple(true).args(["z_um", "origin_um", "normal"]))]
+pub(in crate::cli) struct CutArgs {
+    /// Surface of the tissue: glTF (.glb, .gltf), OBJ, STL, PLY or VTP
+    #[arg(value_name = "FILE")]
+    pub(in crate::cli) file: PathBuf,
+    /// Position along the tube of a plane across it, µm; along the centre line if the tube is bent
+    #[arg(long, value_name = "Z", allow_hyphen_values = true, conflicts_with_all = ["origin_um", "normal"])]
+    pub(in crate::cli) z_um: Option<f64>,
+    /// Report of the model, whose spec contains the course of a bent tube [default: report.json
+    /// next to FILE, if it exists]
+    #[arg(long, value_name = "FILE", requires = "z_um")]
+    pub(in crate::cli) report: Option<PathBuf>,
+    /// Point on the plane, µm
+    #[arg(long, value_name = "X,Y,Z", value_parser = triple, allow_hyphen_values = true, requires = "normal")]
+    pub(in crate::cli) origin_um: Option<[f64; 3]>,
+    /// Normal of the plane, of any length
+    #[arg(long, value_name = "X,Y,Z", value_parser = triple, allow_hyphen_values = true, requires = "origin_um")]
+    pub(in crate::cli) normal: Option<[f64; 3]>,
+    /// File for the cut: .json (rings and areas), .svg (a drawing) or .png (a stained picture, or
+    /// tissue labels with --labels) [default: none; areas and islands are printed]
+    #[arg(long, value_name = "PATH")]
+    pub(in crate::cli) out: Option<PathBuf>,
+    /// Longer side of a .png, pixels
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(32..=i64::from(MAX_SIZE)), default_value_t = 1024)]
+    pub(in crate::cli) size: u32,
+    /// For a .png: write the tissue label of each pixel as a grey value instead of a stained
+    /// picture: 0 outside, 1 lumen, 2 epithelium, 3 lamina propria, 4 circular muscle, 5
+    /// longitudinal muscle, 6 serosa
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(in crate::cli) labels: bool,
+    /// Preset of the model, for the heights of its tissue layers
+    #[arg(long, value_name = "NAME", default_value = crate::spec::DEFAULT_PRESET)]
+    pub(in crate::cli) preset: String,
+    #[command(flatten)]
+    pub(in crate::cli) layers: LayerArgs,
+}
+
+fn triple(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
+    numbers.and_then(|numbers| numbers.try_into().ok()).ok_or_else(|| "must be three numbers, x,y,z".into())
+}
+
+/// Options of `measure`.
+#[derive(Clone, Debug, Args)]
+pub(in crate::cli) struct MeasureArgs {
+    /// PNG of one whole section, grey or with a palette: a mask or a label image
+    #[arg(value_name = "IMAGE")]
+    pub(in crate::cli) image: PathBuf,
+    /// Side length of a pixel, 0.05 to 100 µm
+    #[arg(long, value_name = "UM")]
+    pub(in crate::cli) pixel_um: f64,
+    /// Pixel values that are tissue, separated by commas: grey values or palette indices [default:
+    /// all except 0]
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    pub(in crate::cli) tissue: Vec<u8>,
+    /// Print one JSON object with the settings and the value of each quantity
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(in crate::cli) json: bool,
+}

@@ -1,0 +1,102 @@
+//! Options that several commands have.
+
+use crate::cli::remote::Key;
+use crate::cli::units;
+use crate::generate::{Backend, Output, Outputs};
+use crate::model::{BodyKind, LengthUnit};
+use clap::builder::FalseyValueParser;
+use clap::{Args, ValueEnum};
+use std::path::PathBuf;
+
+/// Spec and seed of a model.
+#[derive(Clone, Debug, Args)]
+pub struct SpecArgs {
+    /// Preset to start from; see `oviduct presets`
+    #[arg(long, value_name = "NAME", default_value = "pig")]
+    pub(in crate::cli) preset: String,
+    /// Seed of the random numbers, 0 to 2^53 - 1 [default: random]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..1 << 53))]
+    pub(in crate::cli) seed: Option<u64>,
+    /// JSON file with a merge patch on the preset; `-` reads stdin
+    #[arg(long, value_name = "FILE")]
+    pub(in crate::cli) spec: Option<PathBuf>,
+    /// Value of one parameter of the spec, as JSON or a plain string, such as collision.gap_um=30;
+    /// may be repeated
+    #[arg(long, value_name = "A.B=V", value_delimiter = ';')]
+    pub(in crate::cli) set: Vec<String>,
+}
+
+/// Model to grow.
+#[derive(Clone, Debug, Args)]
+pub(in crate::cli) struct ModelArgs {
+    #[command(flatten)]
+    pub(in crate::cli) of: SpecArgs,
+    /// Backend that computes the model: auto, gpu, cpu or cpu-single
+    #[arg(long, value_parser = units::named::<Backend>, default_value = "auto")]
+    pub(in crate::cli) backend: Backend,
+    /// Formats of the model, separated by commas: glb, gltf, obj, stl, stl-ascii, ply, vtp,
+    /// centreline, lod, labels. sections.bin, report.json and, by `generate`, manifest.json are
+    /// always written
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = units::named::<Output>, default_value = "glb,lod")]
+    outputs: Vec<Output>,
+    /// Bodies whose surfaces are written, separated by commas: tissue (model.*), lumen (lumen.*),
+    /// regions (both, with one common wall: regions.*)
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = units::named::<BodyKind>, default_value = "tissue")]
+    bodies: Vec<BodyKind>,
+    /// Unit of coordinates: m, mm or um; glTF always uses metres [default: m in OBJ, mm in STL,
+    /// PLY, VTP and the centre line]
+    #[arg(long, value_name = "UNIT", value_parser = units::named::<LengthUnit>)]
+    units: Option<LengthUnit>,
+}
+
+impl ModelArgs {
+    /// Files to write.
+    pub(in crate::cli) fn outputs(&self) -> Outputs {
+        Outputs { formats: self.outputs.clone(), bodies: self.bodies.clone(), units: self.units }
+    }
+}
+
+/// Selection of GPUs.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct GpuArgs {
+    /// Use of GPUs
+    #[arg(long, value_name = "WHEN", value_enum, default_value_t = GpuUse::Auto)]
+    pub gpu: GpuUse,
+    /// Also use software adapters, which compute on the CPU (Mesa's llvmpipe); slow, for tests
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub allow_software_adapter: bool,
+}
+
+/// Use of GPUs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum GpuUse {
+    /// All GPUs of this machine.
+    Auto,
+    /// No GPU.
+    Off,
+}
+
+/// Location of the job store.
+#[derive(Clone, Debug, Args)]
+pub(in crate::cli) struct DatabaseArgs {
+    /// Directory for the database, the artifacts and the scratch directory, unless these are set
+    /// separately
+    #[arg(long, value_name = "DIR", default_value = "data")]
+    pub(in crate::cli) data: PathBuf,
+    /// Database of the job store: `postgres://USER:PASSWORD@HOST/NAME`, `sqlite:PATH` or a path
+    /// [default: DATA/oviduct.db]
+    #[arg(long, value_name = "URL")]
+    pub(in crate::cli) database: Option<String>,
+}
+
+/// Address of a service and the API key for it.
+#[derive(Clone, Debug, Args)]
+pub(in crate::cli) struct RemoteArgs {
+    /// Address of the service
+    #[arg(long, value_name = "URL", default_value = "http://127.0.0.1:8080")]
+    pub(in crate::cli) url: String,
+    /// API key, sent as `Authorization: Bearer`. Other users of this machine can see command lines,
+    /// so prefer the variable OVIDUCT_KEY [default: none]
+    #[arg(long, value_name = "SECRET")]
+    pub(in crate::cli) key: Option<Key>,
+}

@@ -1,0 +1,164 @@
+//! `oviduct compare`: models of several seeds beside published anatomy, as Markdown tables or JSON.
+
+use crate::cli::args::CompareArgs;
+use crate::cli::exit::{Ended, Failure};
+use crate::cli::scratch::Scratch;
+use crate::cli::{interrupt, term};
+use crate::generate::{Backend, CancelToken, Findings, Request, generate};
+use crate::measure::comparison::{Compared, Verdict};
+use crate::measure::morphometry::QUANTITIES;
+use crate::spec::{ModelSpec, Preset, preset, presets};
+use anyhow::{Context, anyhow};
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+
+/// Regions in the tables of quantities.
+const REGIONS: [&str; 3] = ["isthmus", "junction", "ampulla"];
+
+pub(in crate::cli) async fn run(args: CompareArgs) -> Ended {
+    let unknown = args.presets.iter().find(|name| preset(name).is_none());
+    if let Some(name) = unknown {
+        let known: Vec<&str> = presets().iter().map(|preset| preset.name.as_str()).collect();
+        return Err(Failure::usage(format!("--preset {name}: the presets are {}", known.join(", "))));
+    }
+    let cancel = CancelToken::default();
+    let bar = term::Bar::on_stderr();
+    let mut task = tokio::task::spawn_blocking({
+        let (args, cancel, bar) = (args.clone(), cancel.clone(), bar.clone());
+        move || {
+            let of = args.presets.iter().filter_map(|name| preset(name));
+            of.map(|preset| Ok((preset, grown(preset, &args, &bar, &cancel)?))).collect::<anyhow::Result<Vec<_>>>()
+        }
+    });
+    let grown = tokio::select! {
+        done = &mut task => done,
+        () = interrupt::asked_to_stop() => {
+            cancel.cancel();
+            let _ = task.await;
+            bar.clear();
+            return Err(Failure::Interrupted);
+        }
+    };
+    bar.clear();
+    let grown = grown.context("growing panicked")??;
+    if args.json {
+        let all: Vec<Value> = grown.iter().map(|(preset, models)| document(preset, models)).collect();
+        term::print_json(&all)?;
+    } else {
+        let tables: Vec<String> = grown.iter().map(|(preset, models)| markdown(preset, models)).collect();
+        term::print(tables.join("\n").trim_end())?;
+    }
+    Ok(())
+}
+
+/// A model: its seed and what was found out about it.
+type Model = (u64, Findings);
+
+fn grown(preset: &Preset, args: &CompareArgs, bar: &term::Bar, cancel: &CancelToken) -> anyhow::Result<Vec<Model>> {
+    let spec = ModelSpec::resolve(preset, &json!({})).map_err(|_| anyhow!("the preset {} is invalid", preset.name))?;
+    let seeds = args.seeds.clone();
+    let count = seeds.end() - seeds.start() + 1;
+    let models = seeds.enumerate().map(|(i, seed)| {
+        bar.show(&preset.name, i as f64 / count as f64, format!("seed {seed}"));
+        // Nothing of a model is kept but its findings.
+        let scratch = Scratch::new(&std::env::temp_dir())?;
+        let request = Request {
+            preset: preset.name.clone(),
+            spec: spec.clone(),
+            seed,
+            backend: Backend::Cpu,
+            outputs: Vec::new().into(),
+            dir: scratch.dir().to_owned(),
+            memory_limit_bytes: None,
+        };
+        let outcome = generate(&request, &(), cancel).with_context(|| format!("{}, seed {seed}", preset.name))?;
+        Ok((seed, outcome.findings))
+    });
+    models.collect()
+}
+
+/// Mean and standard deviation between models.
+fn spread(values: &[f64]) -> (f64, f64) {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let squares: f64 = values.iter().map(|x| (x - mean).powi(2)).sum();
+    (mean, if values.len() > 1 { (squares / (n - 1.0)).sqrt() } else { 0.0 })
+}
+
+/// What is published of one measure, and the models beside it.
+fn rows(models: &[Model]) -> Vec<(&Compared, Vec<f64>, usize)> {
+    let compared = |model: &'_ Model| model.1.comparison.as_ref().map(|c| &c.compared).into_iter().flatten().count();
+    let count = models.first().map_or(0, compared);
+    let of = |k: usize| models.iter().filter_map(move |m| m.1.comparison.as_ref()?.compared.get(k));
+    (0..count)
+        .filter_map(|k| {
+            let values = of(k).filter_map(|c| c.measured).collect();
+            let inside = of(k).filter(|c| c.verdict == Verdict::Inside).count();
+            Some((of(k).next()?, values, inside))
+        })
+        .collect()
+}
+
+/// A quantity in a region, model by model: the mean along the region, or the median of counts that are orders.
+fn values(models: &[Model], quantity: &str, region: &str) -> Vec<f64> {
+    let along = |model: &Model| Some(*model.1.morphometry.regions.get(region)?.quantities.get(quantity)?);
+    let of = |along: crate::measure::morphometry::Along| {
+        if quantity == "branching_order" { along.median } else { along.mean }
+    };
+    models.iter().filter_map(along).map(of).collect()
+}
+
+fn number(value: f64) -> String {
+    let digits = if value == 0.0 { 0 } else { (2 - value.abs().log10().floor() as i32).clamp(0, 4) };
+    format!("{value:.*}", digits as usize)
+}
+
+fn markdown(preset: &Preset, models: &[Model]) -> String {
+    let mut text = format!("### Preset `{}`, {} seeds\n\n", preset.name, models.len());
+    text += "| measure | region | published | range | models, mean ± SD | inside | source |\n|---|---|---|---|---|---|---|\n";
+    for (published, values, inside) in rows(models) {
+        let (mean, sd) = spread(&values);
+        let optional = |x: Option<f64>| x.map_or_else(|| "–".into(), number);
+        let sd_published = published.sd.map(|sd| format!(" ± {}", number(sd))).unwrap_or_default();
+        let range = match (published.low, published.high) {
+            (None, None) => "–".to_owned(),
+            (low, high) => format!("{} to {}", optional(low), optional(high)),
+        };
+        let inside = if published.low.is_none() && published.high.is_none() {
+            "–".to_owned()
+        } else {
+            format!("{inside} of {}", models.len())
+        };
+        let _ = writeln!(
+            text,
+            "| `{}` | {} | {}{sd_published} | {range} | {} ± {} | {inside} | {} |",
+            published.quantity,
+            published.region,
+            optional(published.value),
+            number(mean),
+            number(sd),
+            published.source,
+        );
+    }
+    text += "\n| quantity | isthmus | junction | ampulla |\n|---|---|---|---|\n";
+    for quantity in QUANTITIES {
+        let _ = write!(text, "| `{}` |", quantity.name);
+        for region in REGIONS {
+            let (mean, sd) = spread(&values(models, quantity.name, region));
+            let cell = if mean.is_finite() { format!("{} ± {}", number(mean), number(sd)) } else { "–".into() };
+            let _ = write!(text, " {cell} |");
+        }
+        text.push('\n');
+    }
+    text
+}
+
+fn document(preset: &Preset, models: &[Model]) -> Value {
+    let models: Vec<Value> = models
+        .iter()
+        .map(|(seed, findings)| {
+            json!({ "seed": seed, "means": findings.morphometry.means(), "comparison": findings.comparison })
+        })
+        .collect();
+    json!({ "preset": preset.name, "models": models })
+}

@@ -1,0 +1,184 @@
+//! `oviduct generate`: grows one model in this process. Its files appear together, once it is certified.
+
+use super::report;
+use crate::cli::args::{GenerateArgs, GpuArgs};
+use crate::cli::exit::{Ended, Failure};
+use crate::cli::interrupt::Signals;
+use crate::cli::scratch::Scratch;
+use crate::cli::{gpu, model, term, units};
+use crate::generate::{
+    CancelToken, FileOutput, GenerateError, MANIFEST, Manifest, Origin, Outcome, Progress, Request, Sink,
+};
+use crate::model::Section;
+use anyhow::Context;
+use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
+use std::path::{Path, PathBuf};
+
+pub(in crate::cli) async fn run(args: GenerateArgs) -> Ended {
+    let (preset, spec) = model::resolve(&args.model.of)?;
+    // Before the scratch directory exists, which a signal would leave behind.
+    let mut signals = Signals::listen();
+    let scratch = Scratch::new(&args.out).with_context(|| format!("--out {}", args.out.display()))?;
+    let request = Request {
+        preset: preset.name.clone(),
+        seed: model::seed(&args.model.of),
+        spec,
+        backend: args.model.backend,
+        outputs: args.model.outputs(),
+        dir: scratch.dir().to_owned(),
+        memory_limit_bytes: args.memory_limit,
+    };
+    let (mut outcome, fallback, request) = grow(request, args.gpu, &mut signals).await?;
+    let manifest = manifest(&request, &outcome, scratch.dir()).context(MANIFEST)?;
+    outcome.files.push(manifest);
+    let publish = |name: &str| scratch.publish(name).with_context(|| name.to_owned());
+    let page = if args.report {
+        let dir = scratch.dir().to_owned();
+        let html = tokio::task::spawn_blocking(move || report::page(&dir)).await.context("drawing panicked")??;
+        std::fs::write(scratch.dir().join(report::NAME), &html).context(report::NAME)?;
+        Some(html.len())
+    } else {
+        None
+    };
+    let paths: Vec<PathBuf> = outcome.files.iter().map(|f| publish(&f.name)).collect::<anyhow::Result<_>>()?;
+    let page = page.map(|bytes| publish(report::NAME).map(|path| (path, bytes as u64))).transpose()?;
+    warn(&outcome);
+    if args.json {
+        let mut told = document(&request, &outcome, fallback.as_deref());
+        if page.is_some() {
+            told["page"] = report::NAME.into();
+        }
+        term::print_json(&told)?;
+        return Ok(());
+    }
+    for line in summary(&request, &outcome) {
+        term::print(&line)?;
+    }
+    if let Some(reason) = fallback {
+        term::print(&format!("grown on the CPU: {reason}"))?;
+    }
+    for (path, file) in paths.iter().zip(&outcome.files) {
+        term::print(&format!("{}  {}", path.display(), units::show_bytes(file.bytes)))?;
+    }
+    if let Some((path, bytes)) = page {
+        term::print(&format!("{}  {}", path.display(), units::show_bytes(bytes)))?;
+    }
+    Ok(())
+}
+
+/// Writes the manifest of the files of a model.
+fn manifest(request: &Request, outcome: &Outcome, dir: &Path) -> anyhow::Result<FileOutput> {
+    let digest = request.spec.digest(request.seed);
+    let origin = Origin {
+        engine: crate::ENGINE_VERSION,
+        preset: &request.preset,
+        seed: request.seed,
+        digest: &digest,
+        spec: request.spec.to_json(),
+    };
+    let text = serde_json::to_vec_pretty(&Manifest::new(origin, &request.outputs, &outcome.files))?;
+    std::fs::write(dir.join(MANIFEST), &text)?;
+    Ok(FileOutput {
+        name: MANIFEST.to_owned(),
+        media_type: "application/json".to_owned(),
+        bytes: text.len() as u64,
+        sha256: hex::encode(Sha256::digest(&text)),
+    })
+}
+
+/// Grows a model on another thread and shows its progress; stops it when interrupted.
+pub async fn grow(
+    request: Request,
+    gpu: GpuArgs,
+    signals: &mut Signals,
+) -> Result<(Outcome, Option<String>, Request), Failure> {
+    let cancel = CancelToken::default();
+    let bar = term::Bar::on_stderr();
+    let task = tokio::task::spawn_blocking({
+        let (cancel, sink) = (cancel.clone(), Shown(bar.clone()));
+        move || (gpu::grow(&request, gpu, &sink, &cancel), request)
+    });
+    match signals.stoppable(task, &cancel, &bar).await?.context("the generation panicked")? {
+        (Ok((outcome, fallback)), request) => Ok((outcome, fallback, request)),
+        (Err(GenerateError::Cancelled), _) => Err(Failure::Interrupted),
+        (Err(error), _) => Err(error.into()),
+    }
+}
+
+/// Shows progress on stderr.
+struct Shown(term::Bar);
+
+impl Sink for Shown {
+    fn progress(&self, progress: &Progress) {
+        let stage = serde_json::to_value(progress.stage).ok().and_then(|v| v.as_str().map(str::to_owned));
+        let message = format!("step {} of {}, {} particles", progress.step, progress.steps, progress.particles);
+        self.0.show(&stage.unwrap_or_default(), progress.fraction, message);
+    }
+
+    fn section(&self, _: &Section) {}
+}
+
+/// Prints the warnings about poor growth to stderr.
+pub fn warn(outcome: &Outcome) {
+    for warning in warnings(outcome) {
+        let detail = warning["detail"].as_str().unwrap_or_default();
+        term::note(&format!("warning: {detail}"));
+    }
+}
+
+/// The warnings about poor growth, as objects with a `code` and a `detail`.
+fn warnings(outcome: &Outcome) -> &[Value] {
+    outcome.findings.summary.get("warnings").and_then(Value::as_array).map_or(&[], Vec::as_slice)
+}
+
+/// The output with `--json`.
+fn document(request: &Request, outcome: &Outcome, fallback: Option<&str>) -> Value {
+    let count = |name: &str| outcome.findings.summary.get(name).cloned().unwrap_or_default();
+    let file =
+        |file: &crate::generate::FileOutput| json!({ "name": file.name, "bytes": file.bytes, "sha256": file.sha256 });
+    json!({
+        "digest": request.spec.digest(request.seed),
+        "preset": request.preset,
+        "seed": request.seed,
+        "engine": crate::ENGINE_VERSION,
+        "backend": {
+            "requested": request.backend, "used": outcome.used, "device": outcome.device, "fallback": fallback,
+        },
+        "sections": count("sections"),
+        "sections_added": count("sections_added"),
+        "particles": count("particles"),
+        "vertices": count("vertices"),
+        "triangles": count("triangles"),
+        "seconds": outcome.seconds,
+        "peak_rss_bytes": term::peak_rss_bytes(),
+        "files": outcome.files.iter().map(file).collect::<Vec<_>>(),
+        "warnings": warnings(outcome),
+        "certificate": outcome.findings.certificate,
+        "summary": outcome.findings.summary,
+    })
+}
+
+/// The output without `--json`.
+fn summary(request: &Request, outcome: &Outcome) -> [String; 3] {
+    let (of, proof, seconds) = (&outcome.findings.summary, &outcome.findings.certificate, &outcome.seconds);
+    let gap = proof["min_gap_um"].as_f64().map(|gap| format!("; minimum gap {gap:.2} µm")).unwrap_or_default();
+    [
+        format!(
+            "{}, seed {}: {} sections ({} added), {} to {} particles, {} vertices, {} triangles",
+            request.preset,
+            request.seed,
+            of["sections"],
+            of["sections_added"],
+            of["particles"]["start"],
+            of["particles"]["end"],
+            of["vertices"],
+            of["triangles"],
+        ),
+        format!("certified: closed, manifold, oriented, Euler number {}, no triangles intersect{gap}", proof["euler"]),
+        format!(
+            "{:.1} s: simulate {:.1}, mesh {:.1}, certify {:.1}, export {:.1}",
+            seconds.total, seconds.simulate, seconds.mesh, seconds.certify, seconds.export,
+        ),
+    ]
+}

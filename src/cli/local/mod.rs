@@ -1,0 +1,12 @@
+//! Commands that work on this machine without a service: they grow models and read files.
+
+pub(super) mod check;
+pub(super) mod compare;
+pub(super) mod convert;
+pub(super) mod cut;
+pub(super) mod fit;
+pub mod generate;
+pub(super) mod measure;
+pub mod render;
+pub(super) mod report;
+pub(super) mod section;

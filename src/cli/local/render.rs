@@ -1,0 +1,125 @@
+//! `oviduct render`: pictures of the surface in any file that `oviduct check` reads, and of stored sections.
+
+use crate::cli::args::RenderArgs;
+use crate::cli::exit::{Ended, Failure};
+use crate::cli::scratch::Scratch;
+use crate::cli::{interrupt, term};
+use crate::export::read::{Surface, read_surface};
+use crate::model::{BodyKind, Mesh, Patch, PatchKind};
+use crate::preview;
+use crate::render::mesh_png;
+use anyhow::Context;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+pub(in crate::cli) async fn run(args: RenderArgs) -> Ended {
+    let (dir, names) = targets(&args.files, &args.out)?;
+    if args.elevation.is_some_and(|degrees| !(-89.0..=89.0).contains(&degrees)) {
+        return Err(Failure::usage("--elevation: must be from -89 to 89"));
+    }
+    if args.azimuth.is_some_and(|degrees| !degrees.is_finite()) {
+        return Err(Failure::usage("--azimuth: must be a number of degrees"));
+    }
+    let args = Arc::new(args);
+    let mut all_drawn = true;
+    for (file, name) in args.files.clone().into_iter().zip(names) {
+        let args = Arc::clone(&args);
+        let shown = file.display().to_string();
+        // Nothing is written meanwhile, so an interrupt need not wait for the threads that draw.
+        let picture = tokio::select! {
+            done = tokio::task::spawn_blocking(move || draw(&file, &args)) => done.context("drawing panicked")?,
+            () = interrupt::asked_to_stop() => return Err(Failure::Interrupted),
+        };
+        match picture {
+            Ok(png) => {
+                let save = || {
+                    let scratch = Scratch::new(&dir)?;
+                    std::fs::write(scratch.dir().join(&name), png)?;
+                    scratch.publish(&name)
+                };
+                let path = save().with_context(|| format!("writing {} failed", dir.join(&name).display()))?;
+                term::print(&format!("{shown}: {}", path.display()))?;
+            }
+            Err(error) => {
+                all_drawn = false;
+                term::print(&format!("{shown}: cannot be drawn: {error:#}"))?;
+            }
+        }
+    }
+    if all_drawn { Ok(()) } else { Err(Failure::Negative) }
+}
+
+/// The directory of the pictures, and the name of each.
+fn targets(files: &[PathBuf], out: &Path) -> Result<(PathBuf, Vec<String>), Failure> {
+    if out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
+        let name = out.file_name().and_then(|name| name.to_str());
+        let ([_], Some(name)) = (files, name) else {
+            return Err(Failure::usage(format!("--out {}: one picture for several files", out.display())));
+        };
+        let dir = out.parent().filter(|dir| !dir.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        return Ok((dir.to_owned(), vec![name.to_owned()]));
+    }
+    let mut first: BTreeMap<String, &Path> = BTreeMap::new();
+    let mut names = Vec::new();
+    for file in files {
+        let name = format!("{}.png", file.file_stem().unwrap_or_default().to_string_lossy());
+        if let Some(other) = first.insert(name.clone(), file) {
+            let (file, other) = (file.display(), other.display());
+            return Err(Failure::usage(format!("{other} and {file}: both pictures would be {name}")));
+        }
+        names.push(name);
+    }
+    Ok((out.to_owned(), names))
+}
+
+fn draw(file: &Path, args: &RenderArgs) -> anyhow::Result<Vec<u8>> {
+    let mesh = if file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("bin")) {
+        preview::surface(BufReader::new(File::open(file)?), args.view, args.size)?
+    } else {
+        mesh(read_surface(file)?)
+    };
+    let mut view = args.view.of(&mesh, args.size);
+    view.azimuth_deg = args.azimuth.unwrap_or(view.azimuth_deg);
+    view.elevation_deg = args.elevation.unwrap_or(view.elevation_deg);
+    if !args.cut.is_empty() {
+        view.cut.clone_from(&args.cut);
+    }
+    Ok(mesh_png(&mesh, &view)?)
+}
+
+/// A surface in metres; its groups with the names of patches are these patches.
+pub fn mesh(surface: Surface) -> Mesh {
+    let metres = surface.unit.metres();
+    Mesh {
+        body: BodyKind::Tissue,
+        positions: surface.positions.iter().map(|p| p.map(|x| (x * metres) as f32)).collect(),
+        triangles: surface.triangles,
+        patches: surface
+            .groups
+            .into_iter()
+            .filter_map(|group| Some(Patch { kind: PatchKind::named(&group.name)?, triangles: group.triangles }))
+            .collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_are_named_like_the_files_or_as_asked() {
+        let paths = |names: &[&str]| names.iter().map(PathBuf::from).collect::<Vec<_>>();
+        let found = |files: &[&str], out: &str| targets(&paths(files), Path::new(out));
+        assert_eq!(
+            found(&["a/x.glb", "y.tar.stl"], "dir").unwrap(),
+            ("dir".into(), vec!["x.png".into(), "y.tar.png".into()])
+        );
+        assert_eq!(found(&["a/x.glb"], "p.png").unwrap(), (".".into(), vec!["p.png".into()]));
+        assert_eq!(found(&["a/x.glb"], "d/p.PNG").unwrap(), ("d".into(), vec!["p.PNG".into()]));
+        assert!(matches!(found(&["x.glb", "y.glb"], "p.png"), Err(Failure::Usage(_))));
+        assert!(matches!(found(&["a/x.glb", "b/x.obj"], "."), Err(Failure::Usage(_))));
+    }
+}

@@ -1,0 +1,72 @@
+//! `oviduct report`: the report of a model as one HTML page, from its `report.json` and `sections.bin`, and its
+//! surface if that leans.
+
+use crate::cli::args::ReportArgs;
+use crate::cli::exit::Ended;
+use crate::cli::scratch::Scratch;
+use crate::cli::{interrupt, term};
+use crate::export::convert::Converted;
+use crate::export::read::read_surface;
+use crate::export::sections_bin::SectionsReader;
+use crate::model::{Body, Section};
+use crate::preview;
+use crate::report::{self, Strip};
+use anyhow::Context;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+/// Name of the page.
+pub(in crate::cli) const NAME: &str = "report.html";
+
+pub(in crate::cli) async fn run(args: ReportArgs) -> Ended {
+    let dir = args.dir.clone();
+    // Nothing is written meanwhile, so an interrupt need not wait for the threads that draw.
+    let html = tokio::select! {
+        done = tokio::task::spawn_blocking(move || page(&dir)) => done.context("drawing panicked")??,
+        () = interrupt::asked_to_stop() => return Err(crate::cli::exit::Failure::Interrupted),
+    };
+    let to = args.out.unwrap_or_else(|| args.dir.join(NAME));
+    let folder = to.parent().filter(|dir| !dir.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let name = to.file_name().and_then(|name| name.to_str()).context("--out: not the name of a file")?;
+    let save = || {
+        let scratch = Scratch::new(folder)?;
+        std::fs::write(scratch.dir().join(name), html)?;
+        scratch.publish(name)
+    };
+    let path = save().with_context(|| format!("writing {} failed", to.display()))?;
+    term::print(&path.display().to_string())?;
+    Ok(())
+}
+
+/// The page of the model in a directory.
+pub(in crate::cli) fn page(dir: &Path) -> anyhow::Result<String> {
+    let (json, bin) = (dir.join("report.json"), dir.join("sections.bin"));
+    let stored = std::fs::read(&json).with_context(|| json.display().to_string())?;
+    let open = || File::open(&bin).map(BufReader::new).with_context(|| bin.display().to_string());
+    let mut reader = SectionsReader::open(open()?).with_context(|| bin.display().to_string())?;
+    let z: Vec<f64> = reader.entries().iter().map(|entry| entry.z_um).collect();
+    let chosen = report::strip(&z);
+    let places: Vec<f64> = chosen.iter().map(|&k| z[k]).collect();
+    let spec = report::spec(&stored);
+    let strip = match body(dir, &stored)?.and_then(|body| Strip::of_cuts(&body, &places, &spec)) {
+        Some(strip) => strip,
+        None => {
+            let read = chosen.into_iter().map(|k| reader.section(k)).collect::<Result<Vec<Section>, _>>();
+            Strip::of_sections(&read?)
+        }
+    };
+    let tube = preview::bent(preview::surface(open()?, report::VIEW, report::PICTURE)?, &spec);
+    Ok(report::html(&stored, &strip, &tube)?)
+}
+
+/// The surface of the tissue, if it leans and one of its files is in the directory.
+fn body(dir: &Path, report: &[u8]) -> anyhow::Result<Option<Body<'static>>> {
+    if !report::leans(report) {
+        return Ok(None);
+    }
+    let files = ["glb", "gltf", "ply", "vtp", "obj", "stl"].map(|ending| dir.join(format!("model.{ending}")));
+    let Some(file) = files.iter().find(|file| file.is_file()) else { return Ok(None) };
+    let surface = read_surface(file).with_context(|| file.display().to_string())?;
+    Ok(Some(Converted::in_its_unit(&surface).into_body()))
+}

@@ -1,0 +1,92 @@
+//! `oviduct section`: a stored cross section as a stained picture or as a label image.
+
+use crate::cli::args::{LayerArgs, SectionArgs};
+use crate::cli::exit::{Ended, Failure};
+use crate::cli::scratch::Scratch;
+use crate::cli::{interrupt, term};
+use crate::export::sections_bin::SectionsReader;
+use crate::render::{Slide, um_per_pixel};
+use crate::spec::{ModelSpec, preset, presets};
+use crate::tissue::Layers;
+use anyhow::Context;
+use serde_json::{Map, Value, json};
+use std::fs::File;
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+
+pub(in crate::cli) async fn run(args: SectionArgs) -> Ended {
+    let (dir, name) = target(&args.out, args.index, args.labels);
+    // Nothing is written meanwhile, so an interrupt need not wait for the threads that draw.
+    let drawn = tokio::select! {
+        done = tokio::task::spawn_blocking(move || draw(&args)) => done.context("drawing panicked")?,
+        () = interrupt::asked_to_stop() => return Err(Failure::Interrupted),
+    };
+    let png = drawn?;
+    let save = || {
+        let scratch = Scratch::new(&dir)?;
+        std::fs::write(scratch.dir().join(&name), &png)?;
+        scratch.publish(&name)
+    };
+    let path = save().with_context(|| format!("writing {} failed", dir.join(&name).display()))?;
+    let scale = um_per_pixel(&png).map(|um| format!("  {um:.4} µm per pixel")).unwrap_or_default();
+    term::print(&format!("{}{scale}", path.display()))?;
+    Ok(())
+}
+
+/// The directory and the name of the picture.
+fn target(out: &Path, index: u32, labels: bool) -> (PathBuf, String) {
+    let is_picture = out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
+    if let (true, Some(name)) = (is_picture, out.file_name().and_then(|name| name.to_str())) {
+        let dir = out.parent().filter(|dir| !dir.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        return (dir.to_owned(), name.to_owned());
+    }
+    let suffix = if labels { "-labels" } else { "" };
+    (out.to_owned(), format!("section-{index}{suffix}.png"))
+}
+
+fn draw(args: &SectionArgs) -> Result<Vec<u8>, Failure> {
+    let shown = args.file.display();
+    let file = File::open(&args.file).with_context(|| shown.to_string())?;
+    let mut reader = SectionsReader::open(BufReader::new(file)).with_context(|| shown.to_string())?;
+    if args.index as usize >= reader.len() {
+        let count = reader.len();
+        return Err(Failure::usage(format!("--index: {shown} has {count} sections; indices start at 0")));
+    }
+    let section = reader.section(args.index as usize).with_context(|| shown.to_string())?;
+    let header = reader.header();
+    let layers = layers(&header.preset, &args.layers)?;
+    let slide = Slide { borders: section.borders(), layers, seed: header.seed, index: args.index };
+    let drawn = if args.labels { slide.labels(args.size) } else { slide.stained(args.size) };
+    Ok(drawn.context("the section cannot be drawn")?)
+}
+
+/// The layers of a preset, changed by options, which are checked as a spec is.
+pub(super) fn layers(name: &str, args: &LayerArgs) -> Result<Layers, Failure> {
+    let given = [
+        ("epithelium_um", args.epithelium_um),
+        ("lamina_um", args.lamina_um),
+        ("longitudinal_share", args.longitudinal_share),
+        ("serosa_um", args.serosa_um),
+    ];
+    let given: Map<String, Value> =
+        given.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?.into()))).collect();
+    let preset = preset(name).unwrap_or(&presets()[0]);
+    match ModelSpec::resolve(preset, &json!({ "histology": given })) {
+        Ok(spec) => Ok(spec.histology.layers()),
+        Err(faults) => Err(Failure::Usage(faults.iter().map(|f| format!("{}: {}", f.pointer, f.detail)).collect())),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_are_named_as_asked_or_by_their_section() {
+        let found = |out: &str, labels| target(Path::new(out), 7, labels);
+        assert_eq!(found("a/x.png", true), ("a".into(), "x.png".into()));
+        assert_eq!(found("x.PNG", false), (".".into(), "x.PNG".into()));
+        assert_eq!(found("dir", false), ("dir".into(), "section-7.png".into()));
+        assert_eq!(found(".", true), (".".into(), "section-7-labels.png".into()));
+    }
+}

@@ -1,0 +1,183 @@
+//! Serves connections, with limits on their number and on the time that a client may take.
+//!
+//! A silent or slow client must not keep others out. A request must arrive in time. A response may take any time as long as
+//! the client receives it at a minimum rate (see `pace.rs`), so event streams and long downloads are not cut off.
+
+mod pace;
+
+use axum::Router;
+use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
+use hyper_util::server::conn::auto::Builder;
+use hyper_util::service::TowerToHyperService;
+use pace::Paced;
+use std::io;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::Semaphore;
+use tokio::time::timeout;
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+
+/// Time for the first byte of a connection to arrive. Clients usually send a request at once.
+const FIRST_TIME: Duration = Duration::from_secs(15);
+/// Time for the head of a request to arrive, and for the next request on a connection to begin. Longer than the minute
+/// for which load balancers keep idle connections, so that the service does not close one just as it is used again.
+const HEAD_TIME: Duration = Duration::from_secs(75);
+/// Descriptors that a process commonly has, if its limit is unknown.
+const DESCRIPTORS: u64 = 1024;
+/// Most connections by default, however many descriptors there are.
+const MOST: usize = 10_000;
+/// Connections to an address for operators.
+const PROBES: usize = 64;
+/// Bytes of a response that wait in this process, and longest head of a request. More than the 64 KiB of the longest URI.
+const BUFFER: usize = 72 << 10;
+/// Pause after a failed accept. It fails as long as the process has no free descriptor.
+const PAUSE: Duration = Duration::from_millis(200);
+
+/// Limits of connections.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::cli) struct Connections {
+    /// Most at a time; others wait to be accepted.
+    pub(in crate::cli) most: usize,
+    /// Time for the first byte.
+    pub(in crate::cli) first_time: Duration,
+    /// Time for the head of a request.
+    pub(in crate::cli) head_time: Duration,
+    /// Time for which a connection may be blocked; see [`Paced::new`].
+    pub(in crate::cli) write_time: Duration,
+    /// Time after `shutdown` at which requests that have not ended are cut off; `None` for never.
+    pub(in crate::cli) grace: Option<Duration>,
+}
+
+impl Connections {
+    /// At most `most` connections; by default three quarters of the descriptors of the process, but at most 10,000. Half of
+    /// the other descriptors are for downloads ([`downloads`]), half for databases and files of workers.
+    pub(in crate::cli) fn new(most: Option<u32>, write_time: Duration) -> Self {
+        let default = || usize::try_from(descriptors() / 4 * 3).unwrap_or(usize::MAX).min(MOST);
+        let most = most.map_or_else(default, |most| most as usize).clamp(1, Semaphore::MAX_PERMITS);
+        Self { most, first_time: FIRST_TIME, head_time: HEAD_TIME, write_time, grace: None }
+    }
+
+    /// For a separate address for probes and metrics, which the clients of the others cannot exhaust.
+    pub(in crate::cli) fn for_probes() -> Self {
+        let time = FIRST_TIME;
+        Self { most: PROBES, first_time: time, head_time: HEAD_TIME, write_time: time, grace: None }
+    }
+
+    /// Cuts off requests that have not ended `grace` after `shutdown`.
+    #[must_use]
+    pub(in crate::cli) fn with_grace(self, grace: Duration) -> Self {
+        Self { grace: Some(grace), ..self }
+    }
+}
+
+/// Most downloads at a time: each holds a descriptor besides that of its connection.
+pub(in crate::cli) fn downloads() -> usize {
+    usize::try_from(descriptors() / 8).unwrap_or(usize::MAX).clamp(1, MOST)
+}
+
+/// How many descriptors the process may have.
+pub(in crate::cli) fn descriptors() -> u64 {
+    let limits = std::fs::read_to_string("/proc/self/limits").unwrap_or_default();
+    let soft = limits.lines().find_map(|line| line.strip_prefix("Max open files")?.split_whitespace().next());
+    soft.and_then(|text| text.parse().ok()).unwrap_or(DESCRIPTORS)
+}
+
+/// Serves until `shutdown` is cancelled, and then until the last request is answered or the grace is over.
+pub(in crate::cli) async fn serve(
+    listener: TcpListener,
+    router: Router,
+    limits: Connections,
+    shutdown: CancellationToken,
+) {
+    let places = Arc::new(Semaphore::new(limits.most));
+    let mut builder = Builder::new(TokioExecutor::new()).http1_only();
+    builder.http1().timer(TokioTimer::new()).header_read_timeout(limits.head_time).max_buf_size(BUFFER);
+    let open = TaskTracker::new();
+    let cut_off = CancellationToken::new();
+    loop {
+        let next = async {
+            let place = Arc::clone(&places).acquire_owned().await;
+            (listener.accept().await, place)
+        };
+        let accepted = tokio::select! {
+            accepted = next => accepted,
+            () = shutdown.cancelled() => break,
+        };
+        match accepted {
+            (Ok((stream, _)), Ok(place)) => {
+                let (builder, router, shutdown) = (builder.clone(), router.clone(), shutdown.clone());
+                let connection = async move {
+                    if speaks(&stream, limits.first_time, &shutdown).await {
+                        answer(builder, stream, limits.write_time, router, shutdown).await;
+                    }
+                    drop(place);
+                };
+                let cut_off = cut_off.clone();
+                open.spawn(async move { cut_off.run_until_cancelled(connection).await });
+            }
+            (Err(error), _) if is_of_one(&error) => {}
+            (Err(error), _) => {
+                tracing::error!(%error, "no connection can be accepted");
+                tokio::time::sleep(PAUSE).await;
+            }
+            (_, Err(_)) => break,
+        }
+    }
+    drop(listener);
+    open.close();
+    let Some(grace) = limits.grace else { return open.wait().await };
+    if timeout(grace, open.wait()).await.is_err() {
+        tracing::warn!(connections = open.len(), ?grace, "requests that have not ended are cut off");
+        cut_off.cancel();
+        open.wait().await;
+    }
+}
+
+/// Whether the error is of one connection only.
+fn is_of_one(error: &io::Error) -> bool {
+    matches!(
+        error.kind(),
+        io::ErrorKind::ConnectionRefused | io::ErrorKind::ConnectionAborted | io::ErrorKind::ConnectionReset
+    )
+}
+
+/// Whether the client sends something in time.
+async fn speaks(stream: &TcpStream, time: Duration, shutdown: &CancellationToken) -> bool {
+    let mut byte = [0];
+    tokio::select! {
+        first = timeout(time, stream.peek(&mut byte)) => matches!(first, Ok(Ok(1..))),
+        () = shutdown.cancelled() => false,
+    }
+}
+
+/// Answers the requests of one connection.
+async fn answer(
+    builder: Builder<TokioExecutor>,
+    stream: TcpStream,
+    write_time: Duration,
+    router: Router,
+    shutdown: CancellationToken,
+) {
+    // Events are small; they must not be delayed until more is to be sent.
+    if let Err(error) = stream.set_nodelay(true) {
+        tracing::trace!(%error, "small responses may be slow");
+    }
+    let stream = TokioIo::new(Paced::new(stream, write_time));
+    let connection = builder.serve_connection(stream, TowerToHyperService::new(router));
+    tokio::pin!(connection);
+    let ended = tokio::select! {
+        ended = &mut connection => ended,
+        () = shutdown.cancelled() => {
+            connection.as_mut().graceful_shutdown();
+            connection.await
+        }
+    };
+    if let Err(error) = ended {
+        tracing::trace!(%error, "a connection ended with an error");
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,176 @@
+//! `oviduct keys`: makes, lists, revokes and rotates the keys of clients, in the database itself.
+//!
+//! A secret is printed once, to stdout; all else goes to stderr.
+
+use super::{database, location};
+use crate::cli::args::{DatabaseArgs, Keys, KeysAddArgs, KeysListArgs, KeysRevokeArgs, KeysRotateArgs};
+use crate::cli::exit::{Ended, Failure};
+use crate::cli::term;
+use crate::jobs::keys::{Key, KeyLimits, NewKey, Secret};
+use crate::jobs::{Quota, Store, StoreError};
+use anyhow::Context;
+use jiff::{SignedDuration, Timestamp};
+use serde_json::{Value, json};
+use std::time::Duration;
+
+pub(in crate::cli) async fn run(keys: Keys) -> Ended {
+    match keys {
+        Keys::Add(args) => add(args).await,
+        Keys::List(args) => list(args).await,
+        Keys::Revoke(args) => revoke(args).await,
+        Keys::Rotate(args) => rotate(args).await,
+    }
+}
+
+async fn open(args: &DatabaseArgs) -> Result<Store, Failure> {
+    let database = database(args)?;
+    let opened = database.open_for_keys().await;
+    Ok(opened.with_context(|| format!("the job store {} could not be opened", location(&database)))?)
+}
+
+async fn read(store: &Store) -> Result<(Timestamp, Vec<Key>), Failure> {
+    Ok(store.keys().await.context("the keys could not be read")?)
+}
+
+async fn add(args: KeysAddArgs) -> Ended {
+    let store = open(&args.database).await?;
+    let (now, _) = read(&store).await?;
+    let secret = Secret::generate();
+    let life = args.expires.map(|life| SignedDuration::try_from(life).ok().and_then(|life| now.checked_add(life).ok()));
+    if life == Some(None) {
+        return Err(Failure::usage("--expires: is too long; leave it out for a key that never ends"));
+    }
+    let new = NewKey {
+        prefix: secret.prefix().to_owned(),
+        hash: secret.hash(),
+        owner: args.owner,
+        scopes: args.scopes.into_iter().collect(),
+        limits: KeyLimits { rate: args.rate, quota: Quota { unfinished: args.models, bytes: args.bytes } },
+        expires_at: life.flatten(),
+    };
+    let key = stored(store.add_key(new).await)?;
+    store.close().await;
+    show(&secret, &key, args.json)
+}
+
+fn stored(key: Result<Key, StoreError>) -> Result<Key, Failure> {
+    Ok(key.context("the key could not be stored")?)
+}
+
+/// Prints a new key, with its secret.
+fn show(secret: &Secret, key: &Key, as_json: bool) -> Ended {
+    key.audit_added();
+    if as_json {
+        let mut value = described(key, "active");
+        value["key"] = json!(secret.reveal());
+        term::print_json(&value)?;
+        return Ok(());
+    }
+    term::note(&format!("key of {} ({}); it is shown only this once:", key.owner, key.scopes));
+    Ok(term::print(secret.reveal())?)
+}
+
+async fn list(args: KeysListArgs) -> Ended {
+    let store = open(&args.database).await?;
+    let (now, keys) = read(&store).await?;
+    store.close().await;
+    if args.json {
+        let keys: Vec<Value> = keys.iter().map(|key| described(key, state(key, now))).collect();
+        return Ok(term::print_json(&keys)?);
+    }
+    let row = |cells: [&str; 6]| {
+        let [prefix, owner, scopes, state, created, limits] = cells;
+        format!("{prefix:<9} {owner:<20} {scopes:<18} {state:<9} {created:<21} {limits}").trim_end().to_owned()
+    };
+    term::print(&row(["PREFIX", "OWNER", "SCOPES", "STATE", "CREATED", "ENDS AND LIMITS"]))?;
+    for key in &keys {
+        let (scopes, created) = (key.scopes.to_string(), seconds(key.created_at));
+        term::print(&row([&key.prefix, key.owner.name(), &scopes, state(key, now), &created, &details(key)]))?;
+    }
+    Ok(())
+}
+
+/// `active`, `ending` (revoked from a later time on), `revoked` or `expired`.
+fn state(key: &Key, now: Timestamp) -> &'static str {
+    match (key.works_at(now), key.revoked_at) {
+        (true, None) => "active",
+        (true, Some(_)) => "ending",
+        (false, Some(at)) if at <= now => "revoked",
+        (false, _) => "expired",
+    }
+}
+
+fn seconds(at: Timestamp) -> String {
+    format!("{at:.0}")
+}
+
+fn details(key: &Key) -> String {
+    let Quota { unfinished, bytes } = key.limits.quota;
+    let end = key.expires_at.into_iter().chain(key.revoked_at).min();
+    let parts = [
+        end.map(|at| format!("ends {}", seconds(at))),
+        key.limits.rate.map(|rate| format!("{rate} requests/s")),
+        unfinished.map(|models| format!("{models} models")),
+        bytes.map(|bytes| format!("{bytes} bytes")),
+    ];
+    parts.into_iter().flatten().collect::<Vec<_>>().join(", ")
+}
+
+fn described(key: &Key, state: &str) -> Value {
+    let Quota { unfinished, bytes } = key.limits.quota;
+    json!({
+        "prefix": key.prefix, "owner": key.owner, "scopes": key.scopes, "state": state,
+        "created_at": key.created_at, "expires_at": key.expires_at, "revoked_at": key.revoked_at,
+        "limits": { "requests_per_second": key.limits.rate, "models": unfinished, "bytes": bytes },
+    })
+}
+
+/// The key of this prefix. A whole key is accepted too, since that is what people have at hand.
+async fn find(store: &Store, text: &str) -> Result<(Timestamp, Key), Failure> {
+    let (now, keys) = read(store).await?;
+    let secret = Secret::parse(text).ok();
+    let prefix = secret.as_ref().map_or(text, Secret::prefix);
+    let key = keys.into_iter().find(|key| key.prefix == prefix);
+    let key = key.ok_or_else(|| Failure::usage("there is no key of this prefix; `oviduct keys list` shows all"))?;
+    Ok((now, key))
+}
+
+async fn revoke(args: KeysRevokeArgs) -> Ended {
+    let store = open(&args.database).await?;
+    let (now, key) = find(&store, &args.prefix).await?;
+    if !key.works_at(now) {
+        term::note(&format!("the key {} had ended before", key.prefix));
+    }
+    end(&store, &key, Duration::ZERO).await?;
+    store.close().await;
+    Ok(())
+}
+
+async fn end(store: &Store, key: &Key, after: Duration) -> Result<(), Failure> {
+    store.revoke_key(&key.prefix, after).await.context("the key could not be revoked")?;
+    key.audit_revoked();
+    Ok(())
+}
+
+async fn rotate(args: KeysRotateArgs) -> Ended {
+    let store = open(&args.database).await?;
+    let (now, old) = find(&store, &args.prefix).await?;
+    if !old.works_at(now) {
+        return Err(Failure::usage(format!("the key {} has ended; `oviduct keys add` makes another", old.prefix)));
+    }
+    let secret = Secret::generate();
+    let new = NewKey {
+        prefix: secret.prefix().to_owned(),
+        hash: secret.hash(),
+        owner: old.owner.clone(),
+        scopes: old.scopes.clone(),
+        limits: old.limits,
+        expires_at: old.expires_at,
+    };
+    // First the new one: if the second step fails, both work, and the old one can be revoked again.
+    let key = stored(store.add_key(new).await)?;
+    show(&secret, &key, args.json)?;
+    end(&store, &old, args.overlap).await?;
+    store.close().await;
+    Ok(())
+}

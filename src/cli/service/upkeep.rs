@@ -1,0 +1,117 @@
+//! Periodic maintenance by `serve`: deletes models past their retention and files that no record names, queues jobs that wait
+//! for nothing, and reports the size of all files. Workers do none of it; of several `serve` processes over one store, one
+//! sweeps at a time.
+
+use crate::clock::Clock;
+use crate::jobs::Store;
+use crate::jobs::artifacts::Artifacts;
+use crate::jobs::sweep::{Retention, Sweeper};
+use crate::metrics::Metrics;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::task::JoinSet;
+
+/// Interval between sweeps by retention.
+const RETENTION_EVERY: Duration = Duration::from_secs(60);
+/// Interval between sums of the size of all files, which are only reported as a metric.
+const BYTES_EVERY: Duration = Duration::from_secs(15 * 60);
+/// Interval between looks for jobs that wait for an equal job that has ended.
+const STRANDED_EVERY: Duration = Duration::from_secs(60);
+/// Interval between sweeps of orphans.
+const ORPHANS_EVERY: Duration = Duration::from_secs(6 * 60 * 60);
+/// Minimum age of an orphan to be deleted if other processes may be uploading: longer than an upload and its commit take.
+const ORPHAN_AGE: Duration = Duration::from_secs(24 * 60 * 60);
+
+/// Maintenance tasks; dropping this stops them.
+pub(in crate::cli) struct Upkeep {
+    _tasks: JoinSet<()>,
+}
+
+/// The stores to maintain and the metrics to report to.
+#[derive(Clone)]
+pub(in crate::cli) struct UpkeepContext {
+    pub(in crate::cli) store: Store,
+    pub(in crate::cli) artifacts: Artifacts,
+    pub(in crate::cli) clock: Clock,
+    pub(in crate::cli) metrics: Metrics,
+    /// Whether other processes may use the same stores.
+    pub(in crate::cli) shared: bool,
+}
+
+impl Upkeep {
+    /// Starts the tasks. The first sweep of orphans deletes those older than [`ORPHAN_AGE`]; in stores that only this
+    /// process uses, all that are older than this call. Call it before any worker starts.
+    pub(in crate::cli) fn start(context: UpkeepContext, retention: Retention) -> Self {
+        let mut tasks = JoinSet::new();
+        let owner = uuid::Uuid::now_v7().to_string();
+        let sweeper = Arc::new(Sweeper::new(context.store.clone(), context.artifacts.clone(), owner));
+        let start = context.clock.now();
+        let first_age = if context.shared { ORPHAN_AGE } else { Duration::ZERO };
+        let (clock, orphans) = (context.clock.clone(), Arc::clone(&sweeper));
+        tasks.spawn(async move {
+            sweep_orphans(&orphans, start, first_age).await;
+            loop {
+                tokio::time::sleep(ORPHANS_EVERY).await;
+                sweep_orphans(&orphans, clock.now(), ORPHAN_AGE).await;
+            }
+        });
+        let store = context.store.clone();
+        tasks.spawn(async move {
+            loop {
+                match store.queue_stranded().await {
+                    Ok(jobs) if jobs.is_empty() => {}
+                    Ok(jobs) => tracing::info!(?jobs, "jobs waited for an equal job that had ended; they are queued"),
+                    Err(error) => tracing::warn!(%error, "jobs that wait for nothing could not be looked for"),
+                }
+                tokio::time::sleep(STRANDED_EVERY).await;
+            }
+        });
+        let expired = context.clone();
+        tasks.spawn(async move {
+            while retention != Retention::default() {
+                expired.sweep_expired(&sweeper, retention).await;
+                tokio::time::sleep(RETENTION_EVERY).await;
+            }
+        });
+        tasks.spawn(async move {
+            // With a limit on bytes, the sweep by retention reports the sum, and more often.
+            while retention.bytes.is_none() {
+                context.report_bytes().await;
+                tokio::time::sleep(BYTES_EVERY).await;
+            }
+        });
+        Self { _tasks: tasks }
+    }
+}
+
+impl UpkeepContext {
+    async fn sweep_expired(&self, sweeper: &Sweeper, retention: Retention) {
+        match sweeper.retain(retention).await {
+            Ok(Some(swept)) => {
+                self.metrics.removed(swept.removed);
+                if let Some(bytes) = swept.stored_bytes {
+                    self.metrics.set_stored_bytes(bytes);
+                }
+            }
+            // Another process sweeps.
+            Ok(None) if retention.bytes.is_some() => self.report_bytes().await,
+            Ok(None) => {}
+            Err(error) => tracing::warn!(%error, "models past their retention could not be deleted"),
+        }
+    }
+
+    async fn report_bytes(&self) {
+        match self.store.stored_bytes().await {
+            Ok(bytes) => self.metrics.set_stored_bytes(bytes),
+            Err(error) => tracing::warn!(%error, "the size of all files could not be summed"),
+        }
+    }
+}
+
+async fn sweep_orphans(sweeper: &Sweeper, now: jiff::Timestamp, age: Duration) {
+    match sweeper.sweep_orphans(now, age, ORPHANS_EVERY).await {
+        Ok(None | Some(0)) => {}
+        Ok(Some(files)) => tracing::info!(files, "orphaned files were deleted"),
+        Err(error) => tracing::warn!(%error, "orphaned files could not be deleted"),
+    }
+}
