@@ -1,7 +1,8 @@
-//! Sources of options, highest precedence first: command line, `OVIDUCT_…` variables, the file of `--config`, defaults.
+//! Sources of options, highest precedence first: command line, `OVIDUCT_…` variables, the file of
+//! `--config`, defaults.
 //!
-//! Every long option gets its variable here. Values of the file become defaults of the options, so that one parser checks
-//! the values of all sources.
+//! Every long option gets a variable. Values of the file become defaults of the options, so that
+//! one parser checks the values of all sources.
 
 use super::args::Cli;
 use super::exit::Failure;
@@ -45,7 +46,7 @@ pub(super) fn parse(args: impl IntoIterator<Item = OsString>) -> Result<Parsed, 
 /// Global options that take a value; `insert_default_command` skips them.
 const GLOBAL: [&str; 4] = ["--config", "--log", "--log-format", "--otlp-endpoint"];
 
-/// The file of `--config`, which is needed before the options can be parsed.
+/// Returns the file of `--config`, which is needed before the options can be parsed.
 fn config_path(args: &[OsString]) -> Option<std::path::PathBuf> {
     let mut args = args.iter().map_while(|a| (a != "--").then_some(a));
     while let Some(arg) = args.next() {
@@ -79,12 +80,12 @@ fn insert_default_command(args: &mut Vec<OsString>) {
     }
 }
 
-/// The variable of an option.
+/// Returns the variable of an option.
 fn variable(long: &str) -> String {
     format!("OVIDUCT_{}", long.replace('-', "_").to_ascii_uppercase())
 }
 
-/// Gives every option of every command its variable.
+/// Gives every option of every command its `OVIDUCT_…` variable.
 #[must_use]
 pub fn with_variables(command: clap::Command) -> clap::Command {
     let name = |arg: Arg| match arg.get_long().map(variable) {
@@ -113,7 +114,8 @@ fn with_file(mut command: clap::Command, text: &str) -> Result<clap::Command, Ve
     if faults.is_empty() { Ok(command) } else { Err(faults) }
 }
 
-/// Makes `value` the default of one option; adds to `faults` if there is no such option or the value does not fit.
+/// Makes `value` the default of one option. Adds a fault if there is no such option or the value
+/// has the wrong type.
 fn with_option(
     command: clap::Command,
     option: &str,
@@ -140,7 +142,7 @@ fn with_option(
     }
 }
 
-/// A TOML value as written on the command line; `None` for arrays, tables and dates.
+/// Returns a TOML value as written on the command line; `None` for arrays, tables and dates.
 fn plain(value: Value) -> Option<String> {
     match value {
         Value::String(text) => Some(text),

@@ -3,7 +3,7 @@
 use crate::jobs::with_causes;
 use std::process::ExitCode;
 
-/// Why a command failed.
+/// Failure of a command.
 #[derive(Debug)]
 pub enum Failure {
     /// Invalid usage or an invalid spec: one line for each fault. Exit code 2.
@@ -12,7 +12,7 @@ pub enum Failure {
     Failed(anyhow::Error),
     /// A negative result that was already printed to stdout. Exit code 1.
     Negative,
-    /// It was interrupted. Exit code 130.
+    /// Interrupted by a signal. Exit code 130.
     Interrupted,
 }
 
@@ -20,12 +20,12 @@ pub enum Failure {
 pub type Ended = Result<(), Failure>;
 
 impl Failure {
-    /// Invalid usage, with one fault.
+    /// Returns a failure by invalid usage with one fault.
     pub fn usage(line: impl Into<String>) -> Self {
         Self::Usage(vec![line.into()])
     }
 
-    /// Exit code, and the lines for stderr.
+    /// Returns the exit code and the lines for stderr.
     #[must_use]
     pub fn report(&self) -> (u8, Vec<String>) {
         match self {
@@ -38,7 +38,8 @@ impl Failure {
     }
 }
 
-/// Whether the reader of stdout closed it, as in `oviduct schema | head`, which is not a failure.
+/// Returns true if the reader of stdout closed it, as in `oviduct schema | head`. This is not a
+/// failure.
 fn is_broken_pipe(error: &anyhow::Error) -> bool {
     error.downcast_ref::<std::io::Error>().is_some_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
 }

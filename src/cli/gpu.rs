@@ -1,4 +1,4 @@
-//! The GPUs of this machine, as `--gpu` and `--allow-software-adapter` allow them.
+//! GPUs of this machine, selected by `--gpu` and `--allow-software-adapter`.
 
 use super::args::{GpuArgs, GpuUse};
 use crate::generate::{
@@ -8,14 +8,14 @@ use crate::sim::gpu::{GpuDevice, GpuError, GpuOptions, adapters};
 use crate::worker::GpuGenerator;
 use std::sync::{Mutex, PoisonError};
 
-/// The reason given if GPUs may not be used.
+/// Reason that is reported with `--gpu off`.
 const OFF: &str = "GPUs are switched off (--gpu off)";
 
 fn options(args: GpuArgs) -> GpuOptions {
     GpuOptions { allow_software: args.allow_software_adapter, ..GpuOptions::default() }
 }
 
-/// A generator for each GPU, or the reason why there is none.
+/// Returns a generator for each GPU, or the reason why there is none.
 pub(super) async fn generators(args: GpuArgs) -> Result<Vec<GpuGenerator>, String> {
     let found = match args.gpu {
         GpuUse::Off => Err(OFF.to_owned()),
@@ -45,8 +45,8 @@ pub fn best(args: GpuArgs) -> Result<GpuDevice, String> {
     Err(last.to_string())
 }
 
-/// Grows one model on the backend of the request. For `auto`, that is the best GPU if it can grow the model; else the CPU,
-/// and the reason is returned too.
+/// Grows one model on the backend of the request. For `auto`, this is the best GPU if it can grow
+/// the model, otherwise the CPU; the reason for the CPU is returned as well.
 ///
 /// # Errors
 /// [`GenerateError`].
@@ -74,7 +74,7 @@ pub(super) fn grow(
     Ok((generate(&request, sink, cancel)?, Some(reason)))
 }
 
-/// Grows one model on a GPU, as a batch of one.
+/// Grows one model on a GPU as a batch of one.
 fn alone(
     device: &GpuDevice,
     request: &Request,
@@ -92,13 +92,13 @@ fn alone(
     end.into_inner().unwrap_or_else(PoisonError::into_inner).expect("every member of a batch ends")
 }
 
-/// Restarts this process with `NODEVICE_SELECT=1`, so that listing adapters prints no errors. Returns if
-/// that is not necessary or fails. Call it before anything is opened.
+/// Restarts this process with `NODEVICE_SELECT=1`, so that listing adapters prints no errors.
+/// Returns if that is not necessary or fails. Call it before anything is opened.
 ///
 /// Mesa's device-select layer asks the Wayland compositor for its default GPU whenever adapters are
-/// listed. Without `XDG_RUNTIME_DIR`, as in containers and over ssh, libwayland prints several lines
-/// of errors to stderr. Only this variable switches the layer off, and a running process cannot set
-/// a variable safely.
+/// listed. Without `XDG_RUNTIME_DIR`, as in containers and over ssh, libwayland prints several
+/// lines of errors to stderr. Only this variable switches the layer off, and a running process
+/// cannot set a variable safely.
 #[cfg(target_os = "linux")]
 pub fn without_device_select() {
     use std::os::unix::process::CommandExt;

@@ -1,4 +1,4 @@
-//! Requests to stop: SIGINT (Ctrl-C) and SIGTERM.
+//! The signals that stop a command: SIGINT (Ctrl-C) and SIGTERM.
 
 use super::exit::Failure;
 use super::term::Bar;
@@ -7,7 +7,8 @@ use crate::generate::CancelToken;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::task::{JoinError, JoinHandle};
 
-/// Receives the signals from its creation on. A command that creates something to clean up listens before it does.
+/// Receives the signals that arrive after its creation. A command that has to clean up files
+/// creates it before the files.
 #[derive(Debug)]
 pub struct Signals {
     #[cfg(unix)]
@@ -15,7 +16,7 @@ pub struct Signals {
 }
 
 impl Signals {
-    /// From now on the signals do not end the process by default.
+    /// Starts to receive the signals. They then do not end the process by themselves.
     #[must_use]
     pub fn listen() -> Self {
         Self {
@@ -24,7 +25,8 @@ impl Signals {
         }
     }
 
-    /// Waits for a thread; a signal stops it at its next step, a second one does not wait for that.
+    /// Waits for a thread. A signal stops the thread at its next step; a second signal returns at
+    /// once.
     pub(super) async fn stoppable<T>(
         &mut self,
         mut thread: JoinHandle<T>,
@@ -58,7 +60,8 @@ impl Signals {
     }
 }
 
-/// Waits for the signal; forever if it cannot be received, since then it ends the process by default.
+/// Waits for the signal. Waits forever if it cannot be received, because it then ends the process
+/// by itself.
 #[cfg(unix)]
 async fn next(signal: &mut Option<Signal>) {
     let received = match signal {
@@ -70,7 +73,7 @@ async fn next(signal: &mut Option<Signal>) {
     }
 }
 
-/// Waits for a request to stop. After the first call the signals do not end the process by default.
+/// Waits for SIGINT or SIGTERM. After the first call they no longer end the process by themselves.
 pub(super) async fn asked_to_stop() {
     #[cfg(unix)]
     {
@@ -85,7 +88,8 @@ pub(super) async fn asked_to_stop() {
     ctrl_c().await;
 }
 
-/// Waits for Ctrl-C; forever if it cannot be received, since then it ends the process by default.
+/// Waits for Ctrl-C. Waits forever if it cannot be received, because it then ends the process by
+/// itself.
 async fn ctrl_c() {
     if tokio::signal::ctrl_c().await.is_err() {
         std::future::pending::<()>().await;

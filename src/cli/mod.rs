@@ -1,7 +1,7 @@
 //! The command line: parses options, connects the modules below, reports results and errors.
 //!
-//! Results go to stdout; logs, progress and errors to stderr. Exit codes: 0 success, 1 failure, 2 invalid usage or an
-//! invalid spec, 130 interrupted.
+//! Results go to stdout; logs, progress and errors to stderr. Exit codes: 0 success, 1 failure, 2
+//! invalid usage or an invalid spec, 130 interrupted.
 
 mod args;
 mod config;
@@ -41,7 +41,8 @@ use telemetry::Telemetry;
 /// Time for running threads to finish after a command has ended.
 const SHUTDOWN: Duration = Duration::from_secs(2);
 
-/// Runs the command given by the arguments (without the name of the program); returns the exit code.
+/// Runs the command given by the arguments (without the name of the program); returns the exit
+/// code.
 #[must_use]
 pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let cli = match config::parse(args) {

@@ -1,4 +1,4 @@
-//! From `--preset`, `--seed`, `--spec` and `--set` to a valid spec.
+//! Specs from the options `--preset`, `--seed`, `--spec` and `--set`.
 
 use super::args::SpecArgs;
 use super::exit::Failure;
@@ -6,10 +6,12 @@ use crate::spec::{self, ModelSpec, Preset};
 use serde_json::{Map, Value};
 use std::io::Read;
 
-/// The merge patch on the preset from `--spec` and `--set`; an empty object if neither is given.
+/// Returns the merge patch on the preset from `--spec` and `--set`; an empty object if neither is
+/// given.
 ///
 /// # Errors
-/// [`Failure::Usage`] if the file cannot be read or is not a JSON object, or an assignment has no `=`.
+/// [`Failure::Usage`] if the file cannot be read or is not a JSON object, or an assignment has no
+/// `=`.
 pub(super) fn patch(args: &SpecArgs) -> Result<Value, Failure> {
     let mut patch = match &args.spec {
         None => Value::Object(Map::new()),
@@ -36,7 +38,8 @@ pub(super) fn patch(args: &SpecArgs) -> Result<Value, Failure> {
     Ok(patch)
 }
 
-/// Sets `a.b` of `patch` to the value in `a.b=value`, read as JSON, or as a string if it is not JSON.
+/// Sets `a.b` of `patch` to the value in `a.b=value`, read as JSON, or as a string if it is not
+/// JSON.
 fn assign(patch: &mut Value, assignment: &str) -> Result<(), String> {
     let (path, value) = assignment.split_once('=').ok_or("must be written as a.b=value")?;
     if path.split('.').any(str::is_empty) {
@@ -53,7 +56,7 @@ fn assign(patch: &mut Value, assignment: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// The preset and the spec that the options describe.
+/// Returns the preset and the spec that the options describe.
 ///
 /// # Errors
 /// [`Failure::Usage`] with every fault, named by JSON pointer as over HTTP.
@@ -69,7 +72,7 @@ pub fn resolve(args: &SpecArgs) -> Result<(&'static Preset, ModelSpec), Failure>
     Err(Failure::Usage(faults.iter().map(|fault| format!("/spec{}: {}", fault.pointer, fault.detail)).collect()))
 }
 
-/// The seed of the options, or a random one.
+/// Returns the seed of the options, or a random seed.
 #[must_use]
 pub fn seed(args: &SpecArgs) -> u64 {
     args.seed.unwrap_or_else(crate::random::draw_seed)

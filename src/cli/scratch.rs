@@ -3,7 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// A hidden directory within the target directory of its files; removed when dropped.
+/// A hidden directory within the target directory of its files. Dropping it removes the directory.
 #[derive(Debug)]
 pub struct Scratch {
     dir: PathBuf,
@@ -22,7 +22,7 @@ impl Scratch {
         Ok(Self { dir, target: target.to_owned() })
     }
 
-    /// The directory to write to.
+    /// Returns the directory to write to.
     #[must_use]
     pub fn dir(&self) -> &Path {
         &self.dir
@@ -31,7 +31,7 @@ impl Scratch {
     /// Moves a file to the target directory, replacing an older one.
     ///
     /// # Errors
-    /// If it cannot be moved.
+    /// If the file cannot be moved.
     pub fn publish(&self, name: &str) -> io::Result<PathBuf> {
         let to = self.target.join(name);
         std::fs::rename(self.dir.join(name), &to)?;
@@ -41,7 +41,7 @@ impl Scratch {
 
 impl Drop for Scratch {
     fn drop(&mut self) {
-        // If it cannot be removed, its name shows that it is hidden and incomplete.
+        // If the directory cannot be removed, its name shows that it is incomplete.
         let _ = std::fs::remove_dir_all(&self.dir);
     }
 }

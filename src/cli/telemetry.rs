@@ -1,7 +1,8 @@
 //! The log on stderr, and traces to an OpenTelemetry collector if one is configured.
 //!
-//! Each request and each attempt is a span; the stages of an attempt are spans within it. Spans are sent in batches over OTLP
-//! (HTTP, protobuf). If the collector is unavailable, spans are lost, and nothing else.
+//! Each request and each attempt is a span; the stages of an attempt are spans within it. Spans are
+//! sent in batches over OTLP (HTTP, protobuf). If the collector is unavailable, spans are lost; the
+//! process continues.
 
 use super::args::{Global, LogFormat};
 use super::exit::Failure;
@@ -18,7 +19,7 @@ use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 use tracing_subscriber::{EnvFilter, Layer};
 
-/// Variables of the OpenTelemetry specification that name a collector.
+/// Variables of the OpenTelemetry specification for the address of the collector.
 const ENDPOINTS: [&str; 2] = ["OTEL_EXPORTER_OTLP_TRACES_ENDPOINT", "OTEL_EXPORTER_OTLP_ENDPOINT"];
 const SERVICE_NAME: &str = "OTEL_SERVICE_NAME";
 
@@ -26,9 +27,9 @@ const SERVICE_NAME: &str = "OTEL_SERVICE_NAME";
 pub(super) struct Telemetry(Option<SdkTracerProvider>);
 
 impl Telemetry {
-    /// Starts the log, with the filter `default` unless an option gives another, and traces if a collector is configured by
-    /// the options or, for a process that `serves`, by the variables of the OpenTelemetry specification. Call it before an
-    /// async runtime exists.
+    /// Starts the log and, if a collector is configured, traces. `default` is the filter of the log
+    /// unless an option gives another. Only a process that `serves` reads the collector from the
+    /// variables of the OpenTelemetry specification. Call it before an async runtime exists.
     ///
     /// # Errors
     /// [`Failure::Usage`] for an invalid filter or URL.

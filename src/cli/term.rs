@@ -1,5 +1,5 @@
-//! The terminal: results go to stdout, everything else to stderr. Progress is a bar if stderr is a terminal, else a few
-//! lines.
+//! Output of commands: results go to stdout, everything else to stderr. Progress is a bar if stderr
+//! is a terminal, otherwise a few lines.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{IsTerminal, Write};
@@ -26,7 +26,7 @@ pub fn print_json<T: serde::Serialize>(value: &T) -> std::io::Result<()> {
     print(&serde_json::to_string_pretty(value).map_err(std::io::Error::from)?)
 }
 
-/// Writes a line to stderr; an error is ignored, since there is nowhere to report it.
+/// Writes a line to stderr. An error is ignored because there is nowhere to report it.
 pub fn note(line: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{line}");
 }
@@ -39,17 +39,17 @@ pub struct Bar(Display);
 enum Display {
     /// On a terminal.
     Bar(ProgressBar),
-    /// Elsewhere: a line for each new stage, and for every tenth of the work.
+    /// Elsewhere: a line for each new stage and for every tenth of the work.
     Lines(Arc<Mutex<Reported>>),
 }
 
-/// Length of the bar: fractions are shown in thousandths.
+/// Length of the bar. Fractions are shown in thousandths.
 const PARTS: u64 = 1000;
 /// Fraction of the work between two lines, in percent.
 const LINE_EVERY: u64 = 10;
 
 impl Bar {
-    /// Progress on stderr.
+    /// Shows progress on stderr.
     #[must_use]
     pub fn on_stderr() -> Self {
         if !std::io::stderr().is_terminal() {
@@ -80,7 +80,7 @@ impl Bar {
         }
     }
 
-    /// Shows a remark on the connection, and leaves the fraction as it is.
+    /// Shows a remark on the connection without changing the fraction.
     pub(super) fn remark(&self, message: &str) {
         match &self.0 {
             Display::Bar(bar) => bar.set_message(message.to_owned()),
@@ -102,7 +102,7 @@ impl Bar {
     }
 }
 
-/// What the lines have reported so far.
+/// Progress that the lines have reported.
 #[derive(Debug, Default)]
 struct Reported {
     stage: String,
@@ -112,7 +112,7 @@ struct Reported {
 }
 
 impl Reported {
-    /// The line for this progress; `None` if it is too close to the last one.
+    /// Returns the line for this progress; `None` if it is too close to the last line.
     fn line(&mut self, stage: &str, fraction: f64, message: &str) -> Option<String> {
         let percent = (fraction.clamp(0.0, 1.0) * 100.0) as u64;
         let tenth = percent / LINE_EVERY;
@@ -129,7 +129,7 @@ impl Reported {
     }
 }
 
-/// Maximum memory that this process has used so far, in bytes; known on Linux only.
+/// Returns the peak memory of this process in bytes; known on Linux only.
 pub(super) fn peak_rss_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;

@@ -69,7 +69,7 @@ fn draw(report: &Report) -> anyhow::Result<String> {
     plot::draw_all(&[over_time(&report.timeline), by_percentile(&report.calls)])
 }
 
-/// Milliseconds, above 0 for the logarithmic axis.
+/// Returns milliseconds, above 0 for the logarithmic axis.
 fn ms(seconds: f64) -> f64 {
     1e3 * seconds.max(1e-6)
 }
@@ -107,8 +107,8 @@ fn by_percentile(calls: &BTreeMap<String, Calls>) -> Panel {
     }
 }
 
-/// Latencies in milliseconds by the number of nines: 1 is 90 %, 2 is 99 %. The maximum of n calls
-/// is the last point, at log10(n); percentiles beyond it are left out.
+/// Returns latencies in milliseconds by the number of nines: 1 is 90 %, 2 is 99 %. The maximum of n
+/// calls is the last point, at log10(n); percentiles beyond it are left out.
 fn percentiles(calls: &Calls) -> Vec<(f64, f64)> {
     // Calls that timed out have a latency too.
     let count = calls.answered + calls.errors.timeout;
@@ -121,7 +121,7 @@ fn percentiles(calls: &Calls) -> Vec<(f64, f64)> {
     points.chain([(last, max)]).map(|(at, seconds)| (at, ms(seconds))).collect()
 }
 
-/// The percentage that a number of nines stands for.
+/// Formats the percentage that a number of nines stands for.
 fn percent(nines: f64) -> String {
     let digits = (nines - 2.0).ceil().max(0.0) as usize;
     format!("{:.digits$} %", 100.0 * (1.0 - 10f64.powf(-nines)))

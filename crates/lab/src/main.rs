@@ -46,7 +46,7 @@ impl Command {
     /// Returns true if the command may open a GPU.
     fn may_use_gpu(&self) -> bool {
         match self {
-            Self::Bench(args) => args.what.may_use_gpu() && args.gpu.gpu == GpuUse::Auto,
+            Self::Bench(args) => args.gpu.gpu == GpuUse::Auto,
             Self::Figures(args) => args.gpu.gpu == GpuUse::Auto,
             Self::Plot(_) => false,
         }

@@ -21,7 +21,7 @@ const COLOURS: [RGBColor; 8] = [
     RGBColor(240, 228, 66),
 ];
 
-/// A curve and its name. If it has few points, they are marked.
+/// A curve and its name. The points of a curve with few points are marked.
 pub(crate) struct Line {
     pub(crate) label: String,
     /// Each (x, y), ascending in x.
@@ -33,9 +33,9 @@ pub(crate) struct Axes {
     pub(crate) title: String,
     pub(crate) x: &'static str,
     pub(crate) y: &'static str,
-    /// Text of a number on the x axis.
+    /// Formats a number on the x axis.
     pub(crate) x_tick: fn(f64) -> String,
-    /// Where the legend does not cover the curves.
+    /// Position of the legend, where it does not cover the curves.
     pub(crate) names: SeriesLabelPosition,
 }
 
@@ -46,7 +46,7 @@ pub(crate) enum Scale {
     Logarithmic,
 }
 
-/// A whole number at an axis.
+/// Formats a number on an axis as an integer.
 pub(crate) fn whole(n: f64) -> String {
     format!("{n:.0}")
 }
@@ -76,12 +76,12 @@ pub(crate) fn draw_all(panels: &[Panel]) -> anyhow::Result<String> {
     picture(panels.len(), |areas| areas.iter().zip(panels).try_for_each(drawn))
 }
 
-type Drawn<T> = Result<T, Box<dyn std::error::Error>>;
+type PlotResult<T> = Result<T, Box<dyn std::error::Error>>;
 type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
 
-fn picture(panels: usize, draw: impl FnOnce(&[Area<'_>]) -> Drawn<()>) -> anyhow::Result<String> {
+fn picture(panels: usize, draw: impl FnOnce(&[Area<'_>]) -> PlotResult<()>) -> anyhow::Result<String> {
     let mut svg = String::new();
-    let drawn = || -> Drawn<()> {
+    let drawn = || -> PlotResult<()> {
         let root = SVGBackend::with_string(&mut svg, (SIZE.0, SIZE.1 * panels as u32)).into_drawing_area();
         root.fill(&WHITE)?;
         draw(&root.split_evenly((panels, 1)))?;
@@ -91,11 +91,11 @@ fn picture(panels: usize, draw: impl FnOnce(&[Area<'_>]) -> Drawn<()>) -> anyhow
     Ok(svg)
 }
 
-fn panel(area: &Area<'_>, axes: &Axes, lines: &[Line], scale: Scale) -> Drawn<()> {
+fn panel(area: &Area<'_>, axes: &Axes, lines: &[Line], scale: Scale) -> PlotResult<()> {
     let all = || lines.iter().flat_map(|line| &line.points);
     let most = all().fold(1.0f64, |m, p| m.max(p.0));
     let highest = all().fold(f64::MIN_POSITIVE, |m, p| m.max(p.1));
-    // Without any point, any range will do.
+    // Without points, any range is valid.
     let lowest = all().fold(highest, |m, p| m.min(p.1));
     let mut builder = ChartBuilder::on(area);
     builder.caption(&axes.title, ("sans-serif", 17)).margin(14).x_label_area_size(46).y_label_area_size(72);
@@ -113,7 +113,7 @@ fn curves<'a, B, Y>(
     chart: &mut ChartContext<'a, B, Cartesian2d<RangedCoordf64, Y>>,
     axes: &Axes,
     lines: &[Line],
-) -> Drawn<()>
+) -> PlotResult<()>
 where
     B: DrawingBackend + 'a,
     B::ErrorType: 'static,
@@ -149,7 +149,7 @@ where
     Ok(())
 }
 
-/// A number at an axis, without digits from rounding errors.
+/// Formats a number on an axis without digits from rounding errors.
 fn tick(y: f64) -> String {
     if y < 10.0 { format!("{}", (1e6 * y).round() / 1e6) } else { format!("{y:.0}") }
 }

@@ -34,7 +34,7 @@ fn names(folder: &Path) -> Vec<String> {
     names
 }
 
-/// The report of the model that the figures show, grown by the library.
+/// Returns the report of the model that the figures show, grown by the library.
 fn report() -> Value {
     let patch = json!({ "steps": 60, "particles": { "total": { "keys": [[0, 300], [1, 420]] } } });
     let dir = folder();
@@ -72,13 +72,13 @@ fn numbers(dir: &Path) -> Value {
     serde_json::from_slice(&std::fs::read(dir.join("figures.json")).expect("there")).expect("JSON")
 }
 
-/// Share of pixels that are not white.
+/// Returns the fraction of pixels that are not white.
 fn inked(picture: &Pixmap) -> f64 {
     let inked = picture.pixels().iter().filter(|p| p.red().min(p.green()).min(p.blue()) < 240).count();
     inked as f64 / picture.pixels().len() as f64
 }
 
-/// The number of white regions with at least `least` pixels, connected by their sides.
+/// Returns the number of white regions with at least `least` pixels, connected by their sides.
 fn white_regions(picture: &Pixmap, [left, right]: [u32; 2], least: usize) -> usize {
     let (width, height) = ((right - left) as usize, picture.height() as usize);
     let white = |i: usize| picture.pixel(left + (i % width) as u32, (i / width) as u32).expect("inside").red() > 200;

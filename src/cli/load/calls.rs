@@ -1,4 +1,4 @@
-//! The calls of a mix, each once: no error is tried again, and every answer is checked.
+//! The calls of a mix. No error is retried, and every response is checked.
 
 use super::errors::Lost;
 use super::known::File;
@@ -14,7 +14,7 @@ use reqwest::{Method, RequestBuilder, Response, header};
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-/// Makes a call and records it; returns whether it was answered as it should be.
+/// Makes a call and records it. Returns true if the response was valid.
 pub(super) async fn make(target: &Target, planned: Planned) -> bool {
     let Planned { at, call, word } = planned;
     let sent = target.watch.elapsed();
@@ -36,24 +36,24 @@ pub(super) async fn make(target: &Target, planned: Planned) -> bool {
     answered
 }
 
-/// Bytes of the answer; `None` if the call needs a model that the run does not have.
+/// Returns the bytes of the response; `None` if the call needs a model that the run does not have.
 type Made = Result<Option<u64>, Lost>;
 
-/// Sends a request; an answer with an error status is an error of that status.
+/// Sends a request. A response with an error status becomes an error of that status.
 async fn send(target: &Target, request: RequestBuilder) -> Result<Response, Lost> {
     let answer = request.timeout(target.timeout).send().await.map_err(Failure::from)?;
     let status = answer.status().as_u16();
     client::accept(answer).await.map_err(|failure| Lost { kind: ErrorKind::Status(status), ..Lost::from(failure) })
 }
 
-/// Reads a JSON answer, and its length.
+/// Reads a JSON response and its length.
 async fn read<T: DeserializeOwned>(answer: Response) -> Result<(T, u64), Failure> {
     let body = answer.bytes().await?;
     let value = serde_json::from_slice(&body).context("the answer is not what the interface describes")?;
     Ok((value, body.len() as u64))
 }
 
-/// Requests a model. Its answer tells the id of the model, which counts from now on if the call does.
+/// Requests a model and adds its id to the models of the run. The model counts if the call counts.
 async fn submit(target: &Target, counted: bool) -> Made {
     let Some(seed) = target.seeds.take() else { return Ok(None) };
     let key = uuid::Uuid::now_v7().to_string();
@@ -89,7 +89,7 @@ async fn get(target: &Target, word: u32) -> Made {
     Ok(Some(bytes))
 }
 
-/// The largest file of a model.
+/// Returns the largest file of a model.
 pub(super) fn largest(model: &Model) -> Option<File> {
     let file = model.files.iter().max_by_key(|file| file.bytes)?;
     Some(File { path: format!("/models/{}/files/{}", model.id, file.name), bytes: file.bytes })
@@ -118,7 +118,7 @@ async fn download(target: &Target, word: u32) -> Made {
     Ok(Some(bytes))
 }
 
-/// Opens an event stream, and closes it after the first event.
+/// Opens an event stream and closes it after the first event.
 async fn events(target: &Target, word: u32) -> Made {
     let Some(id) = target.known.any(word) else { return Ok(None) };
     let request = target.client.request(Method::GET, &format!("/models/{id}/events"));

@@ -1,4 +1,5 @@
-//! The closed loop: a number of users, each of whom makes the next request when the last one has ended.
+//! The closed loop: a number of users, each of whom makes the next request when the previous one
+//! has ended.
 
 use super::calls;
 use super::errors::Lost;
@@ -17,23 +18,25 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 use tokio::task::JoinSet;
 
-/// Pause of a user after an error, so that a service that is down is not asked thousands of times a second.
+/// Pause of a user after an error, so that a service that is down does not get thousands of
+/// requests per second.
 const PAUSE: Duration = Duration::from_millis(200);
 
-/// What the users do.
+/// Users of a closed loop.
 #[derive(Clone, Debug)]
 pub(super) struct Users {
     pub(super) count: u32,
-    /// Time of the run at which they begin nothing more; `None` to go on until the seeds are used up.
+    /// Time of the run at which the users begin nothing more; `None` to continue until all seeds
+    /// are taken.
     pub(super) until: Option<Duration>,
-    /// Time after `until` for what they have begun. What has not ended then is not in the latencies: a full queue or paused
-    /// workers could hold it for ever.
+    /// Time after `until` for calls and models in flight. Later ones are not in the latencies: a
+    /// full queue or paused workers could hold them forever.
     pub(super) patience: Duration,
-    /// The calls that they make, with the seed of the draws; `None` for whole models.
+    /// Calls of the users with the seed of the draws; `None` for whole models.
     pub(super) mix: Option<(Mix, u64)>,
 }
 
-/// Lets the users work; returns how many of their whole models succeeded.
+/// Runs the users and returns the number of whole models that succeeded.
 ///
 /// # Errors
 /// If a task panics.
@@ -78,7 +81,7 @@ pub(super) async fn run(target: &Arc<Target>, users: Users) -> Result<u64, Failu
     Ok(succeeded)
 }
 
-/// Makes the call of a mix with this index; returns whether it was answered as it should be.
+/// Makes the call of a mix with this index. Returns true if the response was valid.
 async fn mixed(target: &Target, mix: &Mix, seed: u64, index: u64) -> bool {
     let [_, call, word] = plan::words(seed, index);
     let planned = Planned { at: target.watch.elapsed(), call: mix.call(call), word };
@@ -86,7 +89,7 @@ async fn mixed(target: &Target, mix: &Mix, seed: u64, index: u64) -> bool {
     calls::make(target, planned).await
 }
 
-/// Requests a model and waits for its end; returns whether it succeeded, or nothing after an error.
+/// Requests a model and waits for its end. Returns whether it succeeded; `None` after an error.
 async fn whole(target: &Target, seed: u64) -> Option<bool> {
     let began = target.watch.elapsed();
     let timed = |call| Timed { call, planned: began, sent: began, ended: target.watch.elapsed() };
@@ -119,7 +122,8 @@ async fn whole(target: &Target, seed: u64) -> Option<bool> {
     }
 }
 
-/// Requests a model, again while the queue is full; returns its id and the length of the answer.
+/// Requests a model, and retries while the queue is full. Returns its id and the length of the
+/// response.
 async fn accepted(target: &Target, seed: u64, began: Duration) -> Result<(String, u64), Lost> {
     let key = uuid::Uuid::now_v7().to_string();
     match target.client.submit_patiently(&target.body(seed), &key).await {
@@ -138,13 +142,14 @@ async fn accepted(target: &Target, seed: u64, began: Duration) -> Result<(String
     }
 }
 
-/// Requests the models of these seeds from a service, `concurrency` at a time, and waits until all have succeeded.
+/// Requests the models of these seeds from a service, `concurrency` at a time, and waits until all
+/// have succeeded.
 ///
 /// # Errors
-/// If one of them does not succeed, or a task panics.
+/// If a model does not succeed, or a task panics.
 pub async fn through(client: &Client, body: &Value, seeds: Seeds, concurrency: u32) -> Result<(), Failure> {
     let count = seeds.left();
-    // The limit of single calls does not matter: there are whole models only.
+    // Whole models do not use the limit of single calls.
     let target = Arc::new(Target::new(client.clone(), body.clone(), seeds, Duration::ZERO, Duration::MAX));
     let succeeded =
         run(&target, Users { count: concurrency, until: None, patience: Duration::ZERO, mix: None }).await?;

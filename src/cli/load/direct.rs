@@ -1,4 +1,4 @@
-//! Models grown in this process without a service: the baseline of a load.
+//! Models grown in this process without a service, as the baseline of a load test.
 
 use super::errors::Lost;
 use super::seeds::Seeds;
@@ -26,14 +26,15 @@ pub struct Model {
 /// A model that ended.
 #[derive(Debug)]
 pub struct Grown {
-    /// Time that it took.
+    /// Time of the generation.
     pub seconds: f64,
     /// True if the model was grown and certified.
     pub succeeded: bool,
     pub(super) bytes: u64,
 }
 
-/// Grows the models of these seeds in this process, `concurrency` at a time, each on `threads` threads.
+/// Grows the models of these seeds in this process, `concurrency` at a time, each on `threads`
+/// threads.
 ///
 /// # Errors
 /// If threads cannot be started, or a task panics.

@@ -1,11 +1,11 @@
-//! Errors that a load met, counted by kind.
+//! Errors of a load test by kind.
 
 use crate::cli::exit::Failure;
 use crate::cli::remote::client::ErrorKind;
 use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
 
-/// A call without the answer that the interface describes.
+/// A call without a valid response.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lost {
     pub(super) kind: ErrorKind,
@@ -23,13 +23,13 @@ impl From<Failure> for Lost {
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(super) struct Errors {
     pub(super) total: u64,
-    /// Answers with an error status, by status.
+    /// Responses with an error status, by status.
     status: BTreeMap<u16, u64>,
     /// Connections that failed or were lost.
     connection: u64,
-    /// Requests without an answer in time.
+    /// Requests without a response in time.
     timeout: u64,
-    /// Anything else, such as an answer that is not what the interface describes.
+    /// Anything else, such as a response that does not match the description of the interface.
     other: u64,
     /// The first message of each kind.
     #[serde(serialize_with = "messages")]
@@ -52,7 +52,7 @@ impl Errors {
         self.examples.entry(lost.kind).or_insert(lost.message);
     }
 
-    /// Adds those of another call.
+    /// Adds the errors of another call.
     pub(super) fn merge(&mut self, other: &Self) {
         self.total += other.total;
         self.connection += other.connection;
@@ -66,7 +66,7 @@ impl Errors {
         }
     }
 
-    /// Each kind with its number, such as `status 503 2, timeout 1`; empty if there were none.
+    /// Returns each kind with its number, such as `status 503 2, timeout 1`; empty without errors.
     pub(super) fn counts(&self) -> String {
         let statuses = self.status.iter().map(|(status, count)| (format!("status {status}"), *count));
         let others = [("connection", self.connection), ("timeout", self.timeout), ("other", self.other)];

@@ -1,4 +1,4 @@
-//! The models that a load knows: those that it submitted itself.
+//! The models of a load test, which are those that it submitted.
 
 use std::collections::{HashMap, HashSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -13,9 +13,9 @@ pub(super) struct File {
 
 #[derive(Debug, Default)]
 struct State {
-    /// Accepted models, in the order of the answers.
+    /// Accepted models, in the order of the responses.
     ids: Vec<Arc<str>>,
-    /// Those that do not count, because they were due during the warm-up.
+    /// Accepted models that do not count, because they were due during the warm-up.
     uncounted: HashSet<Arc<str>>,
     /// The largest file of each model whose end is known.
     files: Vec<File>,
@@ -27,7 +27,7 @@ struct State {
 #[derive(Debug, Default)]
 pub(super) struct Known(Mutex<State>);
 
-/// The element for a random word.
+/// Returns the element for a random word.
 fn pick<T>(all: &[T], word: u32) -> Option<&T> {
     all.get(((u64::from(word) * all.len() as u64) >> 32) as usize)
 }
@@ -37,7 +37,7 @@ impl Known {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A model was accepted.
+    /// Adds an accepted model.
     pub(super) fn accept(&self, id: &str, counted: bool) {
         let (mut state, id) = (self.lock(), Arc::<str>::from(id));
         if !counted {
@@ -46,7 +46,7 @@ impl Known {
         state.ids.push(id);
     }
 
-    /// A model has ended; its largest file, if it has any.
+    /// Records the end of a model, with its largest file if it has files.
     pub(super) fn end(&self, id: &str, file: Option<File>) {
         let State { ended, files, .. } = &mut *self.lock();
         let has_file = ended.entry(id.into()).or_default();
@@ -56,30 +56,30 @@ impl Known {
         }
     }
 
-    /// Whether no model was accepted.
+    /// Returns true if no model was accepted.
     pub(super) fn is_empty(&self) -> bool {
         self.lock().ids.is_empty()
     }
 
-    /// The accepted models that count, and those that do not.
+    /// Returns the accepted models that count, and those that do not.
     pub(super) fn ids(&self) -> (HashSet<Arc<str>>, HashSet<Arc<str>>) {
         let state = self.lock();
         let counted = state.ids.iter().filter(|id| !state.uncounted.contains(*id)).cloned().collect();
         (counted, state.uncounted.clone())
     }
 
-    /// Any model, by a random word.
+    /// Returns a model, selected by a random word.
     pub(super) fn any(&self, word: u32) -> Option<Arc<str>> {
         pick(&self.lock().ids, word).cloned()
     }
 
-    /// A file, by a random word.
+    /// Returns a file, selected by a random word.
     pub(super) fn file(&self, word: u32) -> Option<File> {
         pick(&self.lock().files, word).cloned()
     }
 
-    /// The `place`-th newest of the models that are not known to have ended, counted from 0, or the oldest of them. The
-    /// newest have most time left.
+    /// Returns the `place`-th newest of the models that are not known to have ended, counted from
+    /// 0, or the oldest of these. The newest models run for the longest time.
     pub(super) fn open(&self, place: usize) -> Option<Arc<str>> {
         let state = self.lock();
         state.ids.iter().rev().filter(|id| !state.ended.contains_key(*id)).take(place + 1).last().cloned()

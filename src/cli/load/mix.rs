@@ -1,9 +1,9 @@
-//! The calls that a load makes, and their shares.
+//! The calls of a load test and their weights.
 
 use serde::Serialize;
 use std::str::FromStr;
 
-/// What a request is for.
+/// Kind of call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(in crate::cli) enum Call {
@@ -25,7 +25,7 @@ impl Call {
     /// The calls of a mix.
     const MIXED: [Self; 5] = [Self::Submit, Self::Get, Self::List, Self::Download, Self::Events];
 
-    /// Its name on the command line and in reports.
+    /// Returns the name on the command line and in reports.
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::Submit => "submit",
@@ -55,7 +55,7 @@ impl Default for Mix {
 impl FromStr for Mix {
     type Err = String;
 
-    /// Reads `submit=8,get=4`.
+    /// Parses a mix such as `submit=8,get=4`.
     fn from_str(text: &str) -> Result<Self, String> {
         let mut weights: Vec<(Call, u32)> = Vec::new();
         for part in text.split(',') {
@@ -77,7 +77,7 @@ impl FromStr for Mix {
 }
 
 impl Mix {
-    /// The call for a random word.
+    /// Returns the call for a random word.
     pub(super) fn call(&self, word: u32) -> Call {
         let mut at = ((u64::from(word) * u64::from(self.total)) >> 32) as u32;
         for (call, weight) in &self.weights {
@@ -89,7 +89,7 @@ impl Mix {
         unreachable!("a draw is below the sum of the weights")
     }
 
-    /// Whether it has this call.
+    /// Returns true if the mix contains this call.
     pub(super) fn has(&self, call: Call) -> bool {
         self.weights.iter().any(|(given, weight)| *given == call && *weight > 0)
     }

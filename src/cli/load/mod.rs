@@ -1,7 +1,7 @@
-//! `oviduct load`: a load generator for a service.
+//! `oviduct load`: a load test of a service.
 //!
-//! The open loop sends calls at a rate, whatever the answers; the closed loop has a number of users who wait for theirs.
-//! No error ends a run: it is counted, and the load goes on.
+//! The open loop sends calls at a rate, without waiting for responses. The closed loop has a number
+//! of users who wait for their responses. Errors are counted and do not end a run.
 
 mod calls;
 mod closed;
@@ -60,7 +60,7 @@ const MODELS: u64 = 100;
 const LAST_EVENTS: Duration = Duration::from_secs(10);
 /// Pause of an event stream while there is no model to follow, and after an error.
 const STREAM_PAUSE: Duration = Duration::from_millis(100);
-/// Descriptors for everything but calls and streams.
+/// Descriptors for everything except calls and streams.
 const DESCRIPTORS: u64 = 64;
 
 pub(super) async fn run(args: LoadArgs) -> Ended {
@@ -88,11 +88,11 @@ pub(super) async fn run(args: LoadArgs) -> Ended {
     }
 }
 
-/// What the options say, with defaults that depend on each other.
+/// Values of the options, with defaults that depend on each other.
 struct Settings {
     seeds: Seeds,
     warm_up: Duration,
-    /// Length after the warm-up; `None` to go on until the seeds are used up.
+    /// Length after the warm-up; `None` to continue until all seeds are taken.
     length: Option<Duration>,
     /// The calls; `None` for whole models.
     mix: Option<Mix>,
@@ -128,7 +128,7 @@ impl Settings {
     }
 }
 
-/// Puts a service under load until the time is over, or a signal arrives.
+/// Puts a service under load until the time is over or a signal arrives.
 async fn through_service(args: &LoadArgs, first: u64, signals: &mut Signals) -> Result<Report, Failure> {
     let settings = Settings::of(args, first)?;
     let alone = if args.efficiency { Some(local(args)?) } else { None };
@@ -142,7 +142,7 @@ async fn through_service(args: &LoadArgs, first: u64, signals: &mut Signals) -> 
         }
         () = signals.asked_to_stop() => true,
     };
-    // Nothing is sent or counted from now on.
+    // Stops sending and counting.
     target.stop.cancel();
     let numbers = target.record.numbers();
     let seconds = target.length().saturating_sub(settings.warm_up).as_secs_f64();
@@ -174,7 +174,7 @@ async fn through_service(args: &LoadArgs, first: u64, signals: &mut Signals) -> 
     Ok(Report::of(&run, &numbers, models, efficiency))
 }
 
-/// Makes the calls, and waits for the models and streams.
+/// Makes the calls and waits for the models and streams.
 async fn drive(args: &LoadArgs, settings: &Settings, seed: u64, target: &Arc<Target>) -> Ended {
     let mut held = hold_streams(target, args.streams);
     let mut scouts = JoinSet::new();
@@ -203,20 +203,21 @@ async fn drive(args: &LoadArgs, settings: &Settings, seed: u64, target: &Arc<Tar
         return Err(Failure::Usage(faults.clone()));
     }
     drop(scouts);
-    // The closed loop has waited already.
+    // The closed loop has already waited.
     let left =
         args.wait.saturating_sub(until.map_or(Duration::ZERO, |until| target.watch.elapsed().saturating_sub(until)));
     let ended = target.known.is_empty() || tokio::time::timeout(left, models::wait(target)).await.is_ok();
     if ended {
         let told = async { while held.join_next().await.is_some() {} };
-        // Streams that were not told until then are counted in the report.
+        // Streams that miss an end are counted in the report.
         let _ = tokio::time::timeout(LAST_EVENTS, told).await;
     }
     Ok(())
 }
 
-/// Opens this many streams. The tasks end when the run is over and each stream was told of the end that it waits for;
-/// dropping them closes the streams.
+/// Opens `count` event streams for the whole run. Each follows a model to its end, then the next
+/// one. The tasks end when the run is over and each stream has received the end that it waits for.
+/// Dropping the tasks closes the streams.
 fn hold_streams(target: &Arc<Target>, count: u32) -> JoinSet<()> {
     target.record.streams(|streams| streams.held = count);
     let mut tasks = JoinSet::new();
@@ -224,7 +225,7 @@ fn hold_streams(target: &Arc<Target>, count: u32) -> JoinSet<()> {
         let target = Arc::clone(target);
         tasks.spawn(async move {
             while !target.over.is_cancelled() {
-                // Neighbours follow different models, as far as there are that many.
+                // Neighbouring streams follow different models if there are enough models.
                 match target.known.open(place as usize) {
                     Some(id) => follow(&target, &id).await,
                     None => tokio::time::sleep(STREAM_PAUSE).await,
@@ -256,7 +257,7 @@ async fn follow(target: &Target, id: &str) {
     }
 }
 
-/// The model of the options, for this process.
+/// Returns the model of the options for generation in this process.
 fn local(args: &LoadArgs) -> Result<Model, Failure> {
     if args.model.backend == Backend::Gpu {
         return Err(Failure::usage("--backend gpu: models are grown without the service on the CPU alone"));
@@ -274,7 +275,7 @@ fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
 }
 
-/// Grows some of the models again without the service, one on each core.
+/// Grows some of the models again without the service, one on each core, and compares the rates.
 async fn compare(model: &Model, first: u64, per_second: f64) -> Result<Efficiency, Failure> {
     let cores = cores() as u32;
     let sample = 4 * u64::from(cores);

@@ -1,6 +1,7 @@
-//! The models of a run by the records of the service: how they ended, and how long they waited.
+//! Results of the models of a run, from the records of the service.
 //!
-//! They are found by the label of the run, so a model whose acceptance was answered too late, or not at all, is counted too.
+//! The models are found by the label of the run. A model whose acceptance was lost is therefore
+//! counted, too.
 
 use super::calls;
 use super::errors::Lost;
@@ -15,9 +16,9 @@ use std::collections::HashSet;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Interval between two looks at whether models have ended.
+/// Interval between two reads of the models.
 const LOOK: Duration = Duration::from_secs(1);
-/// How often a page is asked for.
+/// Maximum number of requests for a page.
 const TRIES: u32 = 5;
 
 /// A page of records.
@@ -37,25 +38,25 @@ struct Listed {
     finished_at: Option<Timestamp>,
 }
 
-/// How the models of a run ended. Those that were requested during the warm-up are not counted. Times are by the clock of
-/// the service.
+/// Results of the models of a run, without those that were requested during the warm-up. Times are
+/// by the clock of the service.
 #[derive(Debug, Default, Serialize)]
 pub(super) struct Models {
     /// Models that the service knows.
     pub(super) models: u64,
     pub(super) succeeded: u64,
-    /// Ended, but not with success.
+    /// Ended without success.
     pub(super) failed: u64,
     /// Not ended yet.
     pub(super) unended: u64,
-    /// Accepted, but no longer known to the service.
+    /// Accepted, but unknown to the service.
     pub(super) missing: u64,
-    /// Made by requests whose answer was lost.
+    /// Created by requests whose response was lost.
     pub(super) unanswered: u64,
     /// Size of all files.
     pub(super) bytes: u64,
-    /// Models that ended per second, from the first that was created to the last that ended; with those of the warm-up that
-    /// ended in that time, because the workers grew them too.
+    /// Models that ended per second, between the first creation and the last end. Includes models
+    /// of the warm-up that ended in this time, because the workers grew them, too.
     pub(super) per_second: f64,
     /// From created to started.
     pub(super) queue_wait: Times,
@@ -64,7 +65,8 @@ pub(super) struct Models {
 }
 
 impl Models {
-    /// Counts these records; `counted` and `uncounted` are the models whose acceptance was answered.
+    /// Counts these records. `counted` and `uncounted` are the models whose acceptance was
+    /// received.
     fn of(listed: &[Listed], counted: &HashSet<Arc<str>>, uncounted: &HashSet<Arc<str>>) -> Self {
         let mut models = Self { missing: counted.len() as u64, ..Self::default() };
         let (mut waits, mut ends) = (Vec::new(), Vec::new());
@@ -94,7 +96,7 @@ impl Models {
         [models.queue_wait, models.end_to_end] = [waits, ends].map(|times| {
             let mut all = histogram(3);
             for time in times {
-                // Another process may have a clock that is a little behind.
+                // The clock of another process may be slightly behind.
                 add(&mut all, Duration::try_from(time).unwrap_or_default());
             }
             Times::of(&all)
@@ -108,10 +110,10 @@ async fn page(target: &Target, query: &str) -> Result<Page, Failure> {
     Ok(client::accept(request.send().await?).await?.json().await?)
 }
 
-/// Looks now and then which models have succeeded, so that calls know files to download. Runs forever.
+/// Looks for succeeded models at intervals, so that calls have files to download. Runs forever.
 pub(super) async fn scout(target: Arc<Target>) {
     loop {
-        // The next look may work.
+        // The next request may succeed.
         if let Ok(page) = page(&target, "status=succeeded&limit=100").await {
             for Listed { model, .. } in page.models {
                 target.known.end(&model.id, calls::largest(&model));
@@ -121,10 +123,11 @@ pub(super) async fn scout(target: Arc<Target>) {
     }
 }
 
-/// Waits until no model of the run is queued or running. An error is no answer, so that a restart is waited for.
+/// Waits until no model of the run is queued or running. Retries after errors, so that the service
+/// may restart.
 pub(super) async fn wait(target: &Target) {
     loop {
-        // In this order: a model that has left the queue meanwhile is found running, or has ended.
+        // In this order: a model that leaves the queue in between is found running or has ended.
         let queued = page(target, "status=queued&limit=1").await;
         let running = page(target, "status=running&limit=1").await;
         if let (Ok(queued), Ok(running)) = (queued, running)
@@ -140,7 +143,7 @@ pub(super) async fn wait(target: &Target) {
 /// Reads the records of all models of the run.
 ///
 /// # Errors
-/// If the service does not answer for several seconds.
+/// If the service does not respond for several seconds.
 pub(super) async fn read(target: &Target) -> Result<Models, Lost> {
     let (mut listed, mut query) = (Vec::new(), "limit=100".to_owned());
     loop {
@@ -155,7 +158,8 @@ pub(super) async fn read(target: &Target) -> Result<Models, Lost> {
     Ok(Models::of(&listed, &counted, &uncounted))
 }
 
-/// Asks for a page several times. If no model was accepted, once: the service may never have been there.
+/// Requests a page, with retries. Without an accepted model there are none: the service may never
+/// have existed.
 async fn patiently(target: &Target, query: &str) -> Result<Page, Failure> {
     for _ in 1..if target.known.is_empty() { 1 } else { TRIES } {
         if let Ok(page) = page(target, query).await {

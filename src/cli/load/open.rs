@@ -1,4 +1,4 @@
-//! The open loop: each call starts when it is due, whatever became of those before it.
+//! The open loop: each call starts when it is due, whatever the state of earlier calls.
 
 use super::calls;
 use super::plan::{Plan, Planned};
@@ -11,17 +11,17 @@ use tokio::runtime::Handle;
 use tokio::sync::Semaphore;
 use tokio_util::task::TaskTracker;
 
-/// Longest sleep between two looks at whether the run was stopped.
+/// Maximum sleep between two checks for the end of the run.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Makes the calls of a plan, at most `most` at a time, and waits for those in flight.
+/// Makes the calls of a plan, at most `most` at a time, and waits for the calls in flight.
 ///
 /// # Errors
 /// If the thread that starts calls panics.
 pub(super) async fn run(target: &Arc<Target>, plan: Plan, most: u32) -> Result<(), Failure> {
     let calls = TaskTracker::new();
     let pacer = Pacer { target: Arc::clone(target), calls: calls.clone(), runtime: Handle::current() };
-    // A thread of its own: timers of the runtime are only accurate to a millisecond.
+    // A separate thread, because timers of the runtime have a resolution of a millisecond.
     let paced = tokio::task::spawn_blocking(move || pacer.start(plan, most as usize)).await;
     paced.context("the thread that starts calls panicked")?;
     calls.close();
@@ -61,7 +61,7 @@ impl Pacer {
         }
     }
 
-    /// Waits until this time of the run; returns whether the run goes on.
+    /// Waits until this time of the run. Returns false if the run was stopped.
     fn wait_until(&self, due: Duration) -> bool {
         while !self.target.stop.is_cancelled() {
             let left = due.saturating_sub(self.target.watch.elapsed());

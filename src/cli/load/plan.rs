@@ -1,7 +1,7 @@
-//! The plan of an open loop: when each call is due, and which one it is.
+//! The plan of an open loop: time and kind of each call.
 //!
-//! It is a function of the seed, so nothing that the service does changes it: calls are due at the stated rate also while
-//! the service stalls.
+//! The plan is a function of the seed and does not depend on the service. Calls are due at the
+//! stated rate even while the service stalls.
 
 use super::mix::{Call, Mix};
 use crate::random::{self, Stream};
@@ -16,7 +16,7 @@ pub(in crate::cli) struct Rate(pub(super) f64);
 impl FromStr for Rate {
     type Err = String;
 
-    /// Reads `200`, `200/s`, `12000/min` or `100/h`.
+    /// Parses `200`, `200/s`, `12000/min` or `100/h`.
     fn from_str(text: &str) -> Result<Self, String> {
         let (number, unit) = text.split_once('/').unwrap_or((text, "s"));
         let seconds = match unit.trim() {
@@ -27,12 +27,12 @@ impl FromStr for Rate {
         };
         let number: f64 = number.trim().parse().map_err(|_| format!("`{number}` is not a number"))?;
         let rate = number / seconds;
-        // Above a million a second the times would not be distinct.
+        // Above a million per second the times would not be distinct.
         if rate > 0.0 && rate <= 1e6 { Ok(Self(rate)) } else { Err("must be above 0 and at most 1000000/s".to_owned()) }
     }
 }
 
-/// How the calls of an open loop are spread over time.
+/// Distribution of the calls of an open loop over time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(in crate::cli) enum Arrivals {
@@ -45,14 +45,14 @@ pub(in crate::cli) enum Arrivals {
 /// One call of a plan.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Planned {
-    /// When it is due, from the start of the run.
+    /// Planned time, from the start of the run.
     pub(super) at: Duration,
     pub(super) call: Call,
     /// A random word that chooses the model.
     pub(super) word: u32,
 }
 
-/// The calls of an open loop, in the order of their times.
+/// The calls of an open loop in the order of their times.
 #[derive(Clone, Debug)]
 pub(super) struct Plan {
     pub(super) seed: u64,
@@ -63,14 +63,14 @@ pub(super) struct Plan {
     pub(super) length: Duration,
 }
 
-/// The random words of a call: gap before it, which call, which model.
+/// Returns the random words of a call: gap before the call, kind of call, model.
 pub(super) fn words(seed: u64, index: u64) -> [u32; 3] {
     let [gap, call, model, _] = random::words(seed, Stream::Load, index as u32, (index >> 32) as u32);
     [gap, call, model]
 }
 
 impl Plan {
-    /// All calls that are due before the end of the run.
+    /// Returns all calls that are due before the end of the run.
     pub(super) fn calls(self) -> impl Iterator<Item = Planned> + Send {
         let (end, mut seconds) = (self.length.as_secs_f64(), 0.0);
         (0u64..).map_while(move |index| {

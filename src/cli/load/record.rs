@@ -1,8 +1,8 @@
-//! What a load has measured so far: latencies and errors by call.
+//! Measurements of a load test: latencies and errors by kind of call.
 //!
-//! A latency is counted from the planned start of its call. Calls that were due during the warm-up are not recorded.
-//! Latencies are those of calls that were answered as they should be, and of those that timed out: without these, the
-//! slowest would be missing.
+//! A latency counts from the planned start of its call. Calls that were due during the warm-up are
+//! not recorded. Latencies include calls with a valid response and calls that timed out. Without
+//! the latter, the slowest calls would be missing.
 
 use super::errors::{Errors, Lost};
 use super::mix::Call;
@@ -13,14 +13,14 @@ use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// How a call ended.
+/// Result of a call.
 #[derive(Debug)]
 pub(super) enum Outcome {
-    /// It was answered; bytes of the body.
+    /// Valid response; bytes of the body.
     Answered(u64),
-    /// It needed a model, or a file, that the run did not have yet.
+    /// Not sent: the call needed a model or a file that the run did not have.
     Skipped,
-    /// Anything else; answers 429 are counted apart.
+    /// Anything else; responses 429 are counted separately.
     Lost(Lost),
 }
 
@@ -28,9 +28,9 @@ pub(super) enum Outcome {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Timed {
     pub(super) call: Call,
-    /// When it was due.
+    /// Planned start.
     pub(super) planned: Duration,
-    /// When it was sent.
+    /// Time of sending.
     pub(super) sent: Duration,
     pub(super) ended: Duration,
 }
@@ -38,16 +38,16 @@ pub(super) struct Timed {
 /// Numbers and latencies of one kind of call.
 #[derive(Clone, Debug)]
 pub(super) struct Tally {
-    /// Calls that were due; those without any end were in flight when the run was interrupted.
+    /// Calls that were due. Calls without a result were in flight when the run was interrupted.
     pub(super) due: u64,
     pub(super) answered: u64,
-    /// Answers 429.
+    /// Responses 429.
     pub(super) refused: u64,
-    /// Answers 429 after which the request was sent again.
+    /// Responses 429 after which the request was retried.
     pub(super) repeated: u64,
-    /// Not sent, because as many calls as allowed were in flight.
+    /// Not sent: the maximum number of calls was in flight.
     pub(super) dropped: u64,
-    /// Not sent, because they needed a model that the run did not have yet.
+    /// Not sent: the call needed a model that the run did not have.
     pub(super) skipped: u64,
     pub(super) bytes: u64,
     pub(super) errors: Errors,
@@ -58,32 +58,33 @@ pub(super) struct Tally {
 /// Event streams that were held open.
 #[derive(Clone, Debug, Default, serde::Serialize)]
 pub(super) struct Streams {
-    /// As many were asked for at a time.
+    /// Number of streams at a time.
     pub(super) held: u32,
     /// Models that were followed.
     pub(super) followed: u64,
-    /// Models whose end was told.
+    /// Models whose end was received.
     pub(super) told: u64,
-    /// Connections that were lost or refused before the end was told, and opened again.
+    /// Connections that were lost or refused before the end was received, and reopened.
     pub(super) cut: u64,
-    /// Models of which no end was told before the run was over.
+    /// Models whose end no stream received before the run was over.
     pub(super) untold: u64,
-    /// Streams that were given up.
+    /// Streams that gave up.
     pub(super) errors: Errors,
 }
 
-/// All numbers so far.
+/// All measurements.
 #[derive(Clone, Debug)]
 pub(super) struct Numbers {
     pub(super) calls: BTreeMap<Call, Tally>,
-    /// Time from planned to sent, in microseconds: how late the load generator itself was.
+    /// Delay of the load generator itself: time from planned to sent, in microseconds.
     pub(super) lag: Histogram<u64>,
-    /// Latencies of all calls by the second in which they were due, after the warm-up; in microseconds.
+    /// Latencies of all calls in microseconds, by the second after the warm-up in which they were
+    /// due.
     pub(super) seconds: Vec<Histogram<u64>>,
     pub(super) streams: Streams,
 }
 
-/// Collects what is measured.
+/// Collects the measurements.
 #[derive(Debug)]
 pub(super) struct Record {
     warm_up: Duration,
@@ -107,7 +108,7 @@ impl Default for Tally {
 }
 
 impl Record {
-    /// An empty record of a run whose first `warm_up` is not counted.
+    /// Creates an empty record that does not count the first `warm_up` of the run.
     pub(super) fn new(warm_up: Duration) -> Self {
         let streams = Streams::default();
         let numbers = Numbers { calls: BTreeMap::new(), lag: histogram(3), seconds: Vec::new(), streams };
@@ -118,29 +119,29 @@ impl Record {
         self.numbers.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Whether a call that was due at this time counts.
+    /// Returns true if a call that was due at this time counts.
     pub(super) fn counts(&self, planned: Duration) -> bool {
         planned >= self.warm_up
     }
 
-    /// Changes the numbers of a call, if one that was due at this time counts.
+    /// Changes the numbers of a call if calls that were due at this time count.
     fn tally(&self, call: Call, planned: Duration, change: impl FnOnce(&mut Tally)) {
         if self.counts(planned) {
             change(self.lock().calls.entry(call).or_default());
         }
     }
 
-    /// A call is due.
+    /// Counts a call that is due.
     pub(super) fn due(&self, call: Call, planned: Duration) {
         self.tally(call, planned, |tally| tally.due += 1);
     }
 
-    /// It is not sent, because too many are in flight.
+    /// Counts a call that is not sent, because too many calls are in flight.
     pub(super) fn dropped(&self, call: Call, planned: Duration) {
         self.tally(call, planned, |tally| tally.dropped += 1);
     }
 
-    /// It was answered 429 so many times and sent again.
+    /// Counts responses 429 after which the request was retried.
     pub(super) fn repeated(&self, call: Call, planned: Duration, times: u64) {
         self.tally(call, planned, |tally| {
             tally.refused += times;
@@ -148,7 +149,7 @@ impl Record {
         });
     }
 
-    /// It ended.
+    /// Records the result of a call.
     pub(super) fn ended(&self, timed: Timed, outcome: Outcome) {
         if !self.counts(timed.planned) {
             return;
@@ -187,19 +188,19 @@ impl Record {
         add(&mut seconds[second], latency);
     }
 
-    /// Changes what is known of the streams.
+    /// Changes the numbers of the streams.
     pub(super) fn streams(&self, change: impl FnOnce(&mut Streams)) {
         change(&mut self.lock().streams);
     }
 
-    /// A copy of the numbers so far.
+    /// Returns a copy of the measurements.
     pub(super) fn numbers(&self) -> Numbers {
         self.lock().clone()
     }
 }
 
 impl Numbers {
-    /// Errors of all calls and streams.
+    /// Returns the errors of all calls and streams.
     pub(super) fn errors(&self) -> Errors {
         let mut all = Errors::default();
         for errors in self.calls.values().map(|tally| &tally.errors).chain([&self.streams.errors]) {
@@ -267,7 +268,7 @@ mod tests {
         let tally = &numbers.calls[&Call::Get];
         assert_eq!((tally.due, tally.answered, tally.skipped, tally.refused, tally.dropped), (7, 1, 1, 1, 1));
         assert_eq!((tally.errors.total, numbers.errors().total), (3, 3));
-        // The answer and the timeout.
+        // The response and the timeout.
         assert_eq!(tally.latency.len(), 2);
     }
 

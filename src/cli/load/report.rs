@@ -1,4 +1,4 @@
-//! The report of a load, as JSON and as text. Times are in seconds.
+//! The report of a load test as JSON. Times are in seconds.
 
 use super::errors::{Errors, Lost};
 use super::mix::Call;
@@ -9,13 +9,13 @@ use super::times::Times;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// How the load was made.
+/// Mode of the load test.
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "mode", rename_all = "snake_case")]
 pub(super) enum Mode {
-    /// At a rate, in calls per second.
+    /// Open loop with a rate in calls per second.
     Open { rate: f64, arrivals: Arrivals, max_in_flight: u32 },
-    /// By users.
+    /// Closed loop.
     Closed { concurrency: u32 },
     /// Without a service.
     Direct { concurrency: u32 },
@@ -28,17 +28,17 @@ pub(super) struct Calls {
     pub(super) answered: u64,
     /// Calls answered per second of the run.
     pub(super) per_second: f64,
-    /// Answers 429. A closed loop sends the request again.
+    /// Responses 429. A closed loop retries the request.
     pub(super) refused: u64,
-    /// Not sent, because `max_in_flight` calls were in flight.
+    /// Not sent: `max_in_flight` calls were in flight.
     pub(super) dropped: u64,
-    /// Not sent, because they needed a model or file that the run did not have yet.
+    /// Not sent: the call needed a model or a file that the run did not have.
     pub(super) skipped: u64,
     /// In flight when the run was interrupted.
     pub(super) unfinished: u64,
     pub(super) errors: Errors,
     pub(super) bytes: u64,
-    /// From the planned start, of calls that were answered or timed out.
+    /// From the planned start, of calls with a valid response and calls that timed out.
     pub(super) latency: Times,
 }
 
@@ -50,39 +50,40 @@ pub(super) struct Second {
     latency: Times,
 }
 
-/// The service's models per second, compared with those of the generator alone on all cores of this machine.
+/// Models per second of the service, compared with the generator alone on all cores of this
+/// machine.
 #[derive(Debug, Serialize)]
 pub(super) struct Efficiency {
-    /// Models that the generator grew for comparison.
+    /// Number of models that the generator grew for the comparison.
     pub(super) sample: u64,
     pub(super) direct_per_second: f64,
-    /// Service by direct.
+    /// Models per second of the service divided by `direct_per_second`.
     pub(super) ratio: f64,
 }
 
-/// The result of a load.
+/// The result of a load test.
 #[derive(Debug, Serialize)]
 pub(super) struct Report {
     #[serde(flatten)]
     pub(super) mode: Mode,
     /// Seed of the plan and of the first model.
     pub(super) seed: u64,
-    /// Whether it was ended early by a signal.
+    /// True if a signal ended the run early.
     pub(super) interrupted: bool,
-    /// Whether the end of all models was waited for.
+    /// True if the run waited for the end of all models.
     pub(super) waited: bool,
     pub(super) warm_up: f64,
     /// Length of the run without the warm-up.
     pub(super) seconds: f64,
     pub(super) calls: BTreeMap<Call, Calls>,
-    /// Of all calls and streams.
+    /// Errors of all calls and streams.
     pub(super) errors: Errors,
-    /// From planned to sent: how late this load generator was.
+    /// Delay of the load generator itself: time from planned to sent.
     pub(super) lag: Times,
     pub(super) streams: Streams,
-    /// `null` if they could not be read.
+    /// `null` if the models could not be read.
     pub(super) models: Option<Models>,
-    /// Why they could not.
+    /// Reason why the models could not be read.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) models_unread: Option<String>,
     pub(super) efficiency: Option<Efficiency>,
@@ -97,7 +98,7 @@ pub(super) struct Run {
     pub(super) interrupted: bool,
     pub(super) warm_up: f64,
     pub(super) seconds: f64,
-    /// Whether the end of all models was waited for.
+    /// True if the run waited for the end of all models.
     pub(super) waited: bool,
 }
 
@@ -154,8 +155,9 @@ impl Report {
         }
     }
 
-    /// Whether anything failed: a call met an error or was dropped, no call was answered, a stream was not told of an end,
-    /// or a model failed, is missing, or did not end although its end was waited for. Answers 429 are no failure.
+    /// Returns true if anything failed: a call had an error or was dropped, no call was answered, a
+    /// stream missed an end, or a model failed, is missing or did not end in time. Responses 429
+    /// are not failures.
     pub(super) fn failed(&self) -> bool {
         let models = self
             .models

@@ -1,4 +1,4 @@
-//! Seeds of the models of a load.
+//! Seeds of the models of a load test.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -11,12 +11,12 @@ pub struct Seeds {
 }
 
 impl Seeds {
-    /// The `count` seeds that start with `first`.
+    /// Creates the `count` seeds that start with `first`.
     pub fn new(first: u64, count: u64) -> Self {
         Self { next: Arc::new(AtomicU64::new(first)), end: first.saturating_add(count) }
     }
 
-    /// Number of seeds that are not taken yet.
+    /// Returns the number of seeds that are left.
     #[must_use]
     pub fn left(&self) -> u64 {
         self.end.saturating_sub(self.next.load(Ordering::Relaxed))

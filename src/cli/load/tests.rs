@@ -88,7 +88,8 @@ async fn a_stall_of_the_service_shows_in_the_percentiles_of_an_open_loop() {
     let report = load(&url, "--rate 200/s --arrivals uniform --duration 2s --mix submit=1").await.unwrap();
     stall.await.unwrap();
     let calls = &report.calls[&Call::Submit];
-    // The stall changed neither the number of calls nor their times: 60 of 400 were due while it lasted.
+    // The stall changed neither the number of calls nor their times: 60 of 400 were due while it
+    // lasted.
     assert_eq!((calls.due, calls.answered, calls.dropped), (400, 400, 0));
     assert!((0.27..1.0).contains(&calls.latency.p99), "{:?}", calls.latency);
     assert!(calls.latency.p90 > 0.05 && calls.latency.p50 < 0.2, "{:?}", calls.latency);
@@ -98,8 +99,8 @@ async fn a_stall_of_the_service_shows_in_the_percentiles_of_an_open_loop() {
     assert!(report.timeline.len() == 2 && report.timeline.iter().map(|second| second.calls).sum::<u64>() == 400);
 }
 
-/// Answers the connections in turn: with status 500, by closing, with nonsense instead of HTTP, with nonsense instead of
-/// JSON, with a body that breaks off.
+/// Answers the connections in turn: with status 500, by closing, with nonsense instead of HTTP,
+/// with nonsense instead of JSON, with a body that breaks off.
 async fn serve_faults() -> String {
     const FAULTS: [&str; 5] = [
         "HTTP/1.1 500 Internal Server Error\r\ncontent-length: 0\r\nconnection: close\r\n\r\n",

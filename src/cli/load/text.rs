@@ -1,11 +1,11 @@
-//! The report of a load as text.
+//! The report of a load test as text.
 
 use super::models::Models;
 use super::report::{Calls, Mode, Report};
 use super::times::Times;
 use crate::cli::units::show_bytes;
 
-/// The report, line by line.
+/// Returns the lines of the report.
 pub(super) fn lines(report: &Report) -> Vec<String> {
     let mut lines = vec![head(report)];
     lines.push(row(
@@ -88,7 +88,7 @@ fn row(cells: [String; 8]) -> String {
     format!("{first:<9}{others}")
 }
 
-/// What became of the calls that were not answered as they should be.
+/// Returns the numbers of calls without a valid response.
 fn apart(calls: &Calls) -> String {
     let counts = [
         (calls.errors.total, "met an error"),

@@ -4,19 +4,19 @@ use hdrhistogram::Histogram;
 use serde::Serialize;
 use std::time::Duration;
 
-/// Times in microseconds, with this many significant digits (at most 5).
+/// Creates a histogram of times in microseconds with this many significant digits (at most 5).
 pub(super) fn histogram(digits: u8) -> Histogram<u64> {
     Histogram::new(digits).expect("at most 5 digits")
 }
 
 /// Adds a time.
 pub(super) fn add(histogram: &mut Histogram<u64>, time: Duration) {
-    // 584,000 years would not fit.
+    // Only times above 584,000 years do not fit.
     let micros = u64::try_from(time.as_micros()).unwrap_or(u64::MAX);
     histogram.record(micros).expect("the histogram grows with its values");
 }
 
-/// Percentiles of a distribution, in seconds; all 0 if it is empty.
+/// Percentiles of a distribution in seconds; all 0 if the distribution is empty.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub(super) struct Times {
     pub(super) mean: f64,

@@ -1,4 +1,4 @@
-//! `oviduct check`: the certificate of the surface in any file, whether oviduct wrote it or not.
+//! `oviduct check`: certifies the surfaces in files from any source.
 
 use crate::cli::args::CheckArgs;
 use crate::cli::exit::{Ended, Failure};
@@ -34,10 +34,10 @@ pub(in crate::cli) async fn run(args: CheckArgs) -> Ended {
     if all_good { Ok(()) } else { Err(Failure::Negative) }
 }
 
-/// What was found of a file.
+/// Result for a file.
 enum Verdict {
     Surface(Box<Certificate>),
-    /// Of a file with tissue and lumen, whose common wall is in it once.
+    /// Certificate of a file that contains tissue and lumen with one common wall.
     Both(Box<BothCertificate>),
 }
 
@@ -61,7 +61,7 @@ impl Verdict {
     }
 }
 
-/// The patches of a surface that has just those of both bodies.
+/// Returns the patches if the surface has exactly those of both bodies.
 fn both_bodies(surface: &Surface) -> Option<Vec<Patch>> {
     let patches: Vec<Patch> = (surface.groups.iter())
         .map(|group| Some(Patch { kind: PatchKind::named(&group.name)?, triangles: group.triangles.clone() }))

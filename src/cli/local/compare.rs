@@ -1,4 +1,5 @@
-//! `oviduct compare`: models of several seeds beside published anatomy, as Markdown tables or JSON.
+//! `oviduct compare`: compares models of several seeds with published anatomy, as Markdown tables
+//! or JSON.
 
 use crate::cli::args::CompareArgs;
 use crate::cli::exit::{Ended, Failure};
@@ -51,7 +52,7 @@ pub(in crate::cli) async fn run(args: CompareArgs) -> Ended {
     Ok(())
 }
 
-/// A model: its seed and what was found out about it.
+/// Seed and findings of a model.
 type Model = (u64, Findings);
 
 fn grown(preset: &Preset, args: &CompareArgs, bar: &term::Bar, cancel: &CancelToken) -> anyhow::Result<Vec<Model>> {
@@ -60,7 +61,7 @@ fn grown(preset: &Preset, args: &CompareArgs, bar: &term::Bar, cancel: &CancelTo
     let count = seeds.end() - seeds.start() + 1;
     let models = seeds.enumerate().map(|(i, seed)| {
         bar.show(&preset.name, i as f64 / count as f64, format!("seed {seed}"));
-        // Nothing of a model is kept but its findings.
+        // Only the findings of a model are kept.
         let scratch = Scratch::new(&std::env::temp_dir())?;
         let request = Request {
             preset: preset.name.clone(),
@@ -85,7 +86,7 @@ fn spread(values: &[f64]) -> (f64, f64) {
     (mean, if values.len() > 1 { (squares / (n - 1.0)).sqrt() } else { 0.0 })
 }
 
-/// What is published of one measure, and the models beside it.
+/// A published measure and the values of the models.
 fn rows(models: &[Model]) -> Vec<(&Compared, Vec<f64>, usize)> {
     let compared = |model: &'_ Model| model.1.comparison.as_ref().map(|c| &c.compared).into_iter().flatten().count();
     let count = models.first().map_or(0, compared);
@@ -99,7 +100,8 @@ fn rows(models: &[Model]) -> Vec<(&Compared, Vec<f64>, usize)> {
         .collect()
 }
 
-/// A quantity in a region, model by model: the mean along the region, or the median of counts that are orders.
+/// Values of a quantity in a region, one per model: the mean along the region, or the median for
+/// counts that are orders.
 fn values(models: &[Model], quantity: &str, region: &str) -> Vec<f64> {
     let along = |model: &Model| Some(*model.1.morphometry.regions.get(region)?.quantities.get(quantity)?);
     let of = |along: crate::measure::morphometry::Along| {

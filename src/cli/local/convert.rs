@@ -1,4 +1,4 @@
-//! `oviduct convert`: a surface in another format or unit.
+//! `oviduct convert`: converts a surface to another format or unit.
 
 use crate::cli::args::ConvertArgs;
 use crate::cli::exit::{Ended, Failure};
@@ -25,13 +25,13 @@ pub(in crate::cli) async fn run(args: ConvertArgs) -> Ended {
     Ok(())
 }
 
-/// What is written where.
+/// Target of a conversion.
 struct Target {
     output: Output,
     dir: PathBuf,
     /// Name of the file without its ending.
     stem: String,
-    /// The files: ending in the table of formats, and as it was given.
+    /// Endings of the files: as in the table of formats, and as given.
     endings: Vec<(&'static str, String)>,
     unit: LengthUnit,
 }
@@ -68,7 +68,7 @@ impl Target {
     }
 }
 
-/// The textual twin of a format.
+/// Returns the text variant of a format.
 fn ascii(output: Output, name: &str) -> Result<Output, Failure> {
     match output {
         Output::Stl | Output::StlAscii => Ok(Output::StlAscii),

@@ -1,4 +1,4 @@
-//! `oviduct cut`: a surface cut by a plane.
+//! `oviduct cut`: cuts a surface with a plane.
 
 use super::section::layers;
 use crate::cli::args::CutArgs;
@@ -26,7 +26,7 @@ pub(in crate::cli) async fn run(args: CutArgs) -> Ended {
         return Err(Failure::usage(format!("--preset: there is no preset {}", args.preset)));
     }
     let out = args.out.clone();
-    // Nothing is written meanwhile, so an interrupt need not wait.
+    // The thread writes nothing, so an interrupt need not wait for it.
     let made = tokio::select! {
         done = tokio::task::spawn_blocking(move || make(&args, &plane, kind)) => done.context("cutting panicked")?,
         () = interrupt::asked_to_stop() => return Err(Failure::Interrupted),
@@ -47,7 +47,7 @@ pub(in crate::cli) async fn run(args: CutArgs) -> Ended {
     Ok(())
 }
 
-/// What is written.
+/// Result of a cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     Json,
@@ -75,7 +75,7 @@ fn plane(args: &CutArgs) -> Result<Plane, Failure> {
     }
 }
 
-/// The plane at a place along the tube, which may be bent.
+/// Returns the plane across the tube at a position along it; the tube may be bent.
 fn across(args: &CutArgs, z_um: f64) -> Result<Plane, Failure> {
     let beside = args.file.with_file_name("report.json");
     let path = match &args.report {
@@ -97,7 +97,7 @@ fn across(args: &CutArgs, z_um: f64) -> Result<Plane, Failure> {
     })
 }
 
-/// A line of figures, and the file.
+/// Prints a line of figures and the name of the file.
 fn make(args: &CutArgs, plane: &Plane, kind: Option<Kind>) -> Result<(String, Option<Vec<u8>>), Failure> {
     let shown = args.file.display();
     let surface = read_surface(&args.file).with_context(|| shown.to_string())?;

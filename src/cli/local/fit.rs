@@ -22,7 +22,7 @@ use std::time::Duration;
 
 /// Time between two checkpoints.
 const CHECKPOINT_EVERY: Duration = Duration::from_secs(10);
-/// Largest file of targets.
+/// Maximum size of a file of targets, bytes.
 const MOST_BYTES: u64 = 1 << 20;
 
 pub(in crate::cli) async fn run(args: FitArgs) -> Ended {
@@ -56,7 +56,7 @@ pub(in crate::cli) async fn run(args: FitArgs) -> Ended {
     Ok(())
 }
 
-/// The request that the options describe; faults name the option.
+/// Returns the request that the options describe. Faults name the option.
 fn request(args: &FitArgs) -> Result<FitSpec, Failure> {
     let (preset, spec, set) = (args.preset.clone(), args.spec.clone(), args.set.clone());
     let spec = model::patch(&SpecArgs { preset, seed: None, spec, set })?;
@@ -114,7 +114,7 @@ fn request(args: &FitArgs) -> Result<FitSpec, Failure> {
     })
 }
 
-/// Targets from the images.
+/// Returns the targets from the images.
 fn images(args: &FitArgs) -> Result<Vec<Target>, Failure> {
     let mut images = Vec::new();
     for text in &args.image {
@@ -153,7 +153,7 @@ fn read_targets(path: &Path) -> Result<String, Failure> {
     Ok(text)
 }
 
-/// A target from `region/quantity=value` or `region/quantity=low..high`.
+/// Parses a target such as `region/quantity=value` or `region/quantity=low..high`.
 fn target(text: &str) -> Result<Value, String> {
     let form = "must be written as REGION/QUANTITY=VALUE or REGION/QUANTITY=LOW..HIGH";
     let (name, value) = text.split_once('=').ok_or(form)?;
@@ -169,7 +169,7 @@ fn target(text: &str) -> Result<Value, String> {
     Ok(target)
 }
 
-/// A variable from `a.b`, `a.b@end` or `a.b@end=from..to`.
+/// Parses a variable such as `a.b`, `a.b@end` or `a.b@end=from..to`.
 fn vary(text: &str) -> Result<Value, String> {
     let (place, bounds) = text.split_once('=').map_or((text, None), |(place, bounds)| (place, Some(bounds)));
     let (name, end) = place.split_once('@').map_or((place, None), |(name, end)| (name, Some(end)));
@@ -186,7 +186,7 @@ fn number(text: &str) -> Result<f64, String> {
     text.trim().parse().ok().filter(|x: &f64| x.is_finite()).ok_or_else(|| format!("`{text}` is no number"))
 }
 
-/// The bytes of an earlier checkpoint; none if there is no such file yet.
+/// Returns the bytes of an earlier checkpoint; `None` if there is no such file.
 fn read_checkpoint(path: &Path) -> Result<Option<Vec<u8>>, Failure> {
     match std::fs::read(path) {
         Ok(bytes) => Ok(Some(bytes)),
@@ -195,7 +195,7 @@ fn read_checkpoint(path: &Path) -> Result<Option<Vec<u8>>, Failure> {
     }
 }
 
-/// Shows progress on stderr, and keeps checkpoints.
+/// Shows progress on stderr and writes checkpoints.
 struct Shown {
     bar: term::Bar,
     checkpoint: Option<Kept>,
@@ -217,7 +217,7 @@ impl Kept {
         written.as_ref().is_none_or(|since| since.elapsed() >= CHECKPOINT_EVERY)
     }
 
-    /// Replaces the file at once, so that it is never half written.
+    /// Replaces the file atomically, so that it is never half written.
     fn write(&self, bytes: &[u8]) {
         let part = self.path.with_added_extension("part");
         let done = std::fs::write(&part, bytes).and_then(|()| std::fs::rename(&part, &self.path));
@@ -251,7 +251,7 @@ impl FitSink for Shown {
     }
 }
 
-/// A number with four significant digits.
+/// Formats a number with four significant digits.
 fn shown(value: f64) -> String {
     let digits = if value == 0.0 { 0 } else { (3 - value.abs().log10().floor() as i32).clamp(0, 6) };
     format!("{value:.*}", digits as usize)
@@ -261,7 +261,7 @@ fn optional(value: Option<f64>) -> String {
     value.map_or_else(|| "–".into(), shown)
 }
 
-/// The output without `--json`.
+/// Returns the output without `--json`.
 fn text(result: &FitResult) -> String {
     let mut text = String::new();
     let search = &result.search;

@@ -1,4 +1,5 @@
-//! `oviduct generate`: grows one model in this process. Its files appear together, once it is certified.
+//! `oviduct generate`: grows one model in this process. Its files appear together once it is
+//! certified.
 
 use super::report;
 use crate::cli::args::{GenerateArgs, GpuArgs};
@@ -17,7 +18,7 @@ use std::path::{Path, PathBuf};
 
 pub(in crate::cli) async fn run(args: GenerateArgs) -> Ended {
     let (preset, spec) = model::resolve(&args.model.of)?;
-    // Before the scratch directory exists, which a signal would leave behind.
+    // Before the scratch directory is created, which a signal would leave behind.
     let mut signals = Signals::listen();
     let scratch = Scratch::new(&args.out).with_context(|| format!("--out {}", args.out.display()))?;
     let request = Request {
@@ -87,7 +88,8 @@ fn manifest(request: &Request, outcome: &Outcome, dir: &Path) -> anyhow::Result<
     })
 }
 
-/// Grows a model on another thread and shows its progress; stops it when interrupted.
+/// Grows a model on another thread and shows its progress. A signal stops it. Also returns the
+/// reason if an `auto` request ran on the CPU.
 pub async fn grow(
     request: Request,
     gpu: GpuArgs,
@@ -127,12 +129,12 @@ pub fn warn(outcome: &Outcome) {
     }
 }
 
-/// The warnings about poor growth, as objects with a `code` and a `detail`.
+/// Returns the warnings about poor growth, objects with a `code` and a `detail`.
 fn warnings(outcome: &Outcome) -> &[Value] {
     outcome.findings.summary.get("warnings").and_then(Value::as_array).map_or(&[], Vec::as_slice)
 }
 
-/// The output with `--json`.
+/// Returns the output with `--json`.
 fn document(request: &Request, outcome: &Outcome, fallback: Option<&str>) -> Value {
     let count = |name: &str| outcome.findings.summary.get(name).cloned().unwrap_or_default();
     let file =
@@ -159,7 +161,7 @@ fn document(request: &Request, outcome: &Outcome, fallback: Option<&str>) -> Val
     })
 }
 
-/// The output without `--json`.
+/// Returns the output without `--json`.
 fn summary(request: &Request, outcome: &Outcome) -> [String; 3] {
     let (of, proof, seconds) = (&outcome.findings.summary, &outcome.findings.certificate, &outcome.seconds);
     let gap = proof["min_gap_um"].as_f64().map(|gap| format!("; minimum gap {gap:.2} µm")).unwrap_or_default();

@@ -1,4 +1,4 @@
-//! `oviduct measure`: what the section in an image measures.
+//! `oviduct measure`: measures the section in an image.
 
 use crate::cli::args::MeasureArgs;
 use crate::cli::exit::{Ended, Failure};
@@ -41,11 +41,11 @@ fn measured(image: &Path, reading: &Reading) -> Result<Measures, Failure> {
     }
 }
 
-/// The bytes of a file, if they are not too many.
+/// Reads a file of limited size.
 pub(in crate::cli) fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
     let file = File::open(path)?;
     let mut bytes = Vec::new();
-    // A file may grow while it is read, and what is no file has no length.
+    // A file may grow while it is read, and a pipe has no length.
     if file.metadata()?.len() <= MAX_BYTES {
         file.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
         if bytes.len() as u64 <= MAX_BYTES {
@@ -55,7 +55,7 @@ pub(in crate::cli) fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
     bail!("larger than {} MiB, the most that is read", MAX_BYTES >> 20)
 }
 
-/// One quantity a line: its title, its value, and its unit.
+/// Prints one quantity per line: title, value and unit.
 fn table(measures: &Measures) -> String {
     let width = QUANTITIES.iter().map(|quantity| quantity.title.chars().count()).max().unwrap_or(0);
     let line = |quantity: &crate::measure::morphometry::Quantity| {
@@ -65,7 +65,7 @@ fn table(measures: &Measures) -> String {
     QUANTITIES.iter().map(line).collect()
 }
 
-/// Four digits, or all before the point; counts have no point.
+/// Formats a value with four digits, or all digits before the point; counts have no point.
 fn number(value: f64) -> String {
     if value == value.trunc() && value.abs() < 1e6 {
         return format!("{value}");

@@ -1,4 +1,4 @@
-//! `oviduct render`: pictures of the surface in any file that `oviduct check` reads, and of stored sections.
+//! `oviduct render`: draws the surfaces in files that `oviduct check` reads and in `sections.bin`.
 
 use crate::cli::args::RenderArgs;
 use crate::cli::exit::{Ended, Failure};
@@ -28,7 +28,7 @@ pub(in crate::cli) async fn run(args: RenderArgs) -> Ended {
     for (file, name) in args.files.clone().into_iter().zip(names) {
         let args = Arc::clone(&args);
         let shown = file.display().to_string();
-        // Nothing is written meanwhile, so an interrupt need not wait for the threads that draw.
+        // The threads that draw write nothing, so an interrupt need not wait for them.
         let picture = tokio::select! {
             done = tokio::task::spawn_blocking(move || draw(&file, &args)) => done.context("drawing panicked")?,
             () = interrupt::asked_to_stop() => return Err(Failure::Interrupted),
@@ -52,7 +52,7 @@ pub(in crate::cli) async fn run(args: RenderArgs) -> Ended {
     if all_drawn { Ok(()) } else { Err(Failure::Negative) }
 }
 
-/// The directory of the pictures, and the name of each.
+/// Returns the directory of the pictures and the name of each.
 fn targets(files: &[PathBuf], out: &Path) -> Result<(PathBuf, Vec<String>), Failure> {
     if out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
         let name = out.file_name().and_then(|name| name.to_str());
@@ -90,7 +90,7 @@ fn draw(file: &Path, args: &RenderArgs) -> anyhow::Result<Vec<u8>> {
     Ok(mesh_png(&mesh, &view)?)
 }
 
-/// A surface in metres; its groups with the names of patches are these patches.
+/// Converts a surface to a mesh in metres. Groups that are named like patches become these patches.
 pub fn mesh(surface: Surface) -> Mesh {
     let metres = surface.unit.metres();
     Mesh {

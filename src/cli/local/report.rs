@@ -1,5 +1,5 @@
-//! `oviduct report`: the report of a model as one HTML page, from its `report.json` and `sections.bin`, and its
-//! surface if that leans.
+//! `oviduct report`: writes the report of a model as one HTML page. It reads `report.json`,
+//! `sections.bin` and, if the model leans, the surface.
 
 use crate::cli::args::ReportArgs;
 use crate::cli::exit::Ended;
@@ -21,7 +21,7 @@ pub(in crate::cli) const NAME: &str = "report.html";
 
 pub(in crate::cli) async fn run(args: ReportArgs) -> Ended {
     let dir = args.dir.clone();
-    // Nothing is written meanwhile, so an interrupt need not wait for the threads that draw.
+    // The threads that draw write nothing, so an interrupt need not wait for them.
     let html = tokio::select! {
         done = tokio::task::spawn_blocking(move || page(&dir)) => done.context("drawing panicked")??,
         () = interrupt::asked_to_stop() => return Err(crate::cli::exit::Failure::Interrupted),
@@ -39,7 +39,7 @@ pub(in crate::cli) async fn run(args: ReportArgs) -> Ended {
     Ok(())
 }
 
-/// The page of the model in a directory.
+/// Returns the page for the model in a directory.
 pub(in crate::cli) fn page(dir: &Path) -> anyhow::Result<String> {
     let (json, bin) = (dir.join("report.json"), dir.join("sections.bin"));
     let stored = std::fs::read(&json).with_context(|| json.display().to_string())?;
@@ -60,7 +60,8 @@ pub(in crate::cli) fn page(dir: &Path) -> anyhow::Result<String> {
     Ok(report::html(&stored, &strip, &tube)?)
 }
 
-/// The surface of the tissue, if it leans and one of its files is in the directory.
+/// Returns the surface of the tissue if the model leans and the directory has a file of the
+/// surface.
 fn body(dir: &Path, report: &[u8]) -> anyhow::Result<Option<Body<'static>>> {
     if !report::leans(report) {
         return Ok(None);

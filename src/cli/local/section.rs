@@ -1,4 +1,4 @@
-//! `oviduct section`: a stored cross section as a stained picture or as a label image.
+//! `oviduct section`: draws a section of `sections.bin` as a stained picture or a label image.
 
 use crate::cli::args::{LayerArgs, SectionArgs};
 use crate::cli::exit::{Ended, Failure};
@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 
 pub(in crate::cli) async fn run(args: SectionArgs) -> Ended {
     let (dir, name) = target(&args.out, args.index, args.labels);
-    // Nothing is written meanwhile, so an interrupt need not wait for the threads that draw.
+    // The threads that draw write nothing, so an interrupt need not wait for them.
     let drawn = tokio::select! {
         done = tokio::task::spawn_blocking(move || draw(&args)) => done.context("drawing panicked")?,
         () = interrupt::asked_to_stop() => return Err(Failure::Interrupted),
@@ -33,7 +33,7 @@ pub(in crate::cli) async fn run(args: SectionArgs) -> Ended {
     Ok(())
 }
 
-/// The directory and the name of the picture.
+/// Returns the directory and the name of the picture.
 fn target(out: &Path, index: u32, labels: bool) -> (PathBuf, String) {
     let is_picture = out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
     if let (true, Some(name)) = (is_picture, out.file_name().and_then(|name| name.to_str())) {
@@ -60,7 +60,7 @@ fn draw(args: &SectionArgs) -> Result<Vec<u8>, Failure> {
     Ok(drawn.context("the section cannot be drawn")?)
 }
 
-/// The layers of a preset, changed by options, which are checked as a spec is.
+/// Returns the layers of a preset, changed by the options. The options are checked like a spec.
 pub(super) fn layers(name: &str, args: &LayerArgs) -> Result<Layers, Failure> {
     let given = [
         ("epithelium_um", args.epithelium_um),

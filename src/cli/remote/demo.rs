@@ -1,4 +1,5 @@
-//! `oviduct demo`: the whole request flow in one command, over real HTTP, with all its files in `./demo`.
+//! `oviduct demo`: starts a service, requests a model over HTTP and saves it. All files are in
+//! `./demo`.
 
 use super::client::Client;
 use super::submit;
@@ -15,9 +16,9 @@ use tokio::net::TcpListener;
 
 /// Directory for all files.
 const FOLDER: &str = "demo";
-/// The first port to try.
+/// First port to try.
 const PORT: u16 = 8080;
-/// How many consecutive ports are tried before a random free one is used.
+/// Number of consecutive ports to try before a random free one.
 const PORTS: u16 = 20;
 
 pub(in crate::cli) async fn run(args: DemoArgs) -> Ended {
@@ -49,7 +50,7 @@ pub(in crate::cli) async fn run(args: DemoArgs) -> Ended {
     }
 }
 
-/// Listens on port 8080, or one of the next, or any free one.
+/// Listens on the first free port from 8080 on, or on a random free port.
 async fn listen() -> anyhow::Result<TcpListener> {
     for port in PORT..PORT + PORTS {
         if let Ok(listener) = TcpListener::bind(("127.0.0.1", port)).await {
@@ -59,7 +60,7 @@ async fn listen() -> anyhow::Result<TcpListener> {
     TcpListener::bind(("127.0.0.1", 0)).await.context("no port is free")
 }
 
-/// Requests the model, follows it, saves it, and checks its certificate.
+/// Requests the model, follows it, saves it and checks its certificate.
 async fn show(url: &str, body: &Value, last: bool) -> Ended {
     let client = Client::new(url, None)?;
     let accepted = client.submit(body, &uuid::Uuid::now_v7().to_string()).await?;

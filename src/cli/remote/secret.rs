@@ -1,4 +1,4 @@
-//! A secret given as an option. It is never shown: not in logs, errors or debug output.
+//! An API key given as an option. Logs, errors and debug output never contain it.
 
 use crate::cli::exit::Failure;
 use reqwest::header::HeaderValue;
@@ -6,7 +6,7 @@ use std::convert::Infallible;
 use std::fmt;
 use std::str::FromStr;
 
-/// A key of a service. Any text parses, because an error of the parser would print it.
+/// An API key. Any text parses, because an error of the parser would print it.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Key(String);
 
@@ -25,10 +25,10 @@ impl fmt::Debug for Key {
 }
 
 impl Key {
-    /// The value of `Authorization` for this key, marked as sensitive.
+    /// Returns the value of `Authorization` for this key, marked as sensitive.
     ///
     /// # Errors
-    /// [`Failure::Usage`] if it is empty or cannot be part of a header.
+    /// [`Failure::Usage`] if the key is empty or cannot be part of a header.
     pub(in crate::cli) fn authorization(&self) -> Result<HeaderValue, Failure> {
         let text = self.0.trim();
         let value = HeaderValue::from_str(&format!("Bearer {text}")).ok().filter(|_| !text.is_empty());

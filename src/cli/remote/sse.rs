@@ -3,9 +3,9 @@
 /// One event.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(in crate::cli) struct Event {
-    /// Its type; `message` if the server sent none.
+    /// Type; `message` if the server sent none.
     pub(in crate::cli) kind: String,
-    /// Id of this event, or of the last one before it that had one.
+    /// Id of this event, or of the last earlier event that has an id.
     pub(in crate::cli) id: Option<String>,
     /// Payload.
     pub(in crate::cli) data: String,
@@ -21,7 +21,7 @@ pub(in crate::cli) struct Parser {
 }
 
 impl Parser {
-    /// Takes the next piece of the stream; returns the events that it completes.
+    /// Takes the next piece of the stream and returns the events that it completes.
     pub(in crate::cli) fn feed(&mut self, piece: &[u8]) -> Vec<Event> {
         let mut events = Vec::new();
         for &byte in piece {

@@ -1,4 +1,4 @@
-//! `oviduct submit`: requests a model from a service; waits for it and saves it if asked to.
+//! `oviduct submit`: requests a model from a service, and waits for it and saves it with options.
 
 use super::client::{Client, Followed, Model, Warning};
 use crate::cli::args::{ModelArgs, SubmitArgs};
@@ -60,7 +60,7 @@ pub(in crate::cli) async fn run(args: SubmitArgs) -> Ended {
     Ok(())
 }
 
-/// The body of a request for the model that the options describe.
+/// Returns the body of a request for the model that the options describe.
 pub(in crate::cli) fn request(args: &ModelArgs) -> Result<Value, Failure> {
     let mut body = json!({
         "preset": args.of.preset, "spec": model::patch(&args.of)?, "outputs": args.outputs().formats,
@@ -82,10 +82,10 @@ fn labels(labels: &[String]) -> Result<Value, Failure> {
     Ok(Value::Object(map))
 }
 
-/// Reads a model.
+/// Reads a model from its JSON.
 ///
 /// # Errors
-/// If it lacks a member that is needed.
+/// If a required member is missing.
 pub(in crate::cli) fn read(value: &Value) -> Result<Model, Failure> {
     Ok(Model::deserialize(value).context("the service's answer is not a model")?)
 }
@@ -97,7 +97,7 @@ pub(in crate::cli) fn warn(warnings: &[Warning]) {
     }
 }
 
-/// Follows a model to its end and shows its progress; returns the ended model.
+/// Follows a model to its end, shows its progress and returns the ended model.
 pub(in crate::cli) async fn wait(client: &Client, accepted: Value) -> Result<Value, Failure> {
     let model = read(&accepted)?;
     if model.is_ended() {

@@ -8,7 +8,7 @@ use anyhow::Context;
 use serde::Deserialize;
 use serde_json::Value;
 
-/// The parts of `GET /workers` that are shown.
+/// Members of `GET /workers` that are shown.
 #[derive(Debug, Deserialize)]
 struct WorkerList {
     pause: Option<Pause>,
@@ -50,10 +50,10 @@ pub(in crate::cli) async fn run(args: WorkersArgs) -> Ended {
     Ok(lines.iter().try_for_each(|line| term::print(line))?)
 }
 
-/// The segments of the path to post to.
+/// Returns the segments of the path to post to.
 ///
 /// # Errors
-/// [`Failure::Usage`] if the action needs a name, or takes none.
+/// [`Failure::Usage`] if the action needs a name or takes none.
 fn path(action: WorkersAction, name: Option<&str>) -> Result<Vec<&str>, Failure> {
     let verb = match action {
         WorkersAction::List => "list",
@@ -62,7 +62,7 @@ fn path(action: WorkersAction, name: Option<&str>) -> Result<Vec<&str>, Failure>
         WorkersAction::Drain => "drain",
     };
     match name {
-        // As segments of a path they would name something else.
+        // As segments of a path these names would select another resource.
         Some(name @ ("." | "..")) => Err(Failure::usage(format!("NAME: there is no worker {name}"))),
         Some(_) if action == WorkersAction::List => Err(Failure::usage("NAME: list takes no name")),
         None if action == WorkersAction::Drain => Err(Failure::usage("NAME: drain needs the name of a worker")),

@@ -1,6 +1,6 @@
-//! `oviduct keys`: makes, lists, revokes and rotates the keys of clients, in the database itself.
+//! `oviduct keys`: creates, lists, revokes and rotates API keys directly in the database.
 //!
-//! A secret is printed once, to stdout; all else goes to stderr.
+//! A secret is printed once, to stdout. Everything else goes to stderr.
 
 use super::{database, location};
 use crate::cli::args::{DatabaseArgs, Keys, KeysAddArgs, KeysListArgs, KeysRevokeArgs, KeysRotateArgs};
@@ -57,7 +57,7 @@ fn stored(key: Result<Key, StoreError>) -> Result<Key, Failure> {
     Ok(key.context("the key could not be stored")?)
 }
 
-/// Prints a new key, with its secret.
+/// Prints a new key with its secret.
 fn show(secret: &Secret, key: &Key, as_json: bool) -> Ended {
     key.audit_added();
     if as_json {
@@ -90,7 +90,7 @@ async fn list(args: KeysListArgs) -> Ended {
     Ok(())
 }
 
-/// `active`, `ending` (revoked from a later time on), `revoked` or `expired`.
+/// Returns `active`, `ending` (revoked at a later time), `revoked` or `expired`.
 fn state(key: &Key, now: Timestamp) -> &'static str {
     match (key.works_at(now), key.revoked_at) {
         (true, None) => "active",
@@ -125,7 +125,7 @@ fn described(key: &Key, state: &str) -> Value {
     })
 }
 
-/// The key of this prefix. A whole key is accepted too, since that is what people have at hand.
+/// Returns the key of this prefix. Also accepts a whole key.
 async fn find(store: &Store, text: &str) -> Result<(Timestamp, Key), Failure> {
     let (now, keys) = read(store).await?;
     let secret = Secret::parse(text).ok();
@@ -167,7 +167,8 @@ async fn rotate(args: KeysRotateArgs) -> Ended {
         limits: old.limits,
         expires_at: old.expires_at,
     };
-    // First the new one: if the second step fails, both work, and the old one can be revoked again.
+    // The new key first: if the second step fails, both keys work, and the old key can still be
+    // revoked.
     let key = stored(store.add_key(new).await)?;
     show(&secret, &key, args.json)?;
     end(&store, &old, args.overlap).await?;

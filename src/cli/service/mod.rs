@@ -1,4 +1,4 @@
-//! The parts of a process, put together and stopped in order: job store, artifact store, workers, and for `serve` the
+//! Assembly and shutdown of a process: job store, artifact store, workers and, for `serve`, the
 //! router with its listeners.
 
 pub(super) mod connections;
@@ -31,10 +31,10 @@ use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 use upkeep::{Upkeep, UpkeepContext};
 
-/// Minimum time for the last answers to be sent on shutdown, even with a shorter `--grace`.
+/// Minimum time to send the last responses during a shutdown, even with a shorter `--grace`.
 const LAST_ANSWERS: Duration = Duration::from_secs(5);
 
-/// The stores, and the workers of this process.
+/// The stores and the workers of this process.
 pub(in crate::cli) struct Runtime {
     store: Store,
     artifacts: Artifacts,
@@ -44,16 +44,16 @@ pub(in crate::cli) struct Runtime {
     grace: Duration,
 }
 
-/// Whether a process is useful without workers of its own.
+/// Whether a process needs workers of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::cli) enum WorkerRequirement {
-    /// It is: it also serves HTTP, and other processes may have workers.
+    /// The process serves HTTP, and other processes may have workers.
     Optional,
-    /// It is not.
+    /// The process does nothing else.
     Required,
 }
 
-/// The stores of a process, open, without workers.
+/// The open stores of a process.
 struct Stores {
     jobs: Store,
     artifacts: Artifacts,
@@ -68,12 +68,12 @@ pub struct Service {
     upkeep: Upkeep,
     server: JoinHandle<()>,
     shutdown: CancellationToken,
-    /// Ends the listener of probes, which answers longer than the others.
+    /// Ends the listener of probes, which responds longer than the other listener.
     probes_shutdown: CancellationToken,
     drain_delay: Duration,
 }
 
-/// The database selected by the options.
+/// Returns the database that the options select.
 ///
 /// # Errors
 /// [`Failure::Usage`].
@@ -84,7 +84,7 @@ pub(in crate::cli) fn database(args: &DatabaseArgs) -> Result<Database, Failure>
     }
 }
 
-/// The location of a database for messages, without credentials.
+/// Returns the location of a database for messages, without credentials.
 pub(in crate::cli) fn location(database: &Database) -> String {
     match database {
         Database::Sqlite(path) => path.display().to_string(),
@@ -102,7 +102,8 @@ impl Stores {
     /// Opens both stores and updates the database schema.
     ///
     /// # Errors
-    /// [`Failure::Usage`] for an unknown kind of store; [`Failure::Failed`] if a store cannot be opened.
+    /// [`Failure::Usage`] for an unknown kind of store; [`Failure::Failed`] if a store cannot be
+    /// opened.
     async fn open(args: &ProcessArgs, queue_limit: Option<u64>) -> Result<Self, Failure> {
         let database = database(&args.database)?;
         let defaults = StoreOptions::default();
@@ -126,8 +127,8 @@ impl Runtime {
     /// Opens the stores and starts the workers, without upkeep.
     ///
     /// # Errors
-    /// [`Failure::Usage`] for invalid options, and if workers are required and there are none; [`Failure::Failed`] if
-    /// something cannot be opened.
+    /// [`Failure::Usage`] for invalid options, or if workers are required and there are none;
+    /// [`Failure::Failed`] if something cannot be opened.
     pub(in crate::cli) async fn start(args: &ProcessArgs, requirement: WorkerRequirement) -> Result<Self, Failure> {
         let gpus = Gpus::find(args, requirement).await?;
         let stores = Stores::open(args, None).await?;
@@ -165,20 +166,20 @@ impl Runtime {
         Ok(Self { store: stores.jobs, artifacts: stores.artifacts, pool, metrics, status, grace: args.grace })
     }
 
-    /// The state that handlers of a router share.
+    /// Returns the state that the handlers of a router share.
     pub(in crate::cli) fn state(&self, limits: Limits, shutdown: &CancellationToken) -> AppState {
         AppState::new(self.store.clone(), self.artifacts.clone(), limits, shutdown.clone())
             .with_metrics(self.metrics.clone())
             .with_status(self.status.clone())
     }
 
-    /// From now on `/readyz` answers 503.
+    /// Makes `/readyz` respond with 503.
     pub(in crate::cli) fn drain(&self) {
         self.status.set(Condition::Draining, "the process is shutting down");
     }
 
-    /// Stops claiming, gives running models `--grace` to finish and releases the others to the queue. Closes the store
-    /// once `requests`, which runs at the same time, is done too.
+    /// Stops claiming, gives running models `--grace` to finish and releases the others to the
+    /// queue. Runs `requests` at the same time, and closes the store when both are done.
     pub(in crate::cli) async fn stop<T>(self, requests: impl Future<Output = T>) -> T {
         let ((), ended) = tokio::join!(self.pool.shutdown(self.grace), requests);
         self.store.close().await;
@@ -186,18 +187,19 @@ impl Runtime {
     }
 }
 
-/// The GPUs that workers use.
+/// GPUs that workers use.
 struct Gpus {
     generators: Vec<Arc<dyn BatchGenerator>>,
-    /// Why there are none.
+    /// Reason why there are none.
     missing: Option<String>,
 }
 
 impl Gpus {
-    /// The GPUs that the options allow.
+    /// Returns the GPUs that the options allow.
     ///
     /// # Errors
-    /// [`Failure::Usage`] for leases that are too short, and if workers are required and there are none.
+    /// [`Failure::Usage`] for leases that are too short, or if workers are required and there are
+    /// none.
     async fn find(args: &ProcessArgs, requirement: WorkerRequirement) -> Result<Self, Failure> {
         if args.lease < 2 * args.heartbeat {
             return Err(Failure::usage("--lease must be at least twice --heartbeat"));
@@ -216,7 +218,8 @@ impl Gpus {
 }
 
 impl Service {
-    /// Opens the stores, starts upkeep and workers, and serves on `listener`; probes and metrics also on `probes`.
+    /// Opens the stores, starts upkeep and workers, and serves on `listener`. Also serves probes
+    /// and metrics on `probes`.
     ///
     /// # Errors
     /// As [`Runtime::start`].
@@ -232,7 +235,7 @@ impl Service {
             metrics: metrics.clone(),
             shared: stores.shared,
         };
-        // Before the workers: it deletes what is older than its start.
+        // Before the workers: upkeep deletes orphans that are older than its start.
         let upkeep = Upkeep::start(context, Retention { age: args.keep, bytes: args.keep_bytes });
         let access = access(args, address, &stores.jobs).await?;
         let runtime = Runtime::over(stores, &args.process, gpus, metrics)?;
@@ -248,13 +251,13 @@ impl Service {
         Ok(Self { address, runtime, upkeep, server, shutdown, probes_shutdown, drain_delay: args.drain_delay })
     }
 
-    /// The address that it listens on.
+    /// Returns the address of the listener.
     #[must_use]
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Returns only if the server ends without having been stopped.
+    /// Waits for a failure of the server; returns only if the server ends without being stopped.
     pub(in crate::cli) async fn failed(&mut self) -> anyhow::Error {
         match (&mut self.server).await {
             Ok(()) => anyhow::anyhow!("the server ended unexpectedly"),
@@ -262,9 +265,10 @@ impl Service {
         }
     }
 
-    /// Stops in this order: `/readyz` fails and workers stop claiming; after `--drain-delay` no more connections are
-    /// accepted and event streams end; running models and open downloads have `--grace` to finish; the store is closed.
-    /// `failed` is the result of [`Service::failed`], if it returned.
+    /// Stops in this order: `/readyz` fails and workers stop claiming; after `--drain-delay` no
+    /// more connections are accepted and event streams end; running models and open downloads get
+    /// `--grace` to finish; the store is closed. `failed` is the result of [`Service::failed`], if
+    /// it returned.
     ///
     /// # Errors
     /// `failed`, or a panic of the server.
@@ -278,7 +282,7 @@ impl Service {
             }
             tokio::time::sleep(drain_delay).await;
             shutdown.cancel();
-            // The server cuts off what takes longer than `--grace`.
+            // The server cuts off requests that take longer than `--grace`.
             server.await.map_err(|panic| anyhow::anyhow!(panic).context("the server panicked").into())
         };
         let ended = runtime.stop(requests).await;
@@ -287,12 +291,13 @@ impl Service {
     }
 }
 
-/// Serves probes and metrics on a listener of their own, until `shutdown` is cancelled.
+/// Serves probes and metrics on a separate listener until `shutdown` is cancelled.
 pub(in crate::cli) fn serve_probes(listener: TcpListener, router: Router, shutdown: &CancellationToken) {
     tokio::spawn(connections::serve(listener, router, Connections::for_probes(), shutdown.clone()));
 }
 
-/// How requests are admitted at this address. Makes the first key, if there must be one, and prints it.
+/// Returns the access options for this address. Creates and prints the first admin key if the
+/// address requires one.
 async fn access(args: &ServeArgs, address: SocketAddr, store: &Store) -> Result<AccessOptions, Failure> {
     let without_keys = match (args.insecure_no_auth, address.ip().is_loopback()) {
         (true, _) => WithoutKeys::Anyone,
@@ -330,17 +335,17 @@ async fn make_first_key(store: &Store) -> anyhow::Result<Option<Secret>> {
     }))
 }
 
-/// The limits on connections that the options set.
+/// Returns the limits on connections that the options set.
 fn connections(args: &ProcessArgs) -> Connections {
     Connections::new(args.connections, args.write_timeout).with_grace(args.grace.max(LAST_ANSWERS))
 }
 
-/// The limits of every process with workers.
+/// Returns the limits of every process with workers.
 pub(in crate::cli) fn process_limits(args: &ProcessArgs) -> Limits {
     Limits { worker_memory: ALIVE_HEARTBEATS * args.heartbeat, ..Limits::default() }
 }
 
-/// The limits on requests that the options set, for a service with this many connections.
+/// Returns the limits on requests that the options set, for a service with this many connections.
 ///
 /// # Errors
 /// [`Failure::Usage`] for limits that contradict each other.
@@ -363,10 +368,11 @@ fn limits(args: &ServeArgs, connections: usize) -> Result<Limits, Failure> {
     })
 }
 
-/// The artifact store selected by the options, and whether other processes may use it.
+/// Returns the artifact store that the options select, and whether other processes may use it.
 ///
 /// # Errors
-/// [`Failure::Usage`] for an unknown kind of store; [`Failure::Failed`] if it cannot be opened.
+/// [`Failure::Usage`] for an unknown kind of store; [`Failure::Failed`] if the store cannot be
+/// opened.
 fn artifacts(args: &ProcessArgs) -> Result<(Artifacts, bool), Failure> {
     match args.artifacts.as_deref().filter(|url| url.starts_with("s3:")) {
         Some(url) => match Artifacts::s3(url, std::env::vars()) {
@@ -382,12 +388,13 @@ fn artifacts(args: &ProcessArgs) -> Result<(Artifacts, bool), Failure> {
     }
 }
 
-/// The path in `file:PATH`, `file://PATH` or a plain path; `data/artifacts` if none is given.
+/// Returns the path in `file:PATH`, `file://PATH` or a plain path; `data/artifacts` if none is
+/// given.
 fn artifacts_path(url: Option<&str>, data: &Path) -> Result<PathBuf, Failure> {
     let Some(url) = url else { return Ok(data.join("artifacts")) };
     let path = match url.split_once(':') {
         Some(("file", rest)) => rest.strip_prefix("//").unwrap_or(rest),
-        // A single letter is a drive.
+        // A single letter is a drive of Windows.
         Some((scheme, _)) if scheme.len() > 1 && scheme.bytes().all(|b| b.is_ascii_alphanumeric()) => {
             return Err(Failure::usage(format!(
                 "--artifacts {url}: unsupported scheme `{scheme}:`: use file:PATH, a path or s3://BUCKET/PREFIX"

@@ -18,7 +18,7 @@ pub(in crate::cli) async fn serve(args: ServeArgs) -> Ended {
             "--cors-origin *: any page that a user of this service visits can call it from the user's browser"
         );
     }
-    // Before the address is known to anyone who could send a signal.
+    // Before the address is printed, since its reader may send a signal.
     let mut signals = Signals::listen();
     let listener = bind("--addr", args.addr).await?;
     let probes = match args.metrics_addr {

@@ -1,6 +1,6 @@
-//! Periodic maintenance by `serve`: deletes models past their retention and files that no record names, queues jobs that wait
-//! for nothing, and reports the size of all files. Workers do none of it; of several `serve` processes over one store, one
-//! sweeps at a time.
+//! Periodic maintenance by `serve`: deletes models past their retention and files that no record
+//! names, queues jobs that wait for nothing, and reports the size of all files. Processes of
+//! `worker` do none of it. Of several `serve` processes with one store, one sweeps at a time.
 
 use crate::clock::Clock;
 use crate::jobs::Store;
@@ -13,16 +13,17 @@ use tokio::task::JoinSet;
 
 /// Interval between sweeps by retention.
 const RETENTION_EVERY: Duration = Duration::from_secs(60);
-/// Interval between sums of the size of all files, which are only reported as a metric.
+/// Interval between measurements of the size of all files, which is only a metric.
 const BYTES_EVERY: Duration = Duration::from_secs(15 * 60);
-/// Interval between looks for jobs that wait for an equal job that has ended.
+/// Interval between searches for jobs that wait for an equal job that has ended.
 const STRANDED_EVERY: Duration = Duration::from_secs(60);
 /// Interval between sweeps of orphans.
 const ORPHANS_EVERY: Duration = Duration::from_secs(6 * 60 * 60);
-/// Minimum age of an orphan to be deleted if other processes may be uploading: longer than an upload and its commit take.
+/// Minimum age of a deleted orphan if other processes may be uploading; longer than an upload and
+/// its commit take.
 const ORPHAN_AGE: Duration = Duration::from_secs(24 * 60 * 60);
 
-/// Maintenance tasks; dropping this stops them.
+/// Maintenance tasks. Dropping this value stops them.
 pub(in crate::cli) struct Upkeep {
     _tasks: JoinSet<()>,
 }
@@ -39,8 +40,8 @@ pub(in crate::cli) struct UpkeepContext {
 }
 
 impl Upkeep {
-    /// Starts the tasks. The first sweep of orphans deletes those older than [`ORPHAN_AGE`]; in stores that only this
-    /// process uses, all that are older than this call. Call it before any worker starts.
+    /// Starts the tasks. The first sweep deletes orphans older than [`ORPHAN_AGE`], or all orphans
+    /// older than this call if only this process uses the stores. Call it before any worker starts.
     pub(in crate::cli) fn start(context: UpkeepContext, retention: Retention) -> Self {
         let mut tasks = JoinSet::new();
         let owner = uuid::Uuid::now_v7().to_string();
@@ -74,7 +75,7 @@ impl Upkeep {
             }
         });
         tasks.spawn(async move {
-            // With a limit on bytes, the sweep by retention reports the sum, and more often.
+            // With a limit on bytes, the sweep by retention reports the size, and more often.
             while retention.bytes.is_none() {
                 context.report_bytes().await;
                 tokio::time::sleep(BYTES_EVERY).await;

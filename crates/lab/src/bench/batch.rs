@@ -13,7 +13,7 @@ use serde_json::json;
 
 /// Largest batch size.
 const LARGEST: usize = 64;
-/// The same with `--quick`.
+/// Largest batch size with `--quick`.
 const LARGEST_QUICK: usize = 8;
 
 pub(super) fn run(quick: bool, args: GpuArgs) -> anyhow::Result<Report> {

@@ -7,8 +7,8 @@ pub(super) struct Point {
     pub(super) seconds_per_step: f64,
 }
 
-/// Seconds per step at `particles`: a power law between adjacent points, extrapolated beyond the first and the last. `points`
-/// ascend in particles.
+/// Returns the seconds per step at `particles`: a power law between adjacent points, extrapolated
+/// beyond the first and the last. `points` ascend in particles.
 pub(super) fn at(points: &[Point], particles: f64) -> f64 {
     let [first, .., last] = points else {
         return points.first().map_or(0.0, |p| p.seconds_per_step);
@@ -26,7 +26,7 @@ pub(super) fn at(points: &[Point], particles: f64) -> f64 {
     (a.seconds_per_step.ln() + share * (b.seconds_per_step / a.seconds_per_step).ln()).exp()
 }
 
-/// Seconds of a run, given the number of particles in each of its steps.
+/// Returns the seconds of a run from the number of particles in each of its steps.
 pub(super) fn integrate(points: &[Point], particles: impl IntoIterator<Item = u32>) -> f64 {
     particles.into_iter().map(|n| at(points, f64::from(n))).sum()
 }
@@ -34,7 +34,8 @@ pub(super) fn integrate(points: &[Point], particles: impl IntoIterator<Item = u3
 /// Points whose numbers of particles differ by less than this fraction are merged.
 const TELL_APART: f64 = 0.01;
 
-/// Means over `width` consecutive steps, and over consecutive steps with almost the same number of particles.
+/// Returns means over `width` consecutive steps, and over consecutive steps with almost the same
+/// number of particles.
 pub(super) fn smooth(steps: &[Point], width: usize) -> Vec<Point> {
     let mean = |run: &[Point]| {
         let of = |value: fn(&Point) -> f64| run.iter().map(value).sum::<f64>() / run.len() as f64;

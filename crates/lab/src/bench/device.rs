@@ -19,7 +19,7 @@ pub(super) struct Batch {
 }
 
 impl Batch {
-    /// Details as JSON.
+    /// Returns details as JSON.
     pub(super) fn describe(&self) -> Value {
         let report = &self.report;
         json!({
@@ -29,19 +29,19 @@ impl Batch {
         })
     }
 
-    /// Work of the neighbour search in the first member, as text.
+    /// Returns the work of the neighbour search in the first member as text.
     pub(super) fn search(&self) -> String {
         let Statistics { list_builds, full_searches, .. } = self.first;
         format!("seed 1: neighbour lists built {list_builds} times; a block searched all others {full_searches} times")
     }
 
-    /// Mean microseconds per dispatch, by the device's clock if it has one.
+    /// Returns the mean microseconds per dispatch, by the clock of the device if it has one.
     pub(super) fn microseconds_a_dispatch(&self) -> f64 {
         1e6 * self.report.device_seconds.unwrap_or(self.seconds) / self.report.dispatches.max(1) as f64
     }
 }
 
-/// The device as JSON.
+/// Returns the device as JSON.
 pub(super) fn describe(device: &GpuDevice) -> Value {
     let adapter = device.adapter();
     json!({
@@ -50,12 +50,12 @@ pub(super) fn describe(device: &GpuDevice) -> Value {
     })
 }
 
-/// Whether it computes on the CPU.
+/// Returns true if the adapter computes on the CPU.
 pub(super) fn is_software(device: &GpuDevice) -> bool {
     device.adapter().kind == AdapterKind::Software
 }
 
-/// The device as text, with a warning if it is a software adapter.
+/// Returns the device as text, with a warning if it is a software adapter.
 pub(super) fn lines(device: &GpuDevice) -> Vec<String> {
     let adapter = device.adapter();
     let mut lines = vec![format!(
@@ -74,15 +74,16 @@ pub(super) fn lines(device: &GpuDevice) -> Vec<String> {
     lines
 }
 
-/// A short name for tables and plots.
+/// Returns a short name for tables and plots.
 pub(super) fn label(device: &GpuDevice) -> String {
     // The rest of the name lists versions.
     let name = device.name().split(" (").next().unwrap_or_default();
     if is_software(device) { format!("{name}, a SOFTWARE adapter") } else { name.to_owned() }
 }
 
-/// The run of median time of `runs`, after a run that is not measured, since drivers defer work to it. A software adapter
-/// defers little, and its runs take minutes: it has no such run.
+/// Returns the run of median time of `runs`. The first run is not measured, because drivers defer
+/// work to it. A software adapter defers little and takes minutes per run, so all of its runs are
+/// measured.
 pub(super) fn median(device: &GpuDevice, plans: &[Plan], runs: usize) -> anyhow::Result<Batch> {
     if !is_software(device) {
         run(device, plans)?;

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-/// Name of the processor; `unknown processor` if it cannot be determined.
+/// Returns the name of the processor; `unknown processor` if it cannot be determined.
 pub(super) fn processor() -> String {
     let told = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let field = |name: &str| {
@@ -17,12 +17,12 @@ pub(super) fn processor() -> String {
     }
 }
 
-/// Number of hardware threads.
+/// Returns the number of hardware threads.
 pub(crate) fn threads() -> usize {
     std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
 }
 
-/// The description as JSON.
+/// Returns the description as JSON.
 pub(crate) fn describe() -> Value {
     json!({
         "processor": processor(),
@@ -33,18 +33,19 @@ pub(crate) fn describe() -> Value {
     })
 }
 
-/// The description as one line.
+/// Returns the description as one line.
 pub(crate) fn line() -> String {
     let slow = if cfg!(debug_assertions) { "; NOT an optimised build" } else { "" };
     format!("{}, {} threads, {} {}{slow}", processor(), threads(), std::env::consts::OS, std::env::consts::ARCH)
 }
 
-/// How a time was determined from a number of runs.
+/// Returns the statistic that a number of runs gives, as text.
 pub(super) fn runs(count: usize) -> String {
     if count == 1 { "one run".to_owned() } else { format!("median of {count} runs") }
 }
 
-/// The median; of an even number the upper one of the middle, of none 0.
+/// Returns the median: the upper one of the two middle values for an even number of values, 0 for
+/// none.
 pub(super) fn median(mut numbers: Vec<f64>) -> f64 {
     numbers.sort_by(f64::total_cmp);
     numbers.get(numbers.len() / 2).copied().unwrap_or_default()

@@ -30,7 +30,7 @@ use std::path::PathBuf;
 pub(crate) struct BenchArgs {
     /// Benchmark to run
     #[arg(value_name = "WHAT", value_enum)]
-    pub(crate) what: Bench,
+    what: Bench,
     /// Take fewer measurements, within half a minute
     #[arg(long, value_parser = FalseyValueParser::new())]
     quick: bool,
@@ -52,7 +52,7 @@ pub(crate) struct BenchArgs {
 
 /// Benchmarks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Bench {
+enum Bench {
     /// The paper's comparison: all pairs and neighbour lists, one core and all cores
     Paper,
     /// Time per step by number of threads and particles
@@ -63,13 +63,6 @@ pub(crate) enum Bench {
     Batch,
     /// Models per second over HTTP, compared with direct calls of the generator
     Overhead,
-}
-
-impl Bench {
-    /// Returns true if the benchmark needs a GPU or measures one first. `overhead` opens it last.
-    pub(crate) fn may_use_gpu(self) -> bool {
-        matches!(self, Self::Paper | Self::Peers | Self::Batch)
-    }
 }
 
 pub(crate) async fn run(args: BenchArgs) -> Ended {

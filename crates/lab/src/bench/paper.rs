@@ -1,8 +1,9 @@
-//! `bench paper`: the paper's Figures 10 and 11 on this machine.
+//! `bench paper`: measurements for the paper's Figures 10 and 11 on this machine.
 //!
-//! All versions run the same model (preset `paper`, including burn-in). Versions with neighbour lists run it completely. All
-//! pairs would take minutes to a quarter of an hour: their time per step is measured at a few particle counts, on states
-//! of a real run, and integrated over the counts of that run's steps. The output states which method was used.
+//! All versions run the same model (preset `paper`, including burn-in). Versions with neighbour
+//! lists run it completely. Versions with all pairs would take up to a quarter of an hour, so their
+//! time per step is sampled at a few particle counts, on states of a real run, and integrated over
+//! the counts of the steps of that run. The output states the method.
 
 use super::curve::{self, Point};
 use super::probe::{self, Run, Variant};
@@ -19,7 +20,8 @@ use oviduct::spec::{ModelSpec, Search, preset};
 use serde::Serialize;
 use serde_json::{Value, json};
 
-/// Particle counts at which all pairs are sampled: start, kink of the schedule, end, and between them.
+/// Particle counts of the samples of all pairs: start, kink of the schedule, end, and values
+/// between them.
 const COUNTS: [u32; 6] = [710, 1175, 2000, 3500, 5500, 8300];
 /// Steps of a sample with lists: one growth event and the steps until the next.
 const WINDOW: u32 = 10;
@@ -41,11 +43,11 @@ pub(crate) struct Version {
     pub(crate) id: &'static str,
     /// Description.
     pub(crate) label: String,
-    /// Whether `seconds` was measured as a whole run, or integrated from samples.
+    /// True if `seconds` is integrated from samples, false if it is a whole run.
     pub(crate) sampled: bool,
     /// Seconds of the whole run.
     pub(crate) seconds: f64,
-    /// How many times faster than the paper's single core on this machine.
+    /// Speedup over the paper's single-core version on this machine.
     pub(crate) times_paper_single: f64,
     /// Time per step by number of particles.
     pub(super) points: Vec<Point>,
@@ -57,12 +59,12 @@ impl Version {
         Self { id, label, sampled: false, seconds: run.seconds, times_paper_single: 0.0, points }
     }
 
-    /// Seconds per step with so many particles.
+    /// Returns the seconds per step for a number of particles.
     pub(crate) fn seconds_at(&self, particles: u32) -> f64 {
         curve::at(&self.points, f64::from(particles))
     }
 
-    /// Milliseconds per step against particles.
+    /// Returns the milliseconds per step by number of particles.
     pub(crate) fn line(&self, name: &str) -> Line {
         let points = self.points.iter().map(|p| (p.particles, 1e3 * p.seconds_per_step)).collect();
         Line { label: format!("{name}{}", if self.sampled { " (sampled)" } else { "" }), points }
@@ -106,7 +108,7 @@ pub(crate) fn measure(plan: &Plan, quick: bool, args: GpuArgs) -> anyhow::Result
         let run = whole(plan, variant(Search::Lists, Kernel::Scalar, 1), 1)?;
         Version::whole("lists-scalar", "lists, scalar, one core".into(), &run)
     };
-    // Sampling a version whose whole run was measured shows its accuracy.
+    // A sample of a version that was also measured as a whole run shows the accuracy of sampling.
     let check = samples(&states, variant(Search::Lists, Kernel::Vector, 1), WINDOW, repeats.max(3))?;
     let check = curve::integrate(&check, particles.iter().copied());
 
@@ -135,7 +137,8 @@ pub(crate) fn measure(plan: &Plan, quick: bool, args: GpuArgs) -> anyhow::Result
     Ok(Measured { versions, particles, burn_in, counts, runs, repeats, check, on_gpu })
 }
 
-/// The numbers of particles at which a run is sampled: those of [`COUNTS`] that it reaches, and its own first and last.
+/// Returns the particle counts at which a run is sampled: those of [`COUNTS`] that it reaches, and
+/// its first and last.
 fn sampled_at(particles: &[u32]) -> Vec<u32> {
     let (Some(&first), Some(&last)) = (particles.first(), particles.last()) else { return Vec::new() };
     let between = COUNTS.into_iter().filter(|count| (first + 1..last).contains(count));
@@ -144,7 +147,7 @@ fn sampled_at(particles: &[u32]) -> Vec<u32> {
     counts
 }
 
-/// Whole runs on the GPU with readback of sections.
+/// Measures whole runs on the GPU, including the readback of sections.
 fn gpu_version(device: &GpuDevice, plan: &Plan, runs: usize) -> anyhow::Result<(Version, OnGpu)> {
     term::note(&format!("{} …", device::label(device)));
     let run = device::median(device, std::slice::from_ref(plan), runs)?;
@@ -167,7 +170,7 @@ fn gpu_version(device: &GpuDevice, plan: &Plan, runs: usize) -> anyhow::Result<(
     Ok((version, OnGpu { lines, json }))
 }
 
-/// The run of median time of `runs`.
+/// Returns the run of median time of `runs`.
 fn whole(plan: &Plan, variant: Variant, runs: usize) -> anyhow::Result<Run> {
     let mut all: Vec<Run> = (0..runs).map(|_| probe::whole(plan, variant, |_| {})).collect::<anyhow::Result<_>>()?;
     all.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
@@ -179,28 +182,28 @@ fn samples(states: &[CpuSimulation], variant: Variant, window: u32, repeats: usi
     states.iter().map(|state| probe::sample(state, variant, &pool, window, repeats)).collect()
 }
 
-/// All versions, and how they were measured.
+/// All versions and the method of measurement.
 pub(crate) struct Measured {
     pub(crate) versions: Vec<Version>,
-    /// Particles in each step, those of the burn-in first.
+    /// Particles in each step, including the burn-in.
     pub(crate) particles: Vec<u32>,
     pub(crate) burn_in: u32,
-    /// Particles at which versions were sampled.
+    /// Particle counts of the samples.
     counts: Vec<u32>,
     runs: usize,
     repeats: usize,
-    /// Seconds of a run with lists by sampling.
+    /// Sampled seconds of a run with lists.
     check: f64,
     on_gpu: OnGpu,
 }
 
 impl Measured {
-    /// A version, if it was measured.
+    /// Returns a version if it was measured.
     pub(crate) fn version(&self, id: &str) -> Option<&Version> {
         self.versions.iter().find(|version| version.id == id)
     }
 
-    /// How it was measured, as text.
+    /// Returns the method of measurement as text.
     pub(crate) fn method(&self) -> String {
         format!(
             "whole: {} steps ({} of them burn-in), {}; sampled: time per step at {} particles, {} or more, from states of a \
@@ -213,13 +216,13 @@ impl Measured {
         )
     }
 
-    /// Accuracy of sampling, as text.
+    /// Returns the accuracy of sampling as text.
     pub(crate) fn accuracy(&self) -> String {
         let whole = self.version("lists").map_or(f64::NAN, |version| version.seconds);
         format!("accuracy of sampling: lists on one core sampled {}, whole {}", show(self.check), show(whole))
     }
 
-    /// The GPU and its run, or the reason why there is none.
+    /// Returns the GPU and its run, or the reason why there is none.
     pub(crate) fn gpu(&self) -> &Value {
         &self.on_gpu.json
     }
@@ -282,7 +285,7 @@ fn report(measured: &Measured) -> anyhow::Result<Report> {
     Ok(Report { lines, json, files })
 }
 
-/// Seconds as text.
+/// Formats seconds.
 fn show(seconds: f64) -> String {
     match seconds {
         s if s >= 100.0 => format!("{s:.0} s"),

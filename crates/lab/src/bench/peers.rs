@@ -1,8 +1,10 @@
-//! `bench peers`: the simulation beside other implementations of the same model, which are Python programs outside this project.
+//! `bench peers`: compares the simulation with Python implementations of the same model, which are
+//! not part of this project.
 //!
-//! A peer grows the paper's model, with as many steps and particles, on threads given by `NUMBA_NUM_THREADS` or on the device given by
-//! `--device`, and prints one line of JSON with `device`, `seconds` and `burn_seconds`. Runs alternate with ours; times are those of
-//! the steps, without compilation.
+//! A peer grows the paper's model with the same steps and particles, on the threads of
+//! `NUMBA_NUM_THREADS` or the device of `--device`. It prints one line of JSON with `device`,
+//! `seconds` and `burn_seconds`. Runs of a peer and of oviduct alternate. Times are those of the
+//! steps, without compilation.
 
 use super::probe::{self, Variant};
 use super::report::Report;
@@ -21,29 +23,29 @@ use std::process::{Command, Stdio};
 
 const SEED: u64 = 1;
 
-/// Where the peers are, and what runs them.
+/// Directory of the peers and their interpreter.
 #[derive(Clone, Debug)]
 pub(super) struct Peers {
     pub(super) dir: PathBuf,
     pub(super) python: PathBuf,
 }
 
-/// What a peer prints of a run, among other things.
+/// Members of the JSON that a peer prints.
 #[derive(Debug, Deserialize)]
-struct Told {
+struct PeerResult {
     device: String,
     seconds: f64,
     burn_seconds: f64,
 }
 
-/// Where both sides run.
+/// Hardware of a comparison.
 #[derive(Clone, Copy)]
-enum Place<'a> {
+enum Hardware<'a> {
     Cpu { threads: usize },
     Gpu(&'a GpuDevice),
 }
 
-/// A comparison: times of all runs, in pairs.
+/// A comparison: times of all runs in pairs.
 #[derive(Debug, Serialize)]
 struct Comparison {
     peer: &'static str,
@@ -51,7 +53,7 @@ struct Comparison {
     ours: String,
     peer_seconds: Vec<f64>,
     seconds: Vec<f64>,
-    /// How many times as fast ours is, by the medians.
+    /// Speedup of oviduct over the peer, by the medians.
     ratio: f64,
 }
 
@@ -61,19 +63,19 @@ pub(super) fn run(quick: bool, peers: &Peers, args: GpuArgs) -> anyhow::Result<R
     let plan = Plan::new(&spec, SEED);
     let runs = if quick { 1 } else { 5 };
     let all = machine::threads();
-    let mut comparisons = vec![("numba", Place::Cpu { threads: 1 })];
+    let mut comparisons = vec![("numba", Hardware::Cpu { threads: 1 })];
     if all > 1 {
-        comparisons.push(("numba", Place::Cpu { threads: all }));
+        comparisons.push(("numba", Hardware::Cpu { threads: all }));
     }
     let device = gpu::best(args);
     comparisons.push(match &device {
-        Ok(device) => ("warp", Place::Gpu(device)),
+        Ok(device) => ("warp", Hardware::Gpu(device)),
         Err(reason) => {
             term::note(&format!("no GPU ({reason}): Warp runs on one core"));
-            ("warp", Place::Cpu { threads: 1 })
+            ("warp", Hardware::Cpu { threads: 1 })
         }
     });
-    // A peer that fails does not cost the minutes that the others took.
+    // The failure of a peer does not discard the results of the others.
     let (mut rows, mut failures) = (Vec::new(), Vec::new());
     for (peer, place) in comparisons {
         match compare(peer, peers, &plan, place, runs) {
@@ -89,7 +91,7 @@ fn compare(
     peer: &'static str,
     peers: &Peers,
     plan: &Plan,
-    place: Place<'_>,
+    place: Hardware<'_>,
     runs: usize,
 ) -> anyhow::Result<Comparison> {
     let (mut peer_device, mut peer_seconds, mut seconds) = (String::new(), Vec::new(), Vec::new());
@@ -104,34 +106,34 @@ fn compare(
     Ok(Comparison { peer, peer_device, ours: named(place), peer_seconds, seconds, ratio })
 }
 
-fn named(place: Place<'_>) -> String {
+fn named(place: Hardware<'_>) -> String {
     match place {
-        Place::Cpu { threads: 1 } => "one core".to_owned(),
-        Place::Cpu { threads } => format!("{threads} threads"),
-        Place::Gpu(device) => device::label(device),
+        Hardware::Cpu { threads: 1 } => "one core".to_owned(),
+        Hardware::Cpu { threads } => format!("{threads} threads"),
+        Hardware::Gpu(device) => device::label(device),
     }
 }
 
-/// Seconds of one run of ours.
-fn ours(plan: &Plan, place: Place<'_>) -> anyhow::Result<f64> {
+/// Returns the seconds of one run of oviduct.
+fn ours(plan: &Plan, place: Hardware<'_>) -> anyhow::Result<f64> {
     match place {
-        Place::Cpu { threads } => {
+        Hardware::Cpu { threads } => {
             let variant = Variant { search: Search::Lists, kernel: Kernel::Vector, threads };
             Ok(probe::whole(plan, variant, |_| {})?.seconds)
         }
-        Place::Gpu(device) => Ok(device::median(device, std::slice::from_ref(plan), 1)?.seconds),
+        Hardware::Gpu(device) => Ok(device::median(device, std::slice::from_ref(plan), 1)?.seconds),
     }
 }
 
 impl Peers {
-    fn run(&self, peer: &str, plan: &Plan, place: Place<'_>) -> anyhow::Result<Told> {
+    fn run(&self, peer: &str, plan: &Plan, place: Hardware<'_>) -> anyhow::Result<PeerResult> {
         let program = self.dir.join(format!("peer_{peer}.py"));
         ensure!(program.is_file(), "--peers: there is no {}", program.display());
         let mut command = Command::new(&self.python);
         command.arg(&program).args(["--steps", &plan.steps.to_string(), "--seed", &SEED.to_string()]);
         match place {
-            Place::Cpu { threads } => command.env("NUMBA_NUM_THREADS", threads.to_string()),
-            Place::Gpu(_) => command.args(["--device", "cuda:0"]),
+            Hardware::Cpu { threads } => command.env("NUMBA_NUM_THREADS", threads.to_string()),
+            Hardware::Gpu(_) => command.args(["--device", "cuda:0"]),
         };
         let done = command
             .stdin(Stdio::null())
@@ -142,14 +144,14 @@ impl Peers {
             let last = told.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("it printed nothing");
             bail!("{} failed ({}): {last}", program.display(), done.status);
         }
-        told(&program, &String::from_utf8_lossy(&done.stdout))
+        read_result(&program, &String::from_utf8_lossy(&done.stdout))
     }
 }
 
 /// Reads the last line that a peer printed.
-fn told(program: &Path, output: &str) -> anyhow::Result<Told> {
+fn read_result(program: &Path, output: &str) -> anyhow::Result<PeerResult> {
     let line = output.lines().rfind(|line| !line.trim().is_empty()).unwrap_or_default();
-    let told: Told =
+    let told: PeerResult =
         serde_json::from_str(line).with_context(|| format!("{} printed no result, but {line:?}", program.display()))?;
     ensure!(told.seconds + told.burn_seconds > 0.0, "{} took no time", program.display());
     Ok(told)
@@ -194,10 +196,10 @@ mod tests {
         let path = Path::new("peer_numba.py");
         let line =
             r#"{"peer": "numba", "device": "cpu x2 (omp)", "seconds": 1.5, "burn_seconds": 0.25, "final_n": 7956}"#;
-        let found = told(path, &format!("a warning\n{line}\n\n")).unwrap();
+        let found = read_result(path, &format!("a warning\n{line}\n\n")).unwrap();
         assert_eq!((found.device.as_str(), found.seconds, found.burn_seconds), ("cpu x2 (omp)", 1.5, 0.25));
-        assert!(told(path, "").unwrap_err().to_string().contains("peer_numba.py printed no result"));
-        assert!(told(path, &line.replace("1.5", "0").replace("0.25", "0")).is_err());
+        assert!(read_result(path, "").unwrap_err().to_string().contains("peer_numba.py printed no result"));
+        assert!(read_result(path, &line.replace("1.5", "0").replace("0.25", "0")).is_err());
     }
 
     /// Peers written for the shell, in place of Python.
@@ -212,7 +214,7 @@ mod tests {
     fn a_peer_that_fails_is_named_with_what_it_said_last() {
         let dir = tempfile::tempdir().unwrap();
         let plan = Plan::new(&ModelSpec::resolve(preset("paper").unwrap(), &json!({})).unwrap(), SEED);
-        let run = |numba: &str| peers(dir.path(), numba).run("numba", &plan, Place::Cpu { threads: 2 });
+        let run = |numba: &str| peers(dir.path(), numba).run("numba", &plan, Hardware::Cpu { threads: 2 });
         let line = r#"{"device": "cpu", "seconds": 1, "burn_seconds": 0.5}"#;
         let told = run(&format!("[ \"$NUMBA_NUM_THREADS $1 $2\" = '2 --steps 2000' ] && echo '{line}'")).unwrap();
         assert_eq!(told.seconds, 1.0);

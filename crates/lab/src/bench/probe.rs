@@ -16,7 +16,7 @@ pub(super) struct Variant {
 }
 
 impl Variant {
-    /// A pool with its number of threads.
+    /// Creates a pool with the number of threads.
     pub(super) fn pool(self) -> anyhow::Result<ThreadPool> {
         Ok(rayon::ThreadPoolBuilder::new().num_threads(self.threads).build()?)
     }
@@ -28,8 +28,8 @@ pub(super) struct Run {
     pub(super) seconds: f64,
 }
 
-/// Runs `plan` from start to end, and calls `each` with the state before each growth event. Time spent in `each` is not
-/// measured.
+/// Runs `plan` from start to end and calls `each` with the state before each growth event. The time
+/// of `each` is not measured.
 pub(super) fn whole(plan: &Plan, variant: Variant, mut each: impl FnMut(&CpuSimulation) + Send) -> anyhow::Result<Run> {
     let plan = Plan { search: variant.search, ..plan.clone() };
     let pool = variant.pool()?;
@@ -52,10 +52,12 @@ pub(super) fn whole(plan: &Plan, variant: Variant, mut each: impl FnMut(&CpuSimu
     })
 }
 
-/// Seconds for which samples are taken at least: threads that have just started may share a core for some tens of milliseconds.
+/// Minimum duration of sampling in seconds: new threads may share a core for some tens of
+/// milliseconds.
 const LEAST_SECONDS: f64 = 0.5;
 
-/// Median of the time per step in `window` steps that start from `state`, in the given variant: over `repeats` or more.
+/// Returns the median time per step of `repeats` or more samples, each of `window` steps from
+/// `state`.
 pub(super) fn sample(
     state: &CpuSimulation,
     variant: Variant,
@@ -80,8 +82,8 @@ pub(super) fn sample(
     })
 }
 
-/// States of a run with about `counts` particles (ascending), each just before a growth event; the last one is the
-/// last such state of the run.
+/// Returns states of a run with about `counts` particles (ascending), each just before a growth
+/// event. The last state is the last such state of the run.
 pub(super) fn states(plan: &Plan, counts: &[u32], threads: usize) -> anyhow::Result<Vec<CpuSimulation>> {
     let variant = Variant { search: Search::Lists, kernel: Kernel::Vector, threads };
     let mut states: Vec<CpuSimulation> = Vec::new();
@@ -95,7 +97,8 @@ pub(super) fn states(plan: &Plan, counts: &[u32], threads: usize) -> anyhow::Res
     Ok(states)
 }
 
-/// The state of a run just before the first growth event with so many particles, or at the end if there is none.
+/// Returns the state of a run just before the first growth event with at least `particles`
+/// particles, or at the end if there is none.
 pub(super) fn grown(plan: &Plan, variant: Variant, particles: u32) -> anyhow::Result<CpuSimulation> {
     variant.pool()?.install(|| {
         let mut simulation = CpuSimulation::new(plan.clone(), variant.threads);

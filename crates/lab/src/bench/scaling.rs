@@ -1,5 +1,5 @@
-//! `bench scaling`: time per step with neighbour lists, by number of threads and particles, and by the size of sections that are
-//! grown alike.
+//! `bench scaling`: time per step with neighbour lists, by number of threads and particles, and by
+//! the size of similar sections.
 
 use super::machine;
 use super::probe::{self, Variant};
@@ -65,7 +65,7 @@ pub(super) fn run(quick: bool) -> anyhow::Result<Report> {
     ]);
     let mut by_size = Vec::new();
     for &particles in sizes {
-        let Size { particles, steps, nanoseconds, interactions } = half_grown(particles, repeats)?;
+        let HalfGrown { particles, steps, nanoseconds, interactions } = half_grown(particles, repeats)?;
         let each = nanoseconds / interactions;
         lines.push(format!("{particles:>9} {steps:>9} {nanoseconds:>16.0} {interactions:>18.1} {each:>19.2}"));
         by_size.push(json!({
@@ -81,19 +81,20 @@ pub(super) fn run(quick: bool) -> anyhow::Result<Report> {
 }
 
 /// A section grown halfway.
-struct Size {
+struct HalfGrown {
     particles: f64,
     /// Steps of the whole run.
     steps: u32,
     /// Nanoseconds per particle and step.
     nanoseconds: f64,
-    /// Segments that repel a particle, mean of some particles.
+    /// Mean number of segments that repel a particle.
     interactions: f64,
 }
 
-/// Grows a section to `particles`, half of those at its end, with the schedules of `paper`: the area of the region grows with the
-/// particles, and the steps with its radius, so that the folds have time to spread.
-fn half_grown(particles: u32, repeats: usize) -> anyhow::Result<Size> {
+/// Grows a section to `particles`, half of its final number, with the schedules of `paper`. The
+/// area of the region is proportional to the particles, and the number of steps to its radius, so
+/// that the folds have time to spread.
+fn half_grown(particles: u32, repeats: usize) -> anyhow::Result<HalfGrown> {
     let area = 2.0 * f64::from(particles) / PAPER;
     let radius = area.sqrt();
     let steps = (2000.0 * radius.max(1.0)).round() as u32;
@@ -113,7 +114,7 @@ fn half_grown(particles: u32, repeats: usize) -> anyhow::Result<Size> {
     let variant = |threads| Variant { search: Search::Lists, kernel: Kernel::Vector, threads };
     let state = probe::grown(&plan, variant(machine::threads()), particles)?;
     let point = probe::sample(&state, variant(1), &variant(1).pool()?, WINDOW, repeats)?;
-    Ok(Size {
+    Ok(HalfGrown {
         particles: point.particles,
         steps,
         nanoseconds: 1e9 * point.seconds_per_step / point.particles,

@@ -24,7 +24,7 @@ pub(crate) struct FiguresArgs {
     pub(super) out: PathBuf,
     /// Figures to draw, separated by commas [default: all]
     #[arg(long, value_name = "LIST", value_enum, value_delimiter = ',')]
-    pub(super) only: Vec<Number>,
+    pub(super) only: Vec<FigureNumber>,
     /// Width of the pictures, pixels
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(400..=4000), default_value_t = 1800)]
     pub(super) size: u32,
@@ -37,14 +37,14 @@ pub(crate) struct FiguresArgs {
 
 impl FiguresArgs {
     /// Returns true if the figure is to be drawn.
-    pub(super) fn wants(&self, number: Number) -> bool {
+    pub(super) fn wants(&self, number: FigureNumber) -> bool {
         self.only.is_empty() || self.only.contains(&number)
     }
 }
 
 /// A figure of the paper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum Number {
+pub(super) enum FigureNumber {
     /// Cross sections as lines.
     #[value(name = "4")]
     Four,

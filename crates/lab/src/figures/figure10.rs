@@ -1,18 +1,18 @@
-//! Figure 10: the time of a step of each version of the simulation, against particles and against time steps.
+//! Figure 10: time per step of each version of the simulation, by particles and by time steps.
 
-use super::made::{Made, today};
+use super::figure::{Figure, today};
 use crate::bench::machine;
 use crate::bench::paper::{Measured, Version};
 use crate::plot::{self, Axes, Line, Scale, SeriesLabelPosition};
 use oviduct::cli::GpuUse;
 use serde_json::{Value, json};
 
-/// Versions in the figure: ours, and the paper's method on this machine.
+/// Versions in the figure: those of oviduct, and the paper's method on this machine.
 const VERSIONS: [&str; 5] = ["lists", "lists-multi", "gpu", "paper-single", "paper-multi"];
-/// Steps between points of the curve against steps.
+/// Steps between points of the curve by time steps.
 const EVERY: usize = 10;
 
-pub(super) fn draw(measured: &Measured, allowed: GpuUse) -> anyhow::Result<Made> {
+pub(super) fn draw(measured: &Measured, allowed: GpuUse) -> anyhow::Result<Figure> {
     let found: Vec<(&str, Option<&Version>)> = VERSIONS.iter().map(|id| (*id, measured.version(id))).collect();
     let by_particles: Vec<Line> = found
         .iter()
@@ -79,10 +79,10 @@ pub(super) fn draw(measured: &Measured, allowed: GpuUse) -> anyhow::Result<Made>
         "steps": measured.particles.len() as u64 - u64::from(measured.burn_in), "burn_in": measured.burn_in,
         "particles": [measured.particles.first(), measured.particles.last()],
     });
-    Ok(Made { number: "10", title: "Time of a step", files, caption, numbers })
+    Ok(Figure { number: "10", title: "Time of a step", files, caption, numbers })
 }
 
-/// A sentence about the GPU.
+/// Returns a sentence about the GPU.
 pub(super) fn gpu(measured: &Measured, allowed: GpuUse) -> String {
     let reason = measured.gpu()["reason"].as_str().unwrap_or_default();
     match (measured.version("gpu"), allowed) {
@@ -111,7 +111,7 @@ fn name(id: &str, version: &Version) -> String {
     }
 }
 
-/// Milliseconds per step against time steps.
+/// Returns the milliseconds per step by time step.
 fn steps(measured: &Measured, version: &Version) -> Vec<(f64, f64)> {
     let grown = measured.particles.iter().skip(measured.burn_in as usize).enumerate().step_by(EVERY);
     grown.map(|(step, &particles)| (step as f64, 1e3 * version.seconds_at(particles))).collect()

@@ -1,20 +1,20 @@
-//! Figure 11: total times of the versions of the simulation beside those in the paper.
+//! Figure 11: total times of the versions of the simulation, compared with those in the paper.
 
+use super::figure::{Figure, today};
 use super::figure10::gpu;
-use super::made::{Made, today};
 use super::table;
 use crate::bench::machine;
 use crate::bench::paper::{Measured, PAPER};
 use oviduct::cli::GpuUse;
 use serde_json::json;
 
-/// What the paper calls its versions.
+/// Names of the versions in the paper.
 const NAMES: [&str; 3] = ["Single-core CPU", "Multi-core CPU", "GPU"];
-/// Ours in the same order: by the paper's method, and with neighbour lists.
+/// Versions of oviduct in the same order: by the paper's method, and with neighbour lists.
 const VERSIONS: [[Option<&str>; 2]; 3] =
     [[Some("paper-single"), Some("lists")], [Some("paper-multi"), Some("lists-multi")], [None, Some("gpu")]];
 
-pub(super) fn draw(measured: &Measured, allowed: GpuUse) -> Made {
+pub(super) fn draw(measured: &Measured, allowed: GpuUse) -> Figure {
     let seconds = VERSIONS.map(|ids| ids.map(|id| measured.version(id?).map(|version| version.seconds)));
     let paper = PAPER.map(|(_, seconds)| Some(seconds));
     let columns = [paper, seconds.map(|row| row[0]), seconds.map(|row| row[1])];
@@ -77,10 +77,10 @@ pub(super) fn draw(measured: &Measured, allowed: GpuUse) -> Made {
         "burn_in_percent": { "all_pairs": burn_in[0], "lists": burn_in[1] },
     });
     let files = vec![("figure-11.svg".to_owned(), svg.into_bytes())];
-    Made { number: "11", title: "Total times", files, caption, numbers }
+    Figure { number: "11", title: "Total times", files, caption, numbers }
 }
 
-/// hh:mm:ss.mmm, as in the paper.
+/// Formats seconds as hh:mm:ss.mmm, as in the paper.
 fn clock(seconds: f64) -> String {
     let ms = (1e3 * seconds).round() as u64;
     format!("{:02}:{:02}:{:02}.{:03}", ms / 3_600_000, ms / 60_000 % 60, ms / 1000 % 60, ms % 1000)

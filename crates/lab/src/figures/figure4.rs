@@ -1,16 +1,16 @@
-//! Figure 4: sections of the isthmus and of the ampulla, as two closed lines each.
+//! Figure 4: sections of the isthmus and of the ampulla, each as two closed lines.
 
+use super::figure::Figure;
 use super::grown::Grown;
-use super::made::Made;
 use anyhow::Context;
 use oviduct::model::Section;
 use oviduct::render::{OVERSAMPLING, Panel, SectionStyle, extent_um, line_height, page_png, section_drawing};
 use serde_json::{Value, json};
 
-/// Width of the lines, as a fraction of the width of the page, and in pixels at least.
+/// Width of the lines: fraction of the width of the page, and minimum in pixels.
 const PEN: (f32, f32) = (0.0014, 1.2);
 
-pub(super) fn draw(grown: &Grown, size: u32) -> anyhow::Result<Made> {
+pub(super) fn draw(grown: &Grown, size: u32) -> anyhow::Result<Figure> {
     let [from, to] = grown.junction();
     let chosen = [grown.nearest(from / 2.0), grown.nearest((1.0 + to) / 2.0)];
     let strip = line_height(size);
@@ -53,15 +53,15 @@ pub(super) fn draw(grown: &Grown, size: u32) -> anyhow::Result<Made> {
     ];
     let numbers = json!({ "a": describe(grown, chosen[0]), "b": describe(grown, chosen[1]) });
     let files = vec![("figure-4.png".to_owned(), png)];
-    Ok(Made { number: "4", title: "Sections of isthmus and ampulla", files, caption, numbers })
+    Ok(Figure { number: "4", title: "Sections of isthmus and ampulla", files, caption, numbers })
 }
 
-/// Width of a line in a drawing, pixels.
+/// Returns the width of a line in a drawing, pixels.
 fn pen(size: u32) -> f32 {
     (PEN.0 * size as f32).max(PEN.1) * OVERSAMPLING as f32
 }
 
-/// A section in `figures.json`.
+/// Describes a section for `figures.json`.
 pub(super) fn describe(grown: &Grown, index: usize) -> Value {
     let section = &grown.sections[index];
     json!({

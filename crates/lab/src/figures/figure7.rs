@@ -1,8 +1,8 @@
-//! Figure 7: sections along the tube, and the same ones stained.
+//! Figure 7: sections along the tube as tissue and as stained pictures.
 
+use super::figure::Figure;
 use super::figure4::describe;
 use super::grown::Grown;
-use super::made::Made;
 use anyhow::Context;
 use oviduct::render::{
     Drawing, OVERSAMPLING, Panel, RenderError, SectionStyle, extent_um, line_height, page_png, section_drawing,
@@ -10,10 +10,10 @@ use oviduct::render::{
 use oviduct::report;
 use serde_json::{Value, json};
 
-/// Sections beside each other.
+/// Sections per row.
 const COLUMNS: usize = 4;
 
-pub(super) fn draw(grown: &Grown, size: u32) -> anyhow::Result<Made> {
+pub(super) fn draw(grown: &Grown, size: u32) -> anyhow::Result<Figure> {
     let places: Vec<f64> = grown.sections.iter().map(|section| section.z_um).collect();
     let chosen = report::strip(&places);
     let widest = chosen.iter().filter_map(|&k| extent_um(&grown.sections[k])).map(|[wide, high]| wide.max(high));
@@ -34,7 +34,8 @@ pub(super) fn draw(grown: &Grown, size: u32) -> anyhow::Result<Made> {
     for (i, (pairs, notes)) in pairs.chunks(COLUMNS).zip(notes.chunks(COLUMNS)).enumerate() {
         let highest = pairs.iter().flatten().map(|drawing| drawing.size()[1]).max().unwrap_or(0);
         let row = highest.div_ceil(OVERSAMPLING);
-        // One scale for all: the bar below the first of the last row will do.
+        // All sections have the same scale, so one bar below the first section of the last row
+        // suffices.
         let bar = |column: usize| i + 1 == rows && column == 0;
         for (column, (pair, note)) in pairs.iter().zip(notes).enumerate() {
             let left = column as u32 * cell;
@@ -60,5 +61,5 @@ pub(super) fn draw(grown: &Grown, size: u32) -> anyhow::Result<Made> {
     let sections: Vec<Value> = chosen.iter().map(|&k| describe(grown, k)).collect();
     let numbers = json!({ "sections": sections, "um_per_pixel": um_per_pixel * f64::from(OVERSAMPLING) });
     let files = vec![("figure-7.png".to_owned(), png)];
-    Ok(Made { number: "7", title: "Progressive sections, and the same ones stained", files, caption, numbers })
+    Ok(Figure { number: "7", title: "Progressive sections, and the same ones stained", files, caption, numbers })
 }

@@ -1,7 +1,7 @@
-//! Figure 8: the triangulated end caps, and a piece of the mesh as a wire frame.
+//! Figure 8: the triangulated end caps and a piece of the mesh as a wire frame.
 
+use super::figure::{Figure, grouped};
 use super::grown::Grown;
-use super::made::{Made, grouped};
 use oviduct::model::{Mesh, PatchKind, Section};
 use oviduct::render::{
     Drawing, MAX_SIZE, OVERSAMPLING, Panel, RenderError, View, edge_count, line_height, page_png, piece, wire_drawing,
@@ -16,10 +16,10 @@ const PEN: f32 = 0.0004;
 const LENGTH: f64 = 1.2;
 /// Side of the detail of the ampulla's cap, as a fraction of its width.
 const DETAIL: f32 = 0.3;
-/// Part of a picture that its view fills.
+/// Fraction of a picture that its view fills.
 const FRAMED: f64 = 0.93;
 
-pub(super) fn draw(grown: &Grown, size: u32) -> anyhow::Result<Made> {
+pub(super) fn draw(grown: &Grown, size: u32) -> anyhow::Result<Figure> {
     let mesh = &grown.mesh;
     let caps = [PatchKind::CapIsthmus, PatchKind::CapAmpulla].map(|kind| piece(mesh, |of, _| of == kind));
     let strip = line_height(size);
@@ -85,23 +85,23 @@ pub(super) fn draw(grown: &Grown, size: u32) -> anyhow::Result<Made> {
         "wire_frame": { "triangles": opened.triangles.len(), "edges": edge_count(&opened) },
     });
     let files = vec![("figure-8.png".to_owned(), png)];
-    Ok(Made { number: "8", title: "End caps and wire frame", files, caption, numbers })
+    Ok(Figure { number: "8", title: "End caps and wire frame", files, caption, numbers })
 }
 
-/// Least and greatest of the coordinates of what a mesh shows.
+/// Returns the minimum and maximum coordinates of the visible part of a mesh.
 fn bounds(mesh: &Mesh, axis: usize) -> [f32; 2] {
     let used = mesh.triangles.iter().flatten().map(|&v| mesh.positions[v as usize][axis]);
     used.fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], x| [low.min(x), high.max(x)])
 }
 
-/// A square around the middle of a cap, `side` pixels wide.
+/// Draws a square around the middle of a cap, `side` pixels wide.
 fn detail(cap: &Mesh, side: u32, pen: f32, view: &View) -> Result<Drawing, RenderError> {
     let middle_of = |mesh: &Mesh| [0, 1].map(|axis| bounds(mesh, axis)).map(|[low, high]| (low + high) / 2.0);
     let (middle, [left, right]) = (middle_of(cap), bounds(cap, 0));
     let half = DETAIL * (right - left) / 2.0;
     let reaches = |p: [f32; 3]| (0..2).all(|axis| (p[axis] - middle[axis]).abs() <= half);
     let around = piece(cap, |_, corners| corners.into_iter().any(reaches));
-    // Triangles that reach into the square reach beyond it: a larger picture is drawn, and the square cut out.
+    // Triangles extend beyond the square, so a larger picture is drawn and the square is cut out.
     let beyond = [0, 1].map(|axis| bounds(&around, axis)).map(|[low, high]| high - low);
     let larger = f64::from(beyond[0].max(beyond[1]) / (2.0 * half)).max(1.0);
     let wide = (larger * f64::from(side) / FRAMED).ceil().min(f64::from(MAX_SIZE)) as u32;
@@ -113,7 +113,7 @@ fn detail(cap: &Mesh, side: u32, pen: f32, view: &View) -> Result<Drawing, Rende
     Ok(drawing.around(at, [shown, shown]))
 }
 
-/// The walls at the isthmus end without what lies in a quarter of the tube.
+/// Returns the walls at the isthmus end without a quarter of the tube.
 fn opened(mesh: &Mesh) -> Mesh {
     let isthmus = piece(mesh, |kind, _| kind == PatchKind::CapIsthmus);
     let ([left, right], [bottom, top]) = (bounds(&isthmus, 0), bounds(&isthmus, 1));

@@ -1,7 +1,7 @@
-//! Figure 9: the ends, the whole length, a lengthwise cut, and a picture of high quality.
+//! Figure 9: the ends, the whole length, a lengthwise cut, and a large picture.
 
+use super::figure::Figure;
 use super::grown::Grown;
-use super::made::Made;
 use oviduct::mesh::draft;
 use oviduct::model::{Mesh, Section};
 use oviduct::render::{
@@ -9,12 +9,14 @@ use oviduct::render::{
 };
 use serde_json::json;
 
-/// Length of the pieces of the ampulla, in widths of the tube: cut lengthwise, and in the picture of high quality.
+/// Length of the pieces of the ampulla, in widths of the tube: of the lengthwise cut and of the
+/// large picture.
 const PIECES: [f64; 2] = [3.0, 1.1];
-/// Direction of the view of the whole length: degrees from its side towards the ampulla end, and above.
+/// Camera of the view of the whole length: degrees from the side towards the ampulla end, and
+/// degrees above.
 const ASIDE: [f64; 2] = [20.0, 5.0];
 
-pub(super) fn draw(grown: &Grown, size: u32) -> anyhow::Result<Made> {
+pub(super) fn draw(grown: &Grown, size: u32) -> anyhow::Result<Figure> {
     let strip = line_height(size);
     let half = size / 2;
     let named = |view: NamedView| -> anyhow::Result<Drawing> {
@@ -94,10 +96,11 @@ pub(super) fn draw(grown: &Grown, size: u32) -> anyhow::Result<Made> {
         "e": { "from_mm": (length - fine_um) / 1e3, "to_mm": length / 1e3, "triangles": fine_piece.triangles.len() },
     });
     let files = vec![("figure-9.png".to_owned(), png)];
-    Ok(Made { number: "9", title: "The model", files, caption, numbers })
+    Ok(Figure { number: "9", title: "The model", files, caption, numbers })
 }
 
-/// Height of the picture of the whole length, which fills the width of the page: the tube is a slightly inclined band.
+/// Returns the height of the picture of the whole length, in which the tube is a slightly inclined
+/// band as wide as the page.
 fn band(size: u32, width: f64, length: f64) -> u32 {
     let [aside, above] = ASIDE.map(f64::to_radians);
     let rise = width * above.cos() + length * aside.sin() * above.sin();
@@ -109,14 +112,14 @@ fn true_proportions(width: u32, height: u32) -> View {
     View { width, height, azimuth_deg: 0.0, elevation_deg: 0.0, axial_scale: 1.0, cut: Vec::new() }
 }
 
-/// The sections in a piece of the tube, and at least two.
+/// Returns the sections in a piece of the tube, at least two.
 fn within(sections: &[Section], [from, to]: [f64; 2]) -> &[Section] {
     let start = sections.partition_point(|section| section.z_um < from).min(sections.len() - 2);
     let end = sections.partition_point(|section| section.z_um <= to).max(start + 2);
     &sections[start..end]
 }
 
-/// The plane of a normal through the middle of a mesh.
+/// Returns the plane with this normal through the middle of a mesh.
 fn through_middle(mesh: &Mesh, normal: [f64; 3]) -> Plane {
     let along = |p: &[f32; 3]| (0..3).map(|axis| normal[axis] * f64::from(p[axis])).sum::<f64>();
     let [low, high] = mesh

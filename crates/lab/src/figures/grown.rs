@@ -1,4 +1,4 @@
-//! The model of the figures, read back from its files: what is drawn is what was exported.
+//! The model of the figures, read back from its files, so that the figures show the exported model.
 
 use anyhow::{Context, ensure};
 use oviduct::cli::render;
@@ -40,35 +40,35 @@ impl Grown {
         Ok(BufReader::new(File::open(&path).with_context(|| path.display().to_string())?))
     }
 
-    /// The surface that a view of `size` pixels shows.
+    /// Returns the surface that a view of `size` pixels shows.
     pub(super) fn surface(&self, view: NamedView, size: u32) -> anyhow::Result<Mesh> {
         Ok(preview::surface(Self::stored(&self.request)?, view, size)?)
     }
 
-    /// The length of the tube, µm.
+    /// Returns the length of the tube, µm.
     pub(super) fn length_um(&self) -> f64 {
         self.sections[self.sections.len() - 1].z_um
     }
 
-    /// The index of the section nearest to a fraction of the length.
+    /// Returns the index of the section nearest to a fraction of the length.
     pub(super) fn nearest(&self, fraction: f64) -> usize {
         let at = fraction * self.length_um();
         let off = |k: &usize| (self.sections[*k].z_um - at).abs();
         (0..self.sections.len()).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0)
     }
 
-    /// Where the isthmus ends and the ampulla begins, as fractions of the length.
+    /// Returns the end of the isthmus and the start of the ampulla, as fractions of the length.
     pub(super) fn junction(&self) -> [f64; 2] {
         [self.request.spec.regions.junction_from, self.request.spec.regions.junction_to]
     }
 
-    /// A section to be stained.
+    /// Returns a section for a stained picture.
     pub(super) fn slide(&self, index: usize) -> Slide {
         let layers = self.request.spec.histology.layers();
         Slide { borders: self.sections[index].borders(), layers, seed: self.request.seed, index: index as u32 }
     }
 
-    /// Preset and seed, for captions.
+    /// Returns preset and seed for captions.
     pub(super) fn name(&self) -> String {
         format!("preset {}, seed {}", self.request.preset, self.request.seed)
     }

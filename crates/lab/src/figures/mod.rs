@@ -1,4 +1,5 @@
-//! `oviduct-lab figures`: the figures of the paper, from a model of ours and from measurements on this machine.
+//! `oviduct-lab figures`: reproduces figures of the paper with a new model and with measurements on
+//! this machine.
 //!
 //! | file | subject |
 //! |---|---|
@@ -12,6 +13,7 @@
 //! | `table` | tables as SVG |
 
 mod args;
+mod figure;
 mod figure10;
 mod figure11;
 mod figure4;
@@ -19,17 +21,16 @@ mod figure7;
 mod figure8;
 mod figure9;
 mod grown;
-mod made;
 mod table;
 
 pub(crate) use args::FiguresArgs;
 
 use crate::bench::{machine, paper};
 use anyhow::Context;
-use args::Number;
+use args::FigureNumber;
 use base64::Engine as _;
+use figure::{Figure, today};
 use grown::Grown;
-use made::{Made, today};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use oviduct::cli::{Ended, Failure, Scratch, Signals, generate, model, term, units};
 use oviduct::generate::{Output, Request};
@@ -38,25 +39,25 @@ use oviduct::sim::Plan;
 use oviduct::spec::ModelSpec;
 use serde_json::{Value, json};
 
-/// Name of the numbers.
+/// Name of the file with the numbers.
 const NUMBERS: &str = "figures.json";
-/// Name of the index.
+/// Name of the index page.
 const INDEX: &str = "figures.html";
 
-/// A figure from a grown model, in pictures of a width.
-type Drawn = fn(&Grown, u32) -> anyhow::Result<Made>;
-/// Figures of the model, and how each is drawn.
-const DRAWN: [(Number, Drawn); 4] = [
-    (Number::Four, figure4::draw),
-    (Number::Seven, figure7::draw),
-    (Number::Eight, figure8::draw),
-    (Number::Nine, figure9::draw),
+/// Draws a figure of a grown model in pictures of this width.
+type DrawFigure = fn(&Grown, u32) -> anyhow::Result<Figure>;
+/// Figures of the model with the functions that draw them.
+const MODEL_FIGURES: [(FigureNumber, DrawFigure); 4] = [
+    (FigureNumber::Four, figure4::draw),
+    (FigureNumber::Seven, figure7::draw),
+    (FigureNumber::Eight, figure8::draw),
+    (FigureNumber::Nine, figure9::draw),
 ];
 
 pub(crate) async fn run(args: FiguresArgs) -> Ended {
     let (preset, spec) = model::resolve(&args.of)?;
     let seed = model::seed(&args.of);
-    // Before the scratch directory exists, which a signal would leave behind.
+    // Before the scratch directory is created, which a signal would leave behind.
     let mut signals = Signals::listen();
     let scratch = Scratch::new(&args.out).with_context(|| format!("--out {}", args.out.display()))?;
     let mut document = json!({
@@ -69,7 +70,7 @@ pub(crate) async fn run(args: FiguresArgs) -> Ended {
         "figures": {},
     });
     let mut figures = Vec::new();
-    if DRAWN.iter().any(|(number, _)| args.wants(*number)) {
+    if MODEL_FIGURES.iter().any(|(number, _)| args.wants(*number)) {
         let request = Request {
             preset: preset.name.clone(),
             seed,
@@ -88,7 +89,7 @@ pub(crate) async fn run(args: FiguresArgs) -> Ended {
         let (wanted, summary) = (args.clone(), outcome.findings.summary);
         figures = apart(&mut signals, move || draw(&Grown::read(&request, summary)?, &wanted)).await?;
     }
-    if args.wants(Number::Ten) || args.wants(Number::Eleven) {
+    if args.wants(FigureNumber::Ten) || args.wants(FigureNumber::Eleven) {
         let wanted = args.clone();
         figures.extend(apart(&mut signals, move || measure(&spec, seed, &wanted)).await?);
     }
@@ -98,7 +99,7 @@ pub(crate) async fn run(args: FiguresArgs) -> Ended {
     publish(&scratch, &figures, &document)
 }
 
-/// Runs `work` on another thread; a signal leaves it to the end of the process.
+/// Runs `work` on another thread. After a signal the thread runs until the process ends.
 async fn apart<T: Send + 'static>(
     signals: &mut Signals,
     work: impl FnOnce() -> anyhow::Result<T> + Send + 'static,
@@ -109,33 +110,33 @@ async fn apart<T: Send + 'static>(
     }
 }
 
-fn draw(grown: &Grown, args: &FiguresArgs) -> anyhow::Result<Vec<Made>> {
+fn draw(grown: &Grown, args: &FiguresArgs) -> anyhow::Result<Vec<Figure>> {
     let bar = term::Bar::on_stderr();
-    let wanted: Vec<_> = DRAWN.into_iter().filter(|(number, _)| args.wants(*number)).collect();
+    let wanted: Vec<_> = MODEL_FIGURES.into_iter().filter(|(number, _)| args.wants(*number)).collect();
     let count = wanted.len() as f64;
     let drawn = wanted.into_iter().enumerate().map(|(i, (number, draw))| {
-        bar.show("draw", i as f64 / count, format!("figure {}", made::name(number)));
-        draw(grown, args.size).with_context(|| format!("figure {}", made::name(number)))
+        bar.show("draw", i as f64 / count, format!("figure {}", figure::name(number)));
+        draw(grown, args.size).with_context(|| format!("figure {}", figure::name(number)))
     });
     let drawn = drawn.collect();
     bar.clear();
     drawn
 }
 
-fn measure(spec: &ModelSpec, seed: u64, args: &FiguresArgs) -> anyhow::Result<Vec<Made>> {
+fn measure(spec: &ModelSpec, seed: u64, args: &FiguresArgs) -> anyhow::Result<Vec<Figure>> {
     let measured = paper::measure(&Plan::new(spec, seed), args.quick, args.gpu)?;
     let mut made = Vec::new();
-    if args.wants(Number::Ten) {
+    if args.wants(FigureNumber::Ten) {
         made.push(figure10::draw(&measured, args.gpu.gpu)?);
     }
-    if args.wants(Number::Eleven) {
+    if args.wants(FigureNumber::Eleven) {
         made.push(figure11::draw(&measured, args.gpu.gpu));
     }
     Ok(made)
 }
 
 /// Moves all files to their directory, the index last, and lists them.
-fn publish(scratch: &Scratch, figures: &[Made], document: &Value) -> Ended {
+fn publish(scratch: &Scratch, figures: &[Figure], document: &Value) -> Ended {
     let numbers = serde_json::to_string_pretty(document)? + "\n";
     let index = page(figures, document).into_string();
     let named = |(name, bytes): &(String, Vec<u8>)| (name.clone(), bytes.clone());
@@ -154,8 +155,8 @@ fn publish(scratch: &Scratch, figures: &[Made], document: &Value) -> Ended {
     Ok(())
 }
 
-/// The index: all figures with their captions, on one page that needs no other file.
-fn page(figures: &[Made], document: &Value) -> Markup {
+/// Returns the index: all figures with their captions on one page that needs no other file.
+fn page(figures: &[Figure], document: &Value) -> Markup {
     let text = |name: &str| document[name].as_str().unwrap_or_default().to_owned();
     html! {
         (DOCTYPE)

@@ -1,4 +1,4 @@
-//! A table as SVG, in the style of the plots.
+//! Tables as SVG in the style of the plots.
 
 use std::fmt::Write as _;
 
@@ -9,7 +9,8 @@ const LINE: u32 = 20;
 const MARGIN: u32 = 20;
 const SIZE: u32 = 15;
 
-/// A table: lines of text at the head of each column, rows of cells, and the row before which a rule separates two parts.
+/// Draws a table: lines of text at the head of each column, rows of cells, and the row below a
+/// separating rule.
 pub(super) fn svg(head: &[Vec<String>], rows: &[Vec<String>], rule_before: Option<usize>) -> String {
     let columns = head.len() as u32;
     let width = 2 * MARGIN + WIDTHS[0] + WIDTHS[1] * columns.saturating_sub(1);
@@ -20,7 +21,7 @@ pub(super) fn svg(head: &[Vec<String>], rows: &[Vec<String>], rule_before: Optio
         "<svg width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" xmlns=\"http://www.w3.org/2000/svg\" \
          font-family=\"sans-serif\" font-size=\"{SIZE}\">\n<rect width=\"{width}\" height=\"{height}\" fill=\"#fff\"/>\n"
     );
-    // The first column begins at its left, the others end at their right.
+    // The first column is left-aligned, the others are right-aligned.
     let place = |column: usize| {
         if column == 0 { (MARGIN, "start") } else { (MARGIN + WIDTHS[0] + WIDTHS[1] * column as u32, "end") }
     };

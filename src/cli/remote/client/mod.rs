@@ -21,16 +21,17 @@ use wire::{Fault, Problem};
 
 /// Maximum silence of an event stream; the service sends at least a comment every 15 seconds.
 const SILENCE: Duration = Duration::from_secs(45);
-/// A stream that was open for this long and sent anything counts as an answer, even without an event: a model may wait in
-/// the queue for hours behind a proxy that cuts connections.
+/// Time after which an open stream that sent anything counts as a response, even without an event:
+/// a model may wait in the queue for hours behind a proxy that cuts connections.
 const ALIVE: Duration = Duration::from_secs(10);
 
-/// When to give up following a model.
+/// Limits of retries while a model is followed.
 #[derive(Clone, Copy, Debug)]
 struct Retries {
     /// Consecutive connections without a new event before giving up.
     most: u32,
-    /// Wait after the first, growing by as much after each further one, up to ten times as long.
+    /// Wait after the first connection. It grows by the same time after each further one, up to
+    /// tenfold.
     wait: Duration,
 }
 
@@ -41,7 +42,7 @@ impl Default for Retries {
     }
 }
 
-/// A service at an address.
+/// HTTP client of a service at an address.
 #[derive(Clone, Debug)]
 pub struct Client {
     http: reqwest::Client,
@@ -49,16 +50,16 @@ pub struct Client {
     retries: Retries,
 }
 
-/// What happens while a model is followed.
+/// Event while a model is followed.
 #[derive(Debug)]
 pub(in crate::cli) enum Followed<'a> {
     /// The model changed.
     Model(&'a Model),
-    /// The connection was lost; another one follows.
+    /// The connection was lost; another one is opened.
     Away,
 }
 
-/// An answer with an error status.
+/// A response with an error status.
 #[derive(Debug, thiserror::Error)]
 #[error("the service answered {status}{}{text}", if .text.is_empty() { "" } else { ": " })]
 struct Refused {
@@ -79,18 +80,18 @@ struct CutOff;
 /// Kinds of errors that a report distinguishes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(in crate::cli) enum ErrorKind {
-    /// An answer with this status.
+    /// A response with this status.
     Status(u16),
-    /// No connection, or a lost one.
+    /// No connection, or a lost connection.
     Connection,
-    /// No answer in time.
+    /// No response in time.
     Timeout,
-    /// Anything else, such as an answer that is not what the interface describes.
+    /// Anything else, such as a response that does not match the description of the interface.
     Other,
 }
 
 impl ErrorKind {
-    /// The kind of a failure of a [`Client`].
+    /// Returns the kind of a failure of a [`Client`].
     pub(in crate::cli) fn of(failure: &Failure) -> Self {
         let Failure::Failed(error) = failure else { return Self::Other };
         if let Some(refused) = error.downcast_ref::<Refused>() {
@@ -104,7 +105,7 @@ impl ErrorKind {
         }
         match error.chain().find_map(|cause| cause.downcast_ref::<reqwest::Error>()) {
             Some(error) if error.is_timeout() => Self::Timeout,
-            // A body that breaks off is an error of decoding too, but not one of JSON.
+            // A body that breaks off is an error of decoding, but not of JSON.
             Some(sent)
                 if !sent.is_builder() && !error.chain().any(<dyn std::error::Error>::is::<serde_json::Error>) =>
             {
@@ -115,7 +116,7 @@ impl ErrorKind {
     }
 }
 
-/// How an event stream ended.
+/// End of an event stream.
 enum End {
     /// The model ended.
     Ended,
@@ -123,11 +124,11 @@ enum End {
     Deleted,
 }
 
-/// Why an event stream gave no end.
+/// Failure of an event stream before the end of the model.
 enum Interruption {
     /// Another connection may work.
     Retry(anyhow::Error),
-    /// It would not.
+    /// Another connection would not work.
     Fatal(Failure),
 }
 
@@ -146,10 +147,11 @@ struct Cursor {
 }
 
 impl Client {
-    /// A client of the service at `url` that sends this key with each request.
+    /// Creates a client of the service at `url` that sends this key with each request.
     ///
     /// # Errors
-    /// [`Failure::Usage`] if that is not an `http:` or `https:` URL, or the key cannot be part of a header.
+    /// [`Failure::Usage`] if `url` is not an `http:` or `https:` URL or the key cannot be part of a
+    /// header.
     pub fn new(url: &str, key: Option<&Key>) -> Result<Self, Failure> {
         let parsed = reqwest::Url::parse(url).map_err(|e| Failure::usage(format!("--url {url}: {e}")))?;
         if !matches!(parsed.scheme(), "http" | "https") || !parsed.has_host() {
@@ -163,12 +165,12 @@ impl Client {
         Ok(Self { http, base: url.trim_end_matches('/').to_owned(), retries: Retries::default() })
     }
 
-    /// The URL of a path on the service.
+    /// Returns the URL of a path on the service.
     pub(in crate::cli) fn address(&self, path: &str) -> String {
         format!("{}{path}", self.base)
     }
 
-    /// A request for a path of the service.
+    /// Builds a request for a path of the service.
     pub(in crate::cli) fn request(&self, method: Method, path: &str) -> RequestBuilder {
         self.http.request(method, self.address(path))
     }
@@ -176,7 +178,7 @@ impl Client {
     /// Gets a small resource.
     ///
     /// # Errors
-    /// [`Failure::Failed`] if the service is unavailable or answers with an error.
+    /// [`Failure::Failed`] if the service is unavailable or responds with an error.
     pub async fn get(&self, path: &str) -> Result<Response, Failure> {
         let answer = self.http.get(self.address(path)).timeout(Duration::from_secs(30)).send().await;
         accept(answer.with_context(|| format!("GET {}", self.address(path)))?).await
@@ -185,7 +187,7 @@ impl Client {
     /// Posts without a body to the path with these segments, which are percent-encoded.
     ///
     /// # Errors
-    /// [`Failure::Failed`] if the service is unavailable or answers with an error.
+    /// [`Failure::Failed`] if the service is unavailable or responds with an error.
     pub(in crate::cli) async fn post(&self, path: &[&str]) -> Result<Response, Failure> {
         let mut url = reqwest::Url::parse(&self.base)?;
         url.path_segments_mut().map_err(|()| anyhow!("{} has no path", self.base))?.pop_if_empty().extend(path);
@@ -196,13 +198,14 @@ impl Client {
     /// Requests a model.
     ///
     /// # Errors
-    /// [`Failure::Usage`] with each fault if the request is invalid; [`Failure::Failed`] if the service is unavailable or
-    /// refuses it.
+    /// [`Failure::Usage`] with each fault if the request is invalid; [`Failure::Failed`] if the
+    /// service is unavailable or refuses it.
     pub(in crate::cli) async fn submit(&self, body: &Value, idempotency_key: &str) -> Result<Value, Failure> {
         model_of(accept(self.post_model(body, idempotency_key).await?).await?).await
     }
 
-    /// Requests a model, and again while the queue is full. Also returns the number of answers 429.
+    /// Requests a model, and retries while the queue is full. Also returns the number of responses
+    /// 429.
     ///
     /// # Errors
     /// As [`Client::submit`].
@@ -242,12 +245,12 @@ impl Client {
         model_of(self.get(&format!("/models/{id}")).await?).await
     }
 
-    /// Follows the events of a model until it ends. A lost connection is opened again, with `Last-Event-ID`, so that no
-    /// event is seen twice.
+    /// Follows the events of a model until it ends. A lost connection is reopened with
+    /// `Last-Event-ID`, so that no event is seen twice.
     ///
     /// # Errors
-    /// [`Failure::Failed`] if the model is deleted, the service refuses, or about a minute of further connections brings
-    /// no new event.
+    /// [`Failure::Failed`] if the model is deleted, the service refuses, or a minute of further
+    /// connections brings no new event.
     pub(in crate::cli) async fn follow(&self, id: &str, mut seen: impl FnMut(Followed<'_>)) -> Result<(), Failure> {
         let mut cursor = Cursor::default();
         loop {
@@ -280,7 +283,7 @@ impl Client {
             request = request.header("Last-Event-ID", last);
         }
         let mut answer = open(request).await?;
-        // The model ended with the event that was seen last.
+        // The model ended with the last event that was seen.
         if answer.status() == StatusCode::NO_CONTENT {
             return Ok(End::Ended);
         }
@@ -311,7 +314,8 @@ impl Client {
     /// Saves all files of a model in `dir`, after comparing each with its SHA-256.
     ///
     /// # Errors
-    /// [`Failure::Failed`] if a file cannot be downloaded or written, or differs from its SHA-256; `dir` is unchanged then.
+    /// [`Failure::Failed`] if a file cannot be downloaded or written, or differs from its SHA-256.
+    /// `dir` is then unchanged.
     pub(in crate::cli) async fn download(&self, model: &Model, dir: &Path) -> Result<Vec<PathBuf>, Failure> {
         let scratch = Scratch::new(dir).with_context(|| format!("{}", dir.display()))?;
         for file in &model.files {
@@ -343,7 +347,7 @@ impl Client {
     }
 }
 
-/// The model in an answer, with the URLs of its files instead of references relative to the answer's URL.
+/// Returns the model in a response, with relative references to its files resolved to URLs.
 async fn model_of(answer: Response) -> Result<Value, Failure> {
     let url = answer.url().clone();
     let mut model: Value = answer.json().await?;
@@ -369,7 +373,7 @@ async fn open(request: RequestBuilder) -> Result<Response, Interruption> {
     }
 }
 
-/// Reports an event of a model; returns how the stream ended if it is the last one.
+/// Reports an event of a model. Returns the end of the stream if the event is the last one.
 fn take(event: &Event, seen: &mut impl FnMut(Followed<'_>)) -> Result<Option<End>, Failure> {
     match event.kind.as_str() {
         "status" | "progress" => {
@@ -389,10 +393,11 @@ fn take(event: &Event, seen: &mut impl FnMut(Followed<'_>)) -> Result<Option<End
     }
 }
 
-/// Turns an answer with an error status into a failure.
+/// Converts a response with an error status to a failure.
 ///
 /// # Errors
-/// [`Failure::Usage`] with each fault if the answer lists faults of the request; else [`Failure::Failed`].
+/// [`Failure::Usage`] with each fault if the response lists faults of the request; otherwise
+/// [`Failure::Failed`].
 pub(in crate::cli) async fn accept(answer: Response) -> Result<Response, Failure> {
     let status = answer.status();
     if status.is_success() {

@@ -24,7 +24,8 @@ fn stream(text: &'static str) -> axum::response::Response {
     ([("content-type", "text/event-stream")], Body::from(text)).into_response()
 }
 
-/// Answers in turn: a stream that is cut off, an error, a whole stream; records the `Last-Event-ID` of each request.
+/// Answers in turn: a stream that is cut off, an error, a whole stream; records the `Last-Event-ID`
+/// of each request.
 async fn events(State(seen): State<Arc<Mutex<Vec<String>>>>, headers: HeaderMap) -> axum::response::Response {
     let last = headers.get("last-event-id").map_or("-", |v| v.to_str().expect("ASCII")).to_owned();
     let mut seen = seen.lock().expect("not poisoned");

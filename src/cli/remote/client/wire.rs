@@ -1,8 +1,8 @@
-//! The parts of a service's JSON answers that the command line reads.
+//! Parts of JSON responses that the commands read.
 
 use serde::Deserialize;
 
-/// A model; members that are not listed here are ignored.
+/// A model. Members that are not listed here are ignored.
 #[derive(Clone, Debug, Deserialize)]
 pub(in crate::cli) struct Model {
     /// Id of the model.
@@ -22,12 +22,12 @@ pub(in crate::cli) struct Model {
 }
 
 impl Model {
-    /// Whether it can no longer change.
+    /// Returns true if the model can no longer change.
     pub(in crate::cli) fn is_ended(&self) -> bool {
         !matches!(self.status.as_str(), "queued" | "running")
     }
 
-    /// A sentence on how it ended, with the service's problem if there is one.
+    /// Returns a sentence about the end of the model, with the problem that the service reports.
     pub(in crate::cli) fn why(&self) -> String {
         let ended = match self.status.as_str() {
             "cancelled" => "was cancelled",
@@ -43,7 +43,8 @@ impl Model {
 /// Position in the queue.
 #[derive(Clone, Debug, Deserialize)]
 pub(in crate::cli) struct Queue {
-    /// Models ahead of it, counted up to 1000; `None` once it has left the queue.
+    /// Number of models ahead in the queue, counted up to 1000; `None` for a model that has left
+    /// the queue.
     pub(in crate::cli) position: Option<u64>,
 }
 
@@ -87,7 +88,7 @@ pub(super) struct Problem {
 }
 
 impl Problem {
-    /// Title and detail; empty if there are neither.
+    /// Returns title and detail; empty if there are neither.
     pub(super) fn text(&self) -> String {
         match (self.title.is_empty(), self.detail.is_empty()) {
             (false, false) => format!("{}: {}", self.title, self.detail),

@@ -1,7 +1,8 @@
-//! Serves connections, with limits on their number and on the time that a client may take.
+//! Serves connections with limits on their number and on the time that a client may take.
 //!
-//! A silent or slow client must not keep others out. A request must arrive in time. A response may take any time as long as
-//! the client receives it at a minimum rate (see `pace.rs`), so event streams and long downloads are not cut off.
+//! A silent or slow client must not keep others out. A request must arrive in time. A response may
+//! take any time as long as the client receives it at a minimum rate (see `pace.rs`), so event
+//! streams and long downloads are not cut off.
 
 mod pace;
 
@@ -21,70 +22,75 @@ use tokio_util::task::TaskTracker;
 
 /// Time for the first byte of a connection to arrive. Clients usually send a request at once.
 const FIRST_TIME: Duration = Duration::from_secs(15);
-/// Time for the head of a request to arrive, and for the next request on a connection to begin. Longer than the minute
-/// for which load balancers keep idle connections, so that the service does not close one just as it is used again.
+/// Time for the head of a request to arrive, and for the next request on a connection to begin.
+/// Load balancers keep idle connections for a minute; with a longer time the service does not close
+/// a connection that is about to be reused.
 const HEAD_TIME: Duration = Duration::from_secs(75);
-/// Descriptors that a process commonly has, if its limit is unknown.
+/// Assumed number of descriptors of a process whose limit is unknown.
 const DESCRIPTORS: u64 = 1024;
-/// Most connections by default, however many descriptors there are.
+/// Default maximum of connections, whatever the number of descriptors.
 const MOST: usize = 10_000;
-/// Connections to an address for operators.
+/// Maximum of connections to an address for operators.
 const PROBES: usize = 64;
-/// Bytes of a response that wait in this process, and longest head of a request. More than the 64 KiB of the longest URI.
+/// Maximum bytes of a response that wait in this process, and of the head of a request. More than
+/// the 64 KiB of the longest URI.
 const BUFFER: usize = 72 << 10;
-/// Pause after a failed accept. It fails as long as the process has no free descriptor.
+/// Pause after a failed accept, which fails while the process has no free descriptor.
 const PAUSE: Duration = Duration::from_millis(200);
 
 /// Limits of connections.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::cli) struct Connections {
-    /// Most at a time; others wait to be accepted.
+    /// Maximum at a time; further ones wait to be accepted.
     pub(in crate::cli) most: usize,
     /// Time for the first byte.
     pub(in crate::cli) first_time: Duration,
     /// Time for the head of a request.
     pub(in crate::cli) head_time: Duration,
-    /// Time for which a connection may be blocked; see [`Paced::new`].
+    /// Maximum time for which a connection is blocked; see [`Paced::new`].
     pub(in crate::cli) write_time: Duration,
-    /// Time after `shutdown` at which requests that have not ended are cut off; `None` for never.
+    /// Time after `shutdown` at which running requests are cut off; `None` for never.
     pub(in crate::cli) grace: Option<Duration>,
 }
 
 impl Connections {
-    /// At most `most` connections; by default three quarters of the descriptors of the process, but at most 10,000. Half of
-    /// the other descriptors are for downloads ([`downloads`]), half for databases and files of workers.
+    /// Allows `most` connections; by default three quarters of the descriptors of the process, but
+    /// at most 10,000. Half of the other descriptors are for downloads ([`downloads`]), half for
+    /// databases and files of workers.
     pub(in crate::cli) fn new(most: Option<u32>, write_time: Duration) -> Self {
         let default = || usize::try_from(descriptors() / 4 * 3).unwrap_or(usize::MAX).min(MOST);
         let most = most.map_or_else(default, |most| most as usize).clamp(1, Semaphore::MAX_PERMITS);
         Self { most, first_time: FIRST_TIME, head_time: HEAD_TIME, write_time, grace: None }
     }
 
-    /// For a separate address for probes and metrics, which the clients of the others cannot exhaust.
+    /// Limits of a separate address for probes and metrics, which other clients cannot exhaust.
     pub(in crate::cli) fn for_probes() -> Self {
         let time = FIRST_TIME;
         Self { most: PROBES, first_time: time, head_time: HEAD_TIME, write_time: time, grace: None }
     }
 
-    /// Cuts off requests that have not ended `grace` after `shutdown`.
+    /// Cuts off requests that still run `grace` after `shutdown`.
     #[must_use]
     pub(in crate::cli) fn with_grace(self, grace: Duration) -> Self {
         Self { grace: Some(grace), ..self }
     }
 }
 
-/// Most downloads at a time: each holds a descriptor besides that of its connection.
+/// Returns the maximum number of downloads at a time. Each holds a descriptor in addition to that
+/// of its connection.
 pub(in crate::cli) fn downloads() -> usize {
     usize::try_from(descriptors() / 8).unwrap_or(usize::MAX).clamp(1, MOST)
 }
 
-/// How many descriptors the process may have.
+/// Returns the maximum number of descriptors of the process.
 pub(in crate::cli) fn descriptors() -> u64 {
     let limits = std::fs::read_to_string("/proc/self/limits").unwrap_or_default();
     let soft = limits.lines().find_map(|line| line.strip_prefix("Max open files")?.split_whitespace().next());
     soft.and_then(|text| text.parse().ok()).unwrap_or(DESCRIPTORS)
 }
 
-/// Serves until `shutdown` is cancelled, and then until the last request is answered or the grace is over.
+/// Serves until `shutdown` is cancelled, and then until the last response is sent or the grace is
+/// over.
 pub(in crate::cli) async fn serve(
     listener: TcpListener,
     router: Router,
@@ -135,7 +141,7 @@ pub(in crate::cli) async fn serve(
     }
 }
 
-/// Whether the error is of one connection only.
+/// Returns true if the error concerns one connection only.
 fn is_of_one(error: &io::Error) -> bool {
     matches!(
         error.kind(),
@@ -143,7 +149,7 @@ fn is_of_one(error: &io::Error) -> bool {
     )
 }
 
-/// Whether the client sends something in time.
+/// Returns true if the client sends something in time.
 async fn speaks(stream: &TcpStream, time: Duration, shutdown: &CancellationToken) -> bool {
     let mut byte = [0];
     tokio::select! {
@@ -152,7 +158,7 @@ async fn speaks(stream: &TcpStream, time: Duration, shutdown: &CancellationToken
     }
 }
 
-/// Answers the requests of one connection.
+/// Responds to the requests of one connection.
 async fn answer(
     builder: Builder<TokioExecutor>,
     stream: TcpStream,
@@ -160,7 +166,7 @@ async fn answer(
     router: Router,
     shutdown: CancellationToken,
 ) {
-    // Events are small; they must not be delayed until more is to be sent.
+    // Events are small and must not wait for more data.
     if let Err(error) = stream.set_nodelay(true) {
         tracing::trace!(%error, "small responses may be slow");
     }

@@ -1,8 +1,8 @@
-//! A connection that must make progress while there are bytes to send.
+//! A connection that must make progress while it has bytes to send.
 //!
-//! Only the time counts during which the connection is blocked: a client that is fast enough, or to which there is nothing
-//! to send, is never cut off. Bytes count once the operating system has accepted them, so it must not buffer many more than
-//! the client has received; see [`UNSENT`].
+//! Only the time counts during which the connection is blocked, so a fast client or one without
+//! pending bytes is never cut off. Bytes count once the operating system has accepted them. It must
+//! therefore not buffer many more than the client has received; see [`UNSENT`].
 
 use crate::clock::Stopwatch;
 use std::io::{self, IoSlice};
@@ -15,18 +15,18 @@ use tokio::time::{Sleep, sleep};
 
 /// Bytes per second that a client must receive while the connection is blocked.
 const RATE: u64 = 1024;
-/// Most bytes that the operating system buffers besides those in flight. Bounds the memory of a slow connection, and makes
-/// its progress visible.
+/// Maximum bytes that the operating system buffers in addition to those in flight. Bounds the
+/// memory of a slow connection and makes its progress visible.
 const UNSENT: u32 = 128 << 10;
 
 /// A connection whose client must receive bytes at a minimum rate.
 #[derive(Debug)]
 pub(super) struct Paced {
     stream: TcpStream,
-    /// Time that the connection may be blocked for each `least` bytes.
+    /// Maximum time for which the connection is blocked per `least` bytes.
     time: Duration,
     least: u64,
-    /// Bytes sent, and time blocked, since `least` bytes were sent last.
+    /// Bytes sent and time blocked since the last `least` bytes were sent.
     sent: u64,
     blocked: Duration,
     waiting: Option<Waiting>,
@@ -40,14 +40,15 @@ struct Waiting {
 }
 
 impl Paced {
-    /// A connection that is cut off once it was blocked for `time` while its client received less than 1 KiB per second.
+    /// Cuts the connection off when it was blocked for `time` while its client received less than 1
+    /// KiB per second.
     pub(super) fn new(stream: TcpStream, time: Duration) -> Self {
         limit_unsent(&stream);
         let least = u64::try_from(time.as_millis()).unwrap_or(u64::MAX).saturating_mul(RATE) / 1000;
         Self { stream, time, least, sent: 0, blocked: Duration::ZERO, waiting: None }
     }
 
-    /// Counts the result of a write; fails once the connection has been blocked too long.
+    /// Counts the result of a write. Fails if the connection was blocked too long.
     fn count(&mut self, cx: &mut Context<'_>, written: Poll<io::Result<usize>>) -> Poll<io::Result<usize>> {
         match written {
             Poll::Ready(Ok(bytes)) => {
@@ -67,7 +68,7 @@ impl Paced {
                     .waiting
                     .get_or_insert_with(|| Waiting { since: Stopwatch::start(), limit: Box::pin(sleep(left)) });
                 ready!(waiting.limit.as_mut().poll(cx));
-                // The bytes that the operating system buffers will not be received either.
+                // The client will not receive the bytes that the operating system buffers either.
                 if let Err(error) = socket2::SockRef::from(&self.stream).set_linger(Some(Duration::ZERO)) {
                     tracing::trace!(%error, "the buffers of a connection are kept for a while");
                 }

@@ -1,4 +1,5 @@
-//! Models grown in batches on a GPU like by a worker: the next batch is simulated while the surfaces of the last one are made.
+//! Models grown in batches on a GPU as a worker does: the next batch is simulated while the
+//! surfaces of the previous batch are made.
 
 use crate::bench::machine;
 use oviduct::cli::load::{Model, Seeds};
@@ -16,7 +17,7 @@ const BATCHES: usize = 2;
 /// Grows the models of these seeds in batches of `size`.
 ///
 /// # Errors
-/// If one of them is not grown.
+/// If a model cannot be grown.
 pub(super) fn grow(device: &GpuDevice, model: &Model, seeds: &Seeds, size: usize) -> anyhow::Result<()> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(machine::threads()).build()?;
     let joined = |driver: ScopedJoinHandle<'_, anyhow::Result<()>>| {
@@ -35,13 +36,13 @@ pub(super) fn grow(device: &GpuDevice, model: &Model, seeds: &Seeds, size: usize
             let (simulated, device_is_free) = channel();
             let pool = &pool;
             drivers.push_back(scope.spawn(move || one(device, pool, model, &batch, simulated)));
-            // A batch that has ended early says nothing.
+            // A batch that ended early sends no message.
             device_is_free.recv().ok();
         }
     })
 }
 
-/// Grows a batch in a directory that is removed afterwards; says when the device is free.
+/// Grows a batch in a temporary directory. Sends a message when the device is free.
 fn one(
     device: &GpuDevice,
     pool: &ThreadPool,

@@ -1,4 +1,4 @@
-//! A service in this process, and the generator called directly, in turn.
+//! Alternating measurements of a service in this process and of direct calls of the generator.
 
 use super::batches;
 use crate::bench::machine;
@@ -14,7 +14,7 @@ use std::sync::Arc;
 use tempfile::TempDir;
 use tokio::net::TcpListener;
 
-/// The preset that all models are changed from.
+/// Preset of all models.
 pub(super) const PRESET: &str = "paper";
 
 /// Results for one size.
@@ -24,7 +24,7 @@ pub(super) struct Row {
     pub(super) direct: Vec<f64>,
     /// Models per second of the service, in each round.
     pub(super) service: Vec<f64>,
-    /// Models per second by one thread that calls the generator; none with a GPU.
+    /// Models per second of one thread that calls the generator; empty with a GPU.
     pub(super) one: Vec<f64>,
     /// Fraction of the workers' time spent in the stages of models, in each round, by the service's
     /// `oviduct_stage_seconds`.
@@ -33,12 +33,12 @@ pub(super) struct Row {
     pub(super) seconds: f64,
 }
 
-/// Median over the rounds of the one by the other.
+/// Returns the median over the rounds of `rates` divided by `by`.
 pub(super) fn ratio(rates: &[f64], by: &[f64]) -> f64 {
     machine::median(rates.iter().zip(by).map(|(rate, by)| rate / by).collect())
 }
 
-/// Seconds that the workers have spent in the stages of models so far.
+/// Returns the total seconds that the workers have spent in the stages of models.
 async fn computed(client: &Client) -> anyhow::Result<f64> {
     let text = client.get("/metrics").await.map_err(plain)?.text().await?;
     let stages = ["simulate", "mesh", "certify", "measure", "export"];
@@ -80,16 +80,16 @@ impl Serving {
     }
 }
 
-/// How models are grown without a service.
+/// Direct calls of the generator.
 pub(super) enum Direct {
-    /// By this number of threads, one model each.
+    /// On this number of threads, one model each.
     Threads(u32),
     /// In batches of this size on a GPU.
     Batches(GpuDevice, usize),
 }
 
 impl Direct {
-    /// Grows the models of these seeds; returns the seconds of each.
+    /// Grows the models of these seeds and returns the seconds of each.
     async fn grow(&self, model: &Model, seeds: Seeds) -> anyhow::Result<Vec<f64>> {
         match self {
             Self::Threads(count) => {
@@ -107,7 +107,7 @@ impl Direct {
     }
 }
 
-/// A small model of preset `paper`: steps, and particles at start and end.
+/// Returns the patch of a small model: steps, and particles at start and end.
 fn patch((steps, from, to): (u32, u32, u32)) -> Value {
     json!({ "steps": steps, "particles": { "total": { "keys": [[0, from], [1, to]] } } })
 }
@@ -118,7 +118,7 @@ pub(super) fn model(size: (u32, u32, u32), backend: Backend) -> anyhow::Result<M
     Ok(Model { preset: PRESET.to_owned(), spec: Arc::new(spec), backend, outputs: vec![Output::Glb].into() })
 }
 
-/// A comparison of a service with the generator alone, for one size of models.
+/// A comparison of a service with direct calls, for one size of models.
 pub(super) struct Comparison<'a> {
     pub(super) client: &'a Client,
     pub(super) size: (u32, u32, u32),
@@ -142,7 +142,8 @@ impl Comparison<'_> {
             next += count;
             seeds
         };
-        // Both once without measurement; the first determines the number of models per round.
+        // One run of both without measurement. The first one determines the number of models per
+        // round.
         let watch = Stopwatch::start();
         self.direct.grow(&model, seeds(u64::from(asked))).await?;
         let rate = f64::from(asked) / watch.seconds();
@@ -159,7 +160,7 @@ impl Comparison<'_> {
         };
         let mut times = Vec::new();
         for round in 0..self.rounds {
-            // Which one goes first alternates.
+            // The order alternates.
             for direct in [round % 2 == 0, round % 2 != 0] {
                 let watch = Stopwatch::start();
                 if direct {
@@ -185,7 +186,7 @@ impl Comparison<'_> {
     }
 }
 
-/// All of these models, if each of them succeeded.
+/// Returns the models if all of them succeeded.
 fn succeeded(all: Vec<Result<Grown, Lost>>) -> anyhow::Result<Vec<Grown>> {
     let all: Vec<Grown> = all.into_iter().collect::<Result<_, _>>().map_err(|lost| anyhow!(lost.message))?;
     anyhow::ensure!(all.iter().all(|one| one.succeeded), "not all models succeeded");

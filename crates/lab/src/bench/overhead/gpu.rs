@@ -1,5 +1,5 @@
-//! `bench overhead` for models that a GPU grows: requested from a service that has a GPU worker, and grown in batches of the same
-//! size by the generator directly.
+//! `bench overhead` on a GPU: models are requested from a service with a GPU worker, and grown in
+//! batches of the same size by direct calls of the generator.
 
 use super::comparison::{Comparison, Direct, Row, Serving, model, ratio};
 use crate::bench::{device, machine};
@@ -10,15 +10,16 @@ use oviduct::generate::Backend;
 use oviduct::sim::Plan;
 use serde_json::{Value, json};
 
-/// Models of a batch: the default of `--gpu-batch`; and on a software adapter, whose batches take longer the larger they are.
+/// Models of a batch: the default of `--gpu-batch`, and fewer on a software adapter, which does not
+/// profit from large batches.
 const BATCH: usize = 16;
 const SOFTWARE_BATCH: usize = 4;
 
-/// Models: steps, and particles at start and end; on a GPU, and on a software adapter.
+/// Models as steps and particles at start and end, on a GPU and on a software adapter.
 const SIZES: [(u32, u32, u32); 3] = [(400, 500, 1800), (1000, 710, 4000), (2000, 710, 8300)];
 const SOFTWARE_SIZES: [(u32, u32, u32); 1] = [(60, 300, 420)];
 
-/// Lines and results, or why there are none.
+/// Returns lines of text and results, or the reason why there are none.
 pub(super) async fn run(args: GpuArgs, rounds: u32, seconds_a_round: f64) -> anyhow::Result<(Vec<String>, Value)> {
     let device =
         match tokio::task::spawn_blocking(move || gpu::best(args)).await.context("the graphics driver failed")? {
@@ -55,7 +56,7 @@ pub(super) async fn run(args: GpuArgs, rounds: u32, seconds_a_round: f64) -> any
             client: &serving.client,
             size,
             backend: Backend::Gpu,
-            // A batch that is simulated, one whose surfaces are made, and the next one.
+            // One batch is simulated, one gets its surfaces, and one waits.
             asked: 3 * batch as u32,
             rounds,
             seconds_a_round,

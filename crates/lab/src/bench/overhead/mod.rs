@@ -1,7 +1,10 @@
-//! `bench overhead`: the cost of the service. Small models are requested over HTTP from a service in this process (SQLite and
-//! files in a temporary directory, one worker per core), and grown by the same number of threads that call the generator
-//! directly, and by one such thread. They alternate, so that other load on the machine affects all. With a GPU the same for models
-//! that it grows, without the single thread.
+//! `bench overhead`: the cost of the service.
+//!
+//! Small models are requested over HTTP from a service in this process (SQLite and files in a
+//! temporary directory, one worker per core). The same models are grown by direct calls of the
+//! generator, on as many threads and on one. The runs alternate, so that other load on the machine
+//! affects all of them. With a GPU the comparison is repeated for models that the GPU grows,
+//! without the single thread.
 
 mod batches;
 mod comparison;
@@ -14,7 +17,7 @@ use oviduct::cli::GpuArgs;
 use oviduct::generate::Backend;
 use serde_json::{Value, json};
 
-/// Small models: steps, and particles at start and end, as changes of preset `paper`.
+/// Small models as steps and particles at start and end, changes of preset `paper`.
 const SIZES: [(u32, u32, u32); 3] = [(60, 300, 420), (200, 400, 900), (400, 500, 1800)];
 
 pub(super) async fn run(quick: bool, args: GpuArgs) -> anyhow::Result<Report> {
@@ -28,7 +31,7 @@ pub(super) async fn run(quick: bool, args: GpuArgs) -> anyhow::Result<Report> {
             client: &serving.client,
             size,
             backend: Backend::CpuSingle,
-            // Enough requests at a time that no worker waits for one.
+            // So many requests at a time that no worker waits.
             asked: 4 * workers,
             rounds,
             seconds_a_round,

@@ -1,49 +1,49 @@
-//! A figure as it is made: its files, its caption and its numbers.
+//! A finished figure: files, caption and numbers.
 
-use super::args::Number;
+use super::args::FigureNumber;
 use oviduct::clock::Clock;
 use serde_json::{Value, json};
 
 /// A figure.
-pub(super) struct Made {
-    /// Its number in the paper.
+pub(super) struct Figure {
+    /// FigureNumber in the paper.
     pub(super) number: &'static str,
-    /// What it shows, in a few words.
+    /// Title in a few words.
     pub(super) title: &'static str,
     /// Each file's name and content, PNG or SVG.
     pub(super) files: Vec<(String, Vec<u8>)>,
-    /// What it shows and how it differs from the paper's, in sentences.
+    /// Caption in sentences, with the differences from the paper.
     pub(super) caption: Vec<String>,
-    /// The numbers behind it.
+    /// Numbers of the figure for `figures.json`.
     pub(super) numbers: Value,
 }
 
-impl Made {
-    /// What `figures.json` says of it.
+impl Figure {
+    /// Returns the entry in `figures.json`.
     pub(super) fn document(&self) -> Value {
         let files: Vec<&str> = self.files.iter().map(|(name, _)| name.as_str()).collect();
         json!({ "title": self.title, "files": files, "caption": self.caption.join(" "), "numbers": self.numbers })
     }
 }
 
-/// The number of a figure as text.
-pub(super) fn name(number: Number) -> &'static str {
+/// Returns the number of a figure as text.
+pub(super) fn name(number: FigureNumber) -> &'static str {
     match number {
-        Number::Four => "4",
-        Number::Seven => "7",
-        Number::Eight => "8",
-        Number::Nine => "9",
-        Number::Ten => "10",
-        Number::Eleven => "11",
+        FigureNumber::Four => "4",
+        FigureNumber::Seven => "7",
+        FigureNumber::Eight => "8",
+        FigureNumber::Nine => "9",
+        FigureNumber::Ten => "10",
+        FigureNumber::Eleven => "11",
     }
 }
 
-/// The date for captions; no other result depends on it.
+/// Returns the date for captions. No other result depends on it.
 pub(super) fn today() -> String {
     Clock::System.now().strftime("%Y-%m-%d").to_string()
 }
 
-/// A count with its thousands apart.
+/// Formats a count with thousands separators.
 pub(super) fn grouped(count: u64) -> String {
     let digits = count.to_string();
     let mut text = String::new();
