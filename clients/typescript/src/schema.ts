@@ -3,7 +3,7 @@
  * Do not make direct changes to the file.
  */
 
-// openapi.yaml: sha256 05fd516e133489f323f6f439face538ebd553276c0cfc61b2cf07b01af04abcf
+// openapi.yaml: sha256 37f664299d6bd8aff14104d8fbfe0ef2989d266b0abc2d68299ddfcf8e0b7fc6
 
 export interface paths {
     "/batches": {
