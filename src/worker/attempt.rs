@@ -422,7 +422,7 @@ async fn record(context: &Context, claim: Claim, ending: WorkResult) -> bool {
         }
         Err(StoreError::Fenced) => tracing::warn!("attempt {how}, but its lease was lost"),
         Err(error) => {
-            tracing::error!(%error, "attempt {how}, but the job store did not record it; its lease will expire")
+            tracing::error!(%error, "attempt {how}, but the job store did not record it; its lease will expire");
         }
     }
     result.is_ok() && matches!(end, AttemptMetric::Succeeded | AttemptMetric::Failed | AttemptMetric::Cancelled)

@@ -166,7 +166,7 @@ async fn receive(
             match listen(&connect).await {
                 Ok(listener) => break listener,
                 Err(error) => {
-                    tracing::warn!(%error, "could not reopen the connection for notifications; changes by other processes are found by polling")
+                    tracing::warn!(%error, "could not reopen the connection for notifications; changes by other processes are found by polling");
                 }
             }
             sleep(RECONNECT_WAIT).await;
