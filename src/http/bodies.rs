@@ -1,6 +1,6 @@
 //! Surfaces that were cut lately, kept in memory.
 
-use crate::model::Body;
+use crate::geometry::cut::Body;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 

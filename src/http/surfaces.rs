@@ -6,8 +6,8 @@ use super::files::{permit, whole};
 use super::problem::{Kind, Problem};
 use crate::export::convert::Converted;
 use crate::export::read::{Format, ReadError, parse};
+use crate::geometry::cut::Body;
 use crate::jobs::{File, Job};
-use crate::model::Body;
 use std::sync::Arc;
 
 /// The files that can be cut, those that are read fastest first.

@@ -76,8 +76,7 @@ pub fn locate(points: &[[f32; 2]], point: [f32; 2]) -> Place {
 /// As [`locate`], for a contour that is not one of the exported ones.
 #[must_use]
 pub fn locate_wide(points: &[[f64; 2]], point: [f64; 2]) -> Place {
-    let ends = points.iter().cycle().skip(1);
-    locate_among(points.iter().zip(ends).map(|(&a, &b)| (a, b)), point)
+    locate_among(edges(points), point)
 }
 
 fn locate_among(edges: impl Iterator<Item = ([f64; 2], [f64; 2])>, p: [f64; 2]) -> Place {
@@ -183,7 +182,7 @@ pub fn check_nested(inner: &[[f32; 2]], outer: &[[f32; 2]]) -> Result<(), Contou
 }
 
 /// The edges of a closed contour, the last from its last point to its first.
-fn edges(points: &[[f32; 2]]) -> impl Iterator<Item = ([f32; 2], [f32; 2])> {
+pub(super) fn edges<T: Copy>(points: &[[T; 2]]) -> impl Iterator<Item = ([T; 2], [T; 2])> {
     let ends = points.iter().cycle().skip(1);
     points.iter().zip(ends).map(|(&a, &b)| (a, b))
 }

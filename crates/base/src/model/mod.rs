@@ -2,10 +2,12 @@
 
 mod cut;
 mod mesh;
+mod plane;
 mod section;
 
-pub use cut::{Body, Border, Cut, CutRing, Line, Plane, RingKind};
+pub use cut::{Border, Cut, CutRing, Line, RingKind};
 pub use mesh::{BodyKind, LengthUnit, Mesh, Patch, PatchKind};
+pub use plane::Plane;
 pub use section::{Ring, Section};
 
 #[cfg(any(test, feature = "samples"))]

@@ -35,6 +35,7 @@ pub use types::{
 
 use crate::clock::Stopwatch;
 use crate::export::centreline::Centreline;
+use crate::geometry::cut::Body;
 use crate::measure;
 use crate::measure::Certificate;
 use crate::measure::comparison::compare;
@@ -42,7 +43,7 @@ use crate::measure::morphometry::{Cuts, Morphometry, Regions, cuts, morphometry}
 use crate::mesh::bend::{Leaning, bend_apart};
 use crate::mesh::contract::Rest;
 use crate::mesh::lean::{Leaned, lean};
-use crate::model::{Body, BodyKind, LengthUnit, Section};
+use crate::model::{BodyKind, LengthUnit, Section};
 use crate::sim::Statistics;
 use crate::spec::preset;
 use files::Inputs;

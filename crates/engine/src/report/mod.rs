@@ -14,7 +14,8 @@ mod stored;
 pub use page::STYLE;
 pub use stored::ReportError;
 
-use crate::model::{Body, Border, Mesh, Plane, Section};
+use crate::geometry::cut::Body;
+use crate::model::{Border, Mesh, Plane, Section};
 use crate::render::{NamedView, mesh_png, sheet_png};
 use crate::spec::{Across, ModelSpec};
 use serde_json::Value;

@@ -2,7 +2,8 @@
 
 use super::read::Surface;
 use super::shape::{NamedPatch, Shape};
-use crate::model::{Body, BodyKind, LengthUnit, PatchKind};
+use crate::geometry::cut::Body;
+use crate::model::{BodyKind, LengthUnit, PatchKind};
 use std::collections::HashMap;
 use std::ops::Range;
 

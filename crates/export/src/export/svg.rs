@@ -143,6 +143,7 @@ fn data(points: impl Iterator<Item = [f64; 2]>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::cut::nested_rings;
     use crate::model::sample;
 
     #[test]
@@ -164,10 +165,10 @@ mod tests {
     #[test]
     fn a_cut_is_drawn_with_its_islands_told_apart() {
         let square = |r: f64| vec![[r, 0.0], [0.0, r], [-r, 0.0], [0.0, -r]];
-        let cut = Cut::new(Plane::across(12_345.0), vec![square(900.0), square(600.0), square(100.0)], false);
+        let cut = nested_rings(Plane::across(12_345.0), vec![square(900.0), square(600.0), square(100.0)], false);
         insta::assert_snapshot!(cut_svg(&cut));
         let plane = Plane::through([0.0, 0.0, 1e4], [0.0, 1.0, 0.0]).unwrap();
-        let svg = cut_svg(&Cut::new(plane, vec![square(900.0)], false));
+        let svg = cut_svg(&nested_rings(plane, vec![square(900.0)], false));
         assert!(
             svg.contains("through (0.000, 0.000, 10.000) mm, normal (0.000, 1.000, 0.000)") && !svg.contains("islands")
         );

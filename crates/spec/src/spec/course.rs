@@ -189,7 +189,7 @@ impl Across {
     #[must_use]
     pub fn at(&self, place_um: f64) -> Option<Plane> {
         match &self.bent {
-            Some(course) => Plane::across_course(course, place_um, self.ends_um, self.reach.at(place_um)),
+            Some(course) => course.plane_across(place_um, self.ends_um, self.reach.at(place_um)),
             None => Some(Plane::across(place_um)),
         }
     }

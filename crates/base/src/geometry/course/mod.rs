@@ -15,8 +15,13 @@ pub use relax::Relaxation;
 pub use room::{Bend, Near, Room};
 pub use shapes::Random;
 
+use crate::model::Plane;
 use glam::{DQuat, DVec3};
 use spline::Spline;
+
+/// Minimum distance of [`Course::plane_across`] from the ends of the model. The ends are planes up to
+/// rounding, so a cut nearer to an end could miss the surface.
+const FROM_ENDS_UM: f64 = 0.05;
 
 /// A curve with frames; lengths in any one unit.
 #[derive(Clone, Debug, PartialEq)]
@@ -146,6 +151,23 @@ impl Course {
     #[must_use]
     pub fn place(&self, [x, y, z]: [f64; 3]) -> DVec3 {
         self.at(z).place(x, y)
+    }
+
+    /// Plane across a tube that follows this course (in µm) and whose outer wall is within `reach_um`
+    /// of it: u and v are x and y of the section. `ends_um` are the places of both ends of the model;
+    /// `None` if `place_um` is not between them.
+    #[must_use]
+    pub fn plane_across(&self, place_um: f64, ends_um: [f64; 2], reach_um: f64) -> Option<Plane> {
+        let [first, last] = ends_um;
+        let place = place_um.clamp(first + FROM_ENDS_UM, last - FROM_ENDS_UM);
+        let Frame { origin, u, v, tangent } = self.at(place);
+        (first..=last).contains(&place_um).then(|| Plane {
+            origin_um: origin.into(),
+            normal: tangent.into(),
+            u: u.into(),
+            v: v.into(),
+            reach_um: Some(reach_um),
+        })
     }
 
     /// Curvature at a place.

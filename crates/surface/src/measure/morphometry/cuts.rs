@@ -4,7 +4,8 @@ use super::rays::{Distances, distances};
 use super::shape::Shape;
 use super::spread::Spread;
 use super::tube::Regions;
-use crate::model::{Body, Cut, CutRing, RingKind};
+use crate::geometry::cut::Body;
+use crate::model::{Cut, CutRing, RingKind};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 

@@ -1,6 +1,5 @@
 //! Planes with coordinates in them.
 
-use crate::geometry::course::{Course, Frame};
 use serde::Serialize;
 
 /// A plane with coordinates u and v in it; lengths in micrometres. Seen from the side to which the normal points, v is counter-clockwise
@@ -23,9 +22,6 @@ pub struct Plane {
     pub reach_um: Option<f64>,
 }
 
-/// Least distance of a plane across a bent tube from its ends, µm: an end is plane up to rounding.
-const FROM_ENDS: f64 = 0.05;
-
 impl Plane {
     /// The plane across a straight tube: u is x, v is y.
     #[must_use]
@@ -37,22 +33,6 @@ impl Plane {
             v: [0.0, 1.0, 0.0],
             reach_um: None,
         }
-    }
-
-    /// The plane across a tube that follows a course, µm, and whose wall is within `reach_um` of it: u and v are x and y of the section.
-    /// `ends` are the places of both ends of the model; `None` if the place is beyond them.
-    #[must_use]
-    pub fn across_course(course: &Course, place_um: f64, ends: [f64; 2], reach_um: f64) -> Option<Self> {
-        let [first, last] = ends;
-        let place = place_um.clamp(first + FROM_ENDS, last - FROM_ENDS);
-        let Frame { origin, u, v, tangent } = course.at(place);
-        (first..=last).contains(&place_um).then(|| Self {
-            origin_um: origin.into(),
-            normal: tangent.into(),
-            u: u.into(),
-            v: v.into(),
-            reach_um: Some(reach_um),
-        })
     }
 
     /// Whether a point of the plane is cut.

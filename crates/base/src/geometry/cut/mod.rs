@@ -4,6 +4,12 @@
 //! A point of a cut depends only on the edge that it lies on, so that the lines of neighbouring triangles meet exactly. Lines
 //! have what is above on their left, seen from outside of the surface.
 
+mod body;
+mod rings;
+
+pub use body::Body;
+pub use rings::nested_rings;
+
 /// An edge by its corners, the lower index first.
 pub type EdgeKey = (u32, u32);
 

@@ -1,9 +1,8 @@
 //! A body as it is cut.
 
-use super::border::{Border, Line};
-use super::{Cut, Plane};
-use crate::geometry::cut::{Crossing, EdgeKey, Lines, meeting_point};
-use crate::model::{Mesh, PatchKind};
+use super::rings::nested_rings;
+use super::{Crossing, EdgeKey, Lines, meeting_point};
+use crate::model::{Border, Cut, Line, Mesh, PatchKind, Plane};
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -69,7 +68,7 @@ impl<'a> Body<'a> {
             .closed
             .into_iter()
             .map(|line| line.iter().map(|p| plane.coordinates(*p)).collect());
-        Cut::new(*plane, lines.collect(), self.is_lumen)
+        nested_rings(*plane, lines.collect(), self.is_lumen)
     }
 
     /// The cuts by planes of constant z, which ascend.
@@ -98,7 +97,7 @@ impl<'a> Body<'a> {
             let plane = Plane::across(z);
             let lines = self.lines(&plane, crossings).closed;
             let flat = lines.into_iter().map(|line| line.into_iter().map(|[x, y, _]| [x, y]).collect());
-            Cut::new(plane, flat.collect(), self.is_lumen)
+            nested_rings(plane, flat.collect(), self.is_lumen)
         };
         z_um.par_iter().zip(by_plane).map(cut).collect()
     }
@@ -249,17 +248,17 @@ mod tests {
         mesh.patches[last].triangles.end = mesh.triangles.len();
         let course = Course::straight(4000.0);
         let body = Body::from(&mesh);
-        let plane = Plane::across_course(&course, 1700.0, [0.0, 4000.0], 1200.0).unwrap();
+        let plane = course.plane_across(1700.0, [0.0, 4000.0], 1200.0).unwrap();
         assert_eq!((plane.u, plane.v, plane.reach_um), ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], Some(1200.0)));
         assert_eq!(body.cut(&Plane::across(1700.0)).of(RingKind::Tissue).count(), 2);
         assert_eq!(body.cut(&plane).of(RingKind::Tissue).count(), 1);
         assert_ne!(plane.digest(), Plane::across(1700.0).digest());
         // An end is plane up to rounding.
         for end in [0.0, 4000.0] {
-            let plane = Plane::across_course(&course, end, [0.0, 4000.0], 1200.0).unwrap();
+            let plane = course.plane_across(end, [0.0, 4000.0], 1200.0).unwrap();
             assert_eq!(body.cut(&plane).rings.len(), 2);
         }
-        assert_eq!(Plane::across_course(&course, 4000.1, [0.0, 4000.0], 1200.0), None);
+        assert_eq!(course.plane_across(4000.1, [0.0, 4000.0], 1200.0), None);
     }
 
     #[test]
