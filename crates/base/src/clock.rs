@@ -1,13 +1,13 @@
-//! Elapsed time: the only module of the engine that reads a clock.
+//! Elapsed time. No other module of the engine reads a clock.
 
 use std::time::{Duration, Instant};
 
-/// Measures elapsed time; never used for decisions that change results.
+/// A stopwatch. Its readings must not affect results.
 #[derive(Clone, Copy, Debug)]
 pub struct Stopwatch(Instant);
 
 impl Stopwatch {
-    /// Starts measuring.
+    /// Starts the stopwatch.
     #[must_use]
     pub fn start() -> Self {
         #[expect(clippy::disallowed_methods, reason = "the one place that reads the monotonic clock")]
@@ -20,7 +20,7 @@ impl Stopwatch {
         self.0.elapsed()
     }
 
-    /// Seconds since the start.
+    /// Time since the start, seconds.
     #[must_use]
     pub fn seconds(&self) -> f64 {
         self.elapsed().as_secs_f64()

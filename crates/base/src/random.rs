@@ -1,16 +1,16 @@
-//! Counter-based random numbers: a value is a pure function of (seed, stream, index).
+//! Counter-based random numbers: each number is a pure function of seed, stream and index.
 //!
-//! It uses 32-bit integers only, so that WGSL can compute the same numbers, and
-//! results depend neither on the number of threads nor on the order of evaluation. The mixer is PCG4D (Jarzynski and
-//! Olano, *Hash Functions for GPU Rendering*, JCGT 9(3), 2020).
+//! Results therefore depend neither on the number of threads nor on the order of evaluation. Only
+//! 32-bit integers are used, so that WGSL computes the same numbers. The mixer is PCG4D (Jarzynski
+//! and Olano, *Hash Functions for GPU Rendering*, JCGT 9(3), 2020).
 
-/// Purpose of a stream of random numbers; numbers of different streams are independent.
+/// Purpose of random numbers. Streams are independent of each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Stream {
-    /// Phase of the fluctuation of a scheduled parameter; index: ordinal of the parameter.
+    /// Phase of the fluctuation of a schedule; index: ordinal of the parameter.
     SchedulePhase = 1,
-    /// Whether and which way a particle is contorted; index: id of the particle.
+    /// Contortion of a particle: whether, and to which side; index: particle id.
     Contortion = 2,
     /// Candidates of the growth tournaments; index: growth event and candidate.
     Growth = 3,
@@ -18,13 +18,13 @@ pub enum Stream {
     Thickness = 4,
     /// Lobes of the outer wall; index: lobe.
     Lobes = 5,
-    /// Starting displacement of a particle; index: id of the particle.
+    /// Initial displacement of a particle; index: particle id.
     Start = 6,
     /// Times and calls of `oviduct load`; index: ordinal of the call.
     Load = 8,
     /// Latin hypercubes; index: sample and dimension.
     Study = 7,
-    /// Directions, wavelengths, phases and periods of the sway; index: component, and which of them.
+    /// Directions, wavelengths, phases and periods of the sway; index: component and quantity.
     Sway = 10,
     /// Directions, wavelengths and phases of the lean; index: component.
     Lean = 11,
@@ -32,9 +32,9 @@ pub enum Stream {
     Variety = 12,
     /// Wavelengths and phases of a random course; index: component.
     Course = 13,
-    /// Where transverse folds stand; index: component, or row.
+    /// Places of transverse folds; index: component or row.
     Folds = 14,
-    /// Cells and fibres of stained sections; index: section, and cell or point of a lattice.
+    /// Cells and fibres of stained sections; index: section, then cell or lattice point.
     Histology = 9,
 }
 
@@ -56,30 +56,30 @@ fn pcg4d(mut v: [u32; 4]) -> [u32; 4] {
     v
 }
 
-/// Four random words for `(seed, stream, a, b)`; `b` gives a second counter.
+/// Four random words for the counters `a` and `b`.
 #[must_use]
 #[inline]
 pub fn words(seed: u64, stream: Stream, a: u32, b: u32) -> [u32; 4] {
-    // The upper seed bits (at most 21 are used) are spread before they are combined with the stream number.
+    // The upper seed bits (at most 21 are used) are spread before the stream number is mixed in.
     let high = ((seed >> 32) as u32).wrapping_mul(0x9E37_79B9) ^ (stream as u32).wrapping_mul(0x85EB_CA6B);
     pcg4d([seed as u32, high, a, b])
 }
 
-/// One random word.
+/// The first of the four random words.
 #[must_use]
 #[inline]
 pub fn word(seed: u64, stream: Stream, a: u32, b: u32) -> u32 {
     words(seed, stream, a, b)[0]
 }
 
-/// Maps a word to `[0, 1)` with 24 bits, exactly representable in f32.
+/// Maps a word to `[0, 1)` with 24 bits, exact in f32.
 #[must_use]
 #[inline]
 pub fn unit(word: u32) -> f32 {
     (word >> 8) as f32 * (1.0 / 16_777_216.0)
 }
 
-/// Maps two words to `[0, 1)` with 53 bits.
+/// Maps two words to `[0, 1)` with 53 bits, exact in f64.
 #[must_use]
 #[inline]
 pub fn unit_f64(high: u32, low: u32) -> f64 {
@@ -89,7 +89,7 @@ pub fn unit_f64(high: u32, low: u32) -> f64 {
     exact / 9_007_199_254_740_992.0
 }
 
-/// Maps a word to `0..n` without division by the multiply-high method; `n` at most 65,536.
+/// Maps a word to `0..n` by multiplication instead of division. `n` must be at most 65,536.
 #[must_use]
 #[inline]
 pub fn below(word: u32, n: u32) -> u32 {
@@ -97,7 +97,8 @@ pub fn below(word: u32, n: u32) -> u32 {
     ((word >> 16) * n) >> 16
 }
 
-/// A random seed, 0 to 2^53 − 1, for requests that name none: the only number here that is not a function of its arguments.
+/// Draws a seed from 0 to 2^53 − 1 for a request without one. This is the only function of the
+/// module whose result does not follow from its arguments.
 #[must_use]
 pub fn draw_seed() -> u64 {
     use std::hash::{BuildHasher, RandomState};

@@ -1,6 +1,6 @@
-//! Runs a loop compiled for the widest vectors of the processor; the program itself is built for any processor.
+//! Loops compiled for the widest vectors of the processor, in a program that runs on any processor.
 //!
-//! The width of the vectors changes speed only: no operation is reordered or fused.
+//! The vector width affects only speed: no operation is reordered or fused.
 
 pub use pulp::{Simd, WithSimd};
 use std::ops::{Add, Div, Mul, Sub};
@@ -8,7 +8,7 @@ use std::ops::{Add, Div, Mul, Sub};
 /// A set of vector instructions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Vectors {
-    /// Those that every processor of the architecture has: SSE2, NEON.
+    /// Instructions of every processor of the architecture: SSE2, NEON.
     Baseline,
     /// AVX2: 256 bits.
     Avx2,
@@ -17,21 +17,22 @@ pub enum Vectors {
 }
 
 impl Vectors {
-    /// The widest of this processor.
+    /// Widest set of this processor.
     #[must_use]
     #[inline]
     pub fn best() -> Self {
         [Self::Avx512, Self::Avx2].into_iter().find(|set| set.is_available()).unwrap_or(Self::Baseline)
     }
 
-    /// The widest of this processor with eight numbers in a vector.
+    /// Widest set of this processor with at most eight numbers per vector.
     #[must_use]
     #[inline]
     pub fn best_of_eight() -> Self {
         if Self::Avx2.is_available() { Self::Avx2 } else { Self::Baseline }
     }
 
-    /// Particles that the pair forces handle at once: one vector of them, if the registers allow.
+    /// Number of particles that a pair force computes at once: one vector of them, if the registers
+    /// suffice.
     #[must_use]
     #[inline]
     pub fn lanes(self) -> usize {
@@ -57,14 +58,14 @@ impl Vectors {
         self == Self::Baseline
     }
 
-    /// Calls `f`, compiled for these instructions, or for the baseline where the processor has not got them. `f` and
-    /// everything that it calls must be `#[inline(always)]`.
+    /// Calls `f`, compiled for these instructions, or for the baseline if the processor lacks them.
+    /// `f` and everything that it calls must be `#[inline(always)]`.
     #[inline(always)]
     pub fn run<R>(self, f: impl FnMut() -> R) -> R {
         self.run_in_lanes(Body(f))
     }
 
-    /// The same for work that is written in [`Lanes`].
+    /// Like [`Self::run`], for work written with [`Lanes`].
     #[inline(always)]
     pub fn run_in_lanes<W: WithSimd>(self, work: W) -> W::Output {
         #[cfg(target_arch = "x86_64")]
@@ -85,7 +86,7 @@ impl Vectors {
     }
 }
 
-/// Has the processor bring `place` into its caches, where it has an instruction for this.
+/// Prefetches `place` into the caches, if the processor has an instruction for it.
 #[inline(always)]
 pub fn prefetch<T>(place: &T) {
     #[cfg(target_arch = "x86_64")]
@@ -94,7 +95,8 @@ pub fn prefetch<T>(place: &T) {
     let _ = place;
 }
 
-/// Takes an `FnMut`: the adapter that makes an `FnOnce` of it would not be inlined.
+/// Work of [`Vectors::run`]. Holds an `FnMut`, because the adapter from `FnOnce` would not be
+/// inlined.
 struct Body<F>(F);
 
 impl<R, F: FnMut() -> R> WithSimd for Body<F> {
@@ -106,8 +108,8 @@ impl<R, F: FnMut() -> R> WithSimd for Body<F> {
     }
 }
 
-/// Numbers in a vector register: for loops that carry vectors from one pass to the next, which the compiler would keep in memory
-/// if they were arrays.
+/// Numbers in a vector register. The compiler would keep plain arrays in memory between the passes
+/// of a loop.
 #[derive(Clone, Copy)]
 pub struct Lanes<S: Simd> {
     simd: S,
@@ -115,7 +117,7 @@ pub struct Lanes<S: Simd> {
 }
 
 impl<S: Simd> Lanes<S> {
-    /// How many they are.
+    /// Numbers per register.
     pub const COUNT: usize = S::F32_LANES;
 
     #[inline(always)]
@@ -123,13 +125,13 @@ impl<S: Simd> Lanes<S> {
         Self { simd, numbers: simd.splat_f32s(number) }
     }
 
-    /// The first numbers of a slice, which has enough.
+    /// Loads the first numbers of a slice, which must have at least [`Self::COUNT`].
     #[inline(always)]
     pub fn of(simd: S, numbers: &[f32]) -> Self {
         Self { simd, numbers: S::as_simd_f32s(&numbers[..Self::COUNT]).0[0] }
     }
 
-    /// Writes the first numbers, as many as the slice has, which has room for no more than all.
+    /// Stores the first numbers into `to`, which must have at most [`Self::COUNT`].
     #[inline(always)]
     pub fn write(self, to: &mut [f32]) {
         let numbers = bytemuck::cast_slice(std::slice::from_ref(&self.numbers));
@@ -151,19 +153,19 @@ impl<S: Simd> Lanes<S> {
         Self { numbers: self.simd.sqrt_f32s(self.numbers), ..self }
     }
 
-    /// Whether one of them is less than that of `other`.
+    /// True if any number is less than its counterpart in `other`.
     #[inline(always)]
     pub fn any_less(self, other: Self) -> bool {
         self.simd.first_true_m32s(self.simd.less_than_f32s(self.numbers, other.numbers)) < Self::COUNT
     }
 
-    /// Whether one of them is at most that of `other`.
+    /// True if any number is at most its counterpart in `other`.
     #[inline(always)]
     pub fn any_at_most(self, other: Self) -> bool {
         self.simd.first_true_m32s(self.simd.less_than_or_equal_f32s(self.numbers, other.numbers)) < Self::COUNT
     }
 
-    /// The least of them.
+    /// Minimum of the numbers.
     #[inline(always)]
     pub fn least(self) -> f32 {
         self.simd.reduce_min_f32s(self.numbers)

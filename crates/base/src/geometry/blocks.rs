@@ -1,8 +1,9 @@
-//! A hierarchy of bounding boxes over items that are already in spatial order, such as the edges of a
-//! contour: blocks of eight consecutive boxes, blocks of eight blocks, and so on. Nothing is sorted.
+//! A hierarchy of bounding boxes in the plane, over items in spatial order such as the edges of a
+//! contour.
 //!
-//! Invariant: every pair of overlapping (or touching) boxes is reported exactly once, in an order that
-//! depends only on the input.
+//! Eight consecutive boxes form a block, eight blocks a block of the next level. Nothing is sorted.
+//! Every pair of overlapping (or touching) boxes is reported exactly once, in an order that depends
+//! only on the input.
 
 use super::descent::{self, Block as _, WIDTH, lanes, pairs_below};
 use glam::{BVec4A, Vec4};
@@ -10,24 +11,24 @@ use glam::{BVec4A, Vec4};
 /// A closed axis-parallel rectangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rect {
-    /// Least x and y.
+    /// Minimum x and y.
     pub min: [f32; 2],
-    /// Greatest x and y.
+    /// Maximum x and y.
     pub max: [f32; 2],
 }
 
 impl Rect {
-    /// The empty rectangle.
+    /// A rectangle without points.
     pub const EMPTY: Self = Self { min: [f32::INFINITY; 2], max: [f32::NEG_INFINITY; 2] };
 
-    /// The least rectangle around `points`.
+    /// Bounding rectangle of `points`.
     #[must_use]
     #[inline]
     pub fn around(points: &[[f32; 2]]) -> Self {
         points.iter().fold(Self::EMPTY, |rect, &p| rect.joined(&Self { min: p, max: p }))
     }
 
-    /// The least rectangle around both.
+    /// Bounding rectangle of both.
     #[must_use]
     #[inline]
     pub fn joined(&self, other: &Self) -> Self {
@@ -38,12 +39,12 @@ impl Rect {
     }
 }
 
-/// Eight boxes side by side: how far each extends to greater x, greater y, lesser x and lesser y; the latter two negated.
+/// Eight boxes as rows: maximum x, maximum y, negated minimum x, negated minimum y.
 #[derive(Clone, Debug)]
 struct Block([[Vec4; 2]; 4]);
 
 impl Block {
-    fn of(rects: &[Rect]) -> Self {
+    fn new(rects: &[Rect]) -> Self {
         let mut rows = [[f32::NEG_INFINITY; WIDTH]; 4];
         for (lane, Rect { min, max }) in rects.iter().enumerate() {
             for (row, value) in rows.iter_mut().zip([max[0], max[1], -min[0], -min[1]]) {
@@ -70,7 +71,7 @@ impl Block {
         Rect { min: [-min_x, -min_y], max: [max_x, max_y] }
     }
 
-    /// Bit `l` is set where box `l` meets `rect`.
+    /// Mask of the boxes that overlap `rect`: bit `l` stands for box `l`.
     #[inline]
     fn overlaps(&self, rect: &Rect) -> u32 {
         let (mut first, mut second) = (BVec4A::TRUE, BVec4A::TRUE);
@@ -83,8 +84,8 @@ impl Block {
     }
 }
 
-/// The hierarchy: `levels[0]` holds the boxes themselves, each further level the bounds of the blocks
-/// of the one before, up to a level of one block.
+/// The hierarchy. `levels[0]` contains the boxes, each higher level the bounds of the blocks below.
+/// The last level has one block.
 #[derive(Clone, Debug)]
 pub struct Blocks {
     len: usize,
@@ -98,7 +99,7 @@ impl Blocks {
         let mut levels = Vec::new();
         let mut current = rects.to_vec();
         loop {
-            levels.push(current.chunks(WIDTH).map(Block::of).collect::<Vec<_>>());
+            levels.push(current.chunks(WIDTH).map(Block::new).collect::<Vec<_>>());
             if current.len() <= WIDTH {
                 break;
             }
@@ -116,14 +117,14 @@ impl Blocks {
         self.levels[0][i / WIDTH].lane(i % WIDTH)
     }
 
-    /// Calls `found` with the number of every box that meets `rect`, in ascending order.
+    /// Calls `found` with the number of every box that overlaps `rect`, in ascending order.
     pub fn query(&self, rect: &Rect, mut found: impl FnMut(usize)) {
         if self.len > 0 {
             self.visit(self.levels.len() - 1, 0, rect, &mut found);
         }
     }
 
-    /// Calls `found` with `(i, j)`, `i < j`, for every pair of boxes that meet.
+    /// Calls `found` with `(i, j)`, `i < j`, for every pair of overlapping boxes.
     pub fn pairs(&self, mut found: impl FnMut(usize, usize)) {
         let mut below = Vec::new();
         if self.len > 0 {
@@ -137,7 +138,7 @@ impl Blocks {
         );
     }
 
-    /// Descends from block `node` of `level` to the boxes that meet `rect`.
+    /// Calls `found` with the boxes under block `node` of `level` that overlap `rect`.
     fn visit(&self, level: usize, node: usize, rect: &Rect, found: &mut impl FnMut(usize)) {
         lanes(self.levels[level][node].overlaps(rect), |lane| {
             let child = node * WIDTH + lane;

@@ -1,11 +1,13 @@
-//! A bounding-volume hierarchy without pointers and without sorting: eight items in their given order form a block, eight
-//! blocks a block of the next level, and so on.
+//! A bounding-volume hierarchy without pointers and without sorting.
 //!
-//! Its quality depends on the coherence of the order, which is good for the strips of a lofted surface; for other surfaces
-//! the caller sorts first (see [`morton`]). A volume is bounded along five directions: x, y, z, x + y and x − y.
+//! Eight items in their given order form a block, eight blocks a block of the next level. The order
+//! must be spatially coherent. The strips of a lofted surface are; for other surfaces the caller
+//! sorts first (see [`morton`]). A volume is bounded along five directions: x, y, z, x + y and x −
+//! y.
 //!
-//! Invariant: the bounds of two items with a common point overlap. Bounds are stored in f32, rounded to nearest; rounding
-//! is monotone, so that overlapping bounds still overlap, and no outward rounding is needed.
+//! Invariant: the bounds of two items with a common point overlap. Bounds are f32, rounded to
+//! nearest. Rounding is monotone, so overlapping bounds still overlap and no outward rounding is
+//! needed.
 
 use super::descent::{self, lanes, not_negative, pairs_below};
 use crate::vectorize::Vectors;
@@ -14,27 +16,26 @@ use std::ops::Range;
 
 const AXES: usize = 5;
 
-/// Directions to both sides along these.
+/// Each direction counts in both senses.
 const SIDES: usize = 2 * AXES;
 
-/// Levels of blocks below a part, with its own: parts hold 512 items.
+/// Levels within a part, its own included. A part contains 512 items.
 const PART_LEVELS: usize = 3;
 
-/// Blocks of items that one task builds.
-const RUN: usize = 256;
+const BLOCKS_PER_TASK: usize = 256;
 
-/// Items of a block and children of a node.
+/// Items per block, and children per node.
 pub const WIDTH: usize = descent::WIDTH;
 
-/// How far an item extends along the five directions to one side, then to the other, negative coordinates first negated.
+/// Maximum coordinates along the five directions, then the maxima of the negated coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds([f32; SIDES]);
 
 impl Bounds {
-    /// Bounds of nothing, which overlap nothing.
+    /// Bounds without points. They overlap nothing.
     pub const EMPTY: Self = Self([f32::NEG_INFINITY; SIDES]);
 
-    /// Bounds of the convex hull of some points.
+    /// Bounds of the convex hull of points.
     #[inline]
     #[must_use]
     pub fn of<const N: usize>(points: [[f64; 3]; N]) -> Self {
@@ -42,8 +43,8 @@ impl Bounds {
         for [x, y, z] in points {
             let along = [x as f32, y as f32, z as f32, (x + y) as f32, (x - y) as f32];
             for (axis, value) in along.into_iter().enumerate() {
-                bounds.0[axis] = greater(value, bounds.0[axis]);
-                bounds.0[AXES + axis] = greater(-value, bounds.0[AXES + axis]);
+                bounds.0[axis] = larger(value, bounds.0[axis]);
+                bounds.0[AXES + axis] = larger(-value, bounds.0[AXES + axis]);
             }
         }
         bounds
@@ -54,52 +55,53 @@ impl Bounds {
     #[must_use]
     pub fn with(mut self, other: &Self) -> Self {
         for side in 0..SIDES {
-            self.0[side] = greater(other.0[side], self.0[side]);
+            self.0[side] = larger(other.0[side], self.0[side]);
         }
         self
     }
 
-    /// Whether both may have a point in common.
+    /// True if the bounded volumes may intersect.
     #[inline]
     #[must_use]
     pub fn overlaps(&self, other: &Self) -> bool {
-        (0..SIDES).all(|side| self.nearest(side) <= other.0[side])
+        (0..SIDES).all(|side| self.minimum(side) <= other.0[side])
     }
 
-    /// Sum of the extents along x, y and z; negative for nothing.
+    /// Sum of the extents along x, y and z; negative for [`Self::EMPTY`].
     #[must_use]
     #[inline]
     pub fn size(&self) -> f32 {
         (0..3).map(|axis| self.0[axis] + self.0[AXES + axis]).sum()
     }
 
-    /// The least coordinate along a side.
     #[inline(always)]
-    fn nearest(&self, side: usize) -> f32 {
+    fn minimum(&self, side: usize) -> f32 {
         -self.0[(side + AXES) % SIDES]
     }
 }
 
-/// The greater of two. A comparison rather than `max`, which treats NaN apart, so that vectors can hold them.
+/// The larger of two numbers. Unlike `f32::max`, a plain comparison does not treat NaN specially
+/// and compiles to one vector instruction.
 #[inline(always)]
-fn greater(a: f32, b: f32) -> f32 {
+fn larger(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-/// The bounds of eight items, by side, so that one pass over each row tests all of them.
+/// Bounds of eight items as rows, one per side, so that one pass over a row tests all eight.
 #[derive(Clone, Copy, PartialEq)]
 #[repr(align(32))]
 pub(super) struct Block([[f32; WIDTH]; SIDES]);
 
-/// Points of eight items: `[point][axis][item]`. Those of no item are NaN.
+/// Points of eight items: `[point][axis][item]`. The points of missing items are NaN.
 pub type Points<const N: usize> = [[[f64; WIDTH]; 3]; N];
 
-/// Points of no items.
+/// [`Points`] without items.
 pub const fn no_points<const N: usize>() -> Points<N> {
     [[[f64::NAN; WIDTH]; 3]; N]
 }
 
-/// Fills in the points of up to eight items: in place, as they would else be copied more than once.
+/// Writes the points of up to eight items into `points`. Returning them would copy them more than
+/// once.
 #[inline(always)]
 pub fn points<const N: usize>(items: impl Iterator<Item = [[f64; 3]; N]>, points: &mut Points<N>) {
     let mut count = 0;
@@ -117,7 +119,7 @@ pub fn points<const N: usize>(items: impl Iterator<Item = [[f64; 3]; N]>, points
 }
 
 impl Block {
-    /// Bounds of nothing.
+    /// Bounds of eight missing items.
     const EMPTY: Self = Self([[f32::NEG_INFINITY; WIDTH]; SIDES]);
 
     /// Bounds of the convex hulls of the points of each item.
@@ -136,15 +138,15 @@ impl Block {
             for axis in 0..AXES {
                 for lane in 0..WIDTH {
                     let value = along[axis][lane];
-                    rows[axis][lane] = greater(value, rows[axis][lane]);
-                    rows[AXES + axis][lane] = greater(-value, rows[AXES + axis][lane]);
+                    rows[axis][lane] = larger(value, rows[axis][lane]);
+                    rows[AXES + axis][lane] = larger(-value, rows[AXES + axis][lane]);
                 }
             }
         }
         Self(rows)
     }
 
-    fn of(bounds: impl Iterator<Item = Bounds>) -> Self {
+    fn from_bounds(bounds: impl Iterator<Item = Bounds>) -> Self {
         let mut rows = [[f32::NEG_INFINITY; WIDTH]; SIDES];
         for (lane, b) in bounds.enumerate() {
             for (row, value) in rows.iter_mut().zip(b.0) {
@@ -154,15 +156,15 @@ impl Block {
         Self(rows)
     }
 
-    /// Lower bounds of the squared distances of a point from the items; infinite for an empty lane. The directions x + y and
-    /// x − y are left out: testing them takes longer than what they would exclude.
+    /// Lower bounds of the squared distances from a point to the items; infinite for a missing
+    /// item. Testing x + y and x − y as well would take longer than the visits that it saves.
     #[inline]
-    fn squared_distances(&self, point: &Query) -> [f32; WIDTH] {
+    fn squared_distances(&self, point: &PointQuery) -> [f32; WIDTH] {
         let mut sums = [0.0; WIDTH];
         for axis in 0..3 {
             let (high, low) = (&self.0[axis], &self.0[AXES + axis]);
             for lane in 0..WIDTH {
-                let outside = greater(greater(-low[lane] - point.high[axis], point.low[axis] - high[lane]), 0.0);
+                let outside = larger(larger(-low[lane] - point.high[axis], point.low[axis] - high[lane]), 0.0);
                 sums[lane] += outside * outside;
             }
         }
@@ -174,10 +176,11 @@ impl Block {
     }
 
     pub(super) fn union(&self) -> Bounds {
-        Bounds(self.0.map(|row| row.into_iter().fold(f32::NEG_INFINITY, greater)))
+        Bounds(self.0.map(|row| row.into_iter().fold(f32::NEG_INFINITY, larger)))
     }
 
-    /// Bit `l` is set where child `l` overlaps `query`, by the signs of the same sums as in [`pairs_below`].
+    /// Mask of the children that overlap `query`: bit `l` stands for child `l`. The sums are those
+    /// of [`pairs_below`].
     #[inline(always)]
     pub(super) fn overlaps(&self, query: &Bounds) -> u32 {
         let mut least = [f32::INFINITY; WIDTH];
@@ -199,59 +202,61 @@ impl descent::Block for Block {
     }
 }
 
-/// A point, with a margin for the rounding of bounds and of the point itself.
-struct Query {
+/// A point with a margin for the rounding of bounds and of the point itself.
+struct PointQuery {
     low: [f32; 3],
     high: [f32; 3],
 }
 
-impl Query {
-    fn of(point: [f64; 3]) -> Self {
+impl PointQuery {
+    fn new(point: [f64; 3]) -> Self {
         let margin = |x: f64| x.abs() as f32 * 2.5e-7;
         Self { low: point.map(|x| x as f32 - margin(x)), high: point.map(|x| x as f32 + margin(x)) }
     }
 }
 
-/// A search for an item near a point.
-pub struct Search<D> {
-    /// The squared distance of an item.
+/// State of a search for an item near a point.
+pub struct NearestSearch<D> {
+    /// Computes the squared distance of an item.
     pub squared_distance: D,
-    /// The search ends at the first item that is no farther than this, squared.
-    pub enough: f64,
-    /// The squared distance of the nearest item found, at first the limit; items that are not nearer are passed over.
+    /// Squared distance at which the search stops at the first item found.
+    pub good_enough: f64,
+    /// Squared distance of the nearest item found; initially the limit, beyond which items are
+    /// ignored.
     pub best: f64,
-    /// The nearest item found, at first none.
+    /// The nearest item found.
     pub item: Option<usize>,
 }
 
-impl<D> Search<D> {
+impl<D> NearestSearch<D> {
     fn has_ended(&self) -> bool {
-        self.item.is_some() && self.best <= self.enough
+        self.item.is_some() && self.best <= self.good_enough
     }
 }
 
-/// The hierarchy.
+/// The hierarchy. See the [module](self).
 #[derive(Default)]
 pub struct Bvh {
-    /// `levels[0]` bounds the items, each next level the blocks of the one before; the last has one block.
+    /// `levels[0]` bounds the items, each higher level the blocks below. The last level has one
+    /// block.
     levels: Vec<Vec<Block>>,
     len: usize,
 }
 
 impl Bvh {
-    /// Builds the hierarchy of `len` items, `bounds(i)` those of item `i`.
+    /// Builds the hierarchy of `len` items. `bounds(i)` returns the bounds of item `i`.
     #[must_use]
     pub fn build(len: usize, bounds: impl Fn(usize) -> Bounds + Sync) -> Self {
         let first: Vec<Block> = (0..len.div_ceil(WIDTH))
             .into_par_iter()
-            .with_min_len(RUN)
-            .map(|block| Block::of((block * WIDTH..len.min((block + 1) * WIDTH)).map(&bounds)))
+            .with_min_len(BLOCKS_PER_TASK)
+            .map(|block| Block::from_bounds((block * WIDTH..len.min((block + 1) * WIDTH)).map(&bounds)))
             .collect();
-        Self::above(first, len)
+        Self::from_item_blocks(first, len)
     }
 
-    /// Builds the hierarchy of `len` items that are the convex hulls of some points, in the memory of another one; `points` gives
-    /// those of eight or fewer successive items.
+    /// Builds the hierarchy of `len` items that are convex hulls of points, reusing the memory of
+    /// another hierarchy. `points` writes the points of up to eight consecutive items.
     #[must_use]
     pub fn of_hulls<const N: usize>(
         memory: Self,
@@ -260,36 +265,36 @@ impl Bvh {
     ) -> Self {
         let mut first = memory.levels.into_iter().next().unwrap_or_default();
         first.resize(len.div_ceil(WIDTH), Block::EMPTY);
-        first.par_chunks_mut(RUN).enumerate().for_each(|(run, blocks)| {
+        first.par_chunks_mut(BLOCKS_PER_TASK).enumerate().for_each(|(run, blocks)| {
             Vectors::best().run(
                 #[inline(always)]
                 || {
                     let mut of_block = no_points();
-                    for (block, at) in blocks.iter_mut().zip(run * RUN..) {
+                    for (block, at) in blocks.iter_mut().zip(run * BLOCKS_PER_TASK..) {
                         points(at * WIDTH..len.min((at + 1) * WIDTH), &mut of_block);
                         *block = Block::of_hulls(&of_block);
                     }
                 },
             );
         });
-        Self::above(first, len)
+        Self::from_item_blocks(first, len)
     }
 
-    /// The hierarchy above the blocks of its items.
-    fn above(first: Vec<Block>, len: usize) -> Self {
+    /// Builds the levels above the blocks of items.
+    fn from_item_blocks(first: Vec<Block>, len: usize) -> Self {
         let mut levels = vec![first];
         while let Some(last) = levels.last().filter(|last| last.len() > 1) {
             let next = last
                 .par_chunks(WIDTH)
                 .with_min_len(64)
-                .map(|children| Block::of(children.iter().map(Block::union)))
+                .map(|children| Block::from_bounds(children.iter().map(Block::union)))
                 .collect();
             levels.push(next);
         }
         Self { levels, len }
     }
 
-    /// Takes new bounds of some items, in ascending order, into account.
+    /// Replaces the bounds of `items`, which must ascend.
     pub fn update(&mut self, items: &[u32], bounds: impl Fn(usize) -> Bounds + Sync) {
         let mut changed: Vec<usize> = items.iter().map(|&item| item as usize).collect();
         for level in 0..self.levels.len() {
@@ -299,8 +304,8 @@ impl Bvh {
             let block_of = |block: &usize| {
                 let children = |count: usize| block * WIDTH..count.min((block + 1) * WIDTH);
                 match below.last() {
-                    None => Block::of(children(self.len).map(&bounds)),
-                    Some(below) => Block::of(below[children(below.len())].iter().map(Block::union)),
+                    None => Block::from_bounds(children(self.len).map(&bounds)),
+                    Some(below) => Block::from_bounds(below[children(below.len())].iter().map(Block::union)),
                 }
             };
             let blocks: Vec<Block> = changed.par_iter().with_min_len(64).map(block_of).collect();
@@ -310,14 +315,14 @@ impl Bvh {
         }
     }
 
-    /// Number of items of a part; the last one may have fewer.
+    /// Number of items per part. The last part may have fewer.
     #[must_use]
     pub fn part_len(&self) -> usize {
         WIDTH.pow(PART_LEVELS.min(self.levels.len()) as u32)
     }
 
-    /// Calls `visit(i, j)` for every item `i` of a part and every item `j > i` of the whole hierarchy whose bounds overlap its
-    /// own. Over all parts each pair is visited once.
+    /// Calls `visit(i, j)` for every item `i` of a part and every item `j > i` of the hierarchy
+    /// whose bounds overlap the bounds of `i`. Over all parts, each pair is visited once.
     pub fn pairs(&self, part: usize, mut visit: impl FnMut(usize, usize)) {
         self.pairs_by_block(
             part,
@@ -326,7 +331,8 @@ impl Bvh {
         );
     }
 
-    /// The same by blocks of items: `visit(i, block, others)`, where bit `l` of `others` is set for item `WIDTH` · `block` + `l`.
+    /// Like [`Self::pairs`], by blocks: `visit(i, block, others)`. Bit `l` of `others` stands for
+    /// item `WIDTH * block + l`.
     #[expect(clippy::redundant_closure, reason = "a reference to a closure would not be inlined")]
     pub fn pairs_by_block(&self, part: usize, mut visit: impl FnMut(usize, usize, u32)) {
         let level = PART_LEVELS.min(self.levels.len()) - 1;
@@ -346,7 +352,7 @@ impl Bvh {
         self.overlapping_from(query, 0, visit);
     }
 
-    /// The same, from an item on.
+    /// Like [`Self::overlapping`], without the items before `first`.
     pub fn overlapping_from(&self, query: &Bounds, first: usize, mut visit: impl FnMut(usize)) {
         self.descend(self.levels.len() - 1, 0, 0, query, first / WIDTH, &mut |block| {
             lanes(self.levels[0][block].overlaps(query), |lane| {
@@ -358,21 +364,26 @@ impl Bvh {
         });
     }
 
-    /// Bounds of some successive items.
+    /// Bounds of consecutive items.
     pub(super) fn bounds(&self, items: Range<usize>) -> Bounds {
         let of = |item: usize| self.levels[0][item / WIDTH].lane(item % WIDTH);
         items.map(of).fold(Bounds::EMPTY, |all, item| all.with(&item))
     }
 
-    /// Looks for the item nearest to `point`, of those nearer than `search.best`, and ends at one that is near enough. The
-    /// first ones looked at are those around item `around`.
-    pub fn nearest<D: FnMut(usize) -> f64>(&self, point: [f64; 3], around: Option<usize>, search: &mut Search<D>) {
-        // A node of this level has 512 items: the fastest choice for levels of detail.
+    /// Searches the item nearest to `point`. The search starts near item `around`, ignores items
+    /// that are not nearer than `search.best`, and stops early at an item that is good enough.
+    pub fn nearest<D: FnMut(usize) -> f64>(
+        &self,
+        point: [f64; 3],
+        around: Option<usize>,
+        search: &mut NearestSearch<D>,
+    ) {
+        // A node of this level has 512 items, the fastest choice for levels of detail.
         const AROUND: usize = 2;
         if self.len == 0 {
             return;
         }
-        let (top, query) = (self.levels.len() - 1, Query::of(point));
+        let (top, query) = (self.levels.len() - 1, PointQuery::new(point));
         if let Some(item) = around {
             let level = AROUND.min(top);
             self.approach(level, item >> (3 * (level + 1)), &query, search);
@@ -383,8 +394,14 @@ impl Bvh {
     }
 
     /// Visits the children of a block, nearest first.
-    fn approach<D: FnMut(usize) -> f64>(&self, level: usize, node: usize, point: &Query, search: &mut Search<D>) {
-        // Bounds are rounded in the last steps of f32.
+    fn approach<D: FnMut(usize) -> f64>(
+        &self,
+        level: usize,
+        node: usize,
+        point: &PointQuery,
+        search: &mut NearestSearch<D>,
+    ) {
+        // Bounds are rounded in the last places of f32.
         const ROUNDING: f64 = 1.0 + 1e-6;
         let bounds = self.levels[level][node].squared_distances(point);
         let limit = (search.best * ROUNDING) as f32;
@@ -417,8 +434,8 @@ impl Bvh {
         }
     }
 
-    /// Calls `found` for each block of level `stop`, from number `first` on, that overlaps `query`, in ascending order; from
-    /// block `node` of `level` down.
+    /// Calls `found` for each block of level `stop` under block `node` of `level` that overlaps
+    /// `query`, in ascending order, without the blocks before `first`.
     fn descend(
         &self,
         level: usize,
@@ -445,7 +462,7 @@ impl Bvh {
     }
 }
 
-/// Position along the Morton curve of a point given as fractions (0 to 1) of a box, 10 bits per axis.
+/// Position on the Morton curve, 10 bits per axis, of a point given as fractions (0 to 1) of a box.
 #[must_use]
 #[inline]
 pub fn morton(fraction: [f32; 3]) -> u32 {

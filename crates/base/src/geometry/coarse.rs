@@ -1,57 +1,61 @@
-//! A search among many items that keeps only the bounds of blocks of eight of them. Those of the items are computed again where
-//! they are needed: all pairs are found window by window, each with a hierarchy of its own.
+//! Pair search among many items that stores only the bounds of blocks of eight items.
 //!
-//! As in [`super::bvh`], items are in a coherent order, and every pair whose bounds overlap is found exactly once.
+//! The bounds of the items are recomputed where they are needed. All pairs are found window by
+//! window, each window with its own hierarchy. As in [`super::bvh`], the items must be in coherent
+//! order, and every pair with overlapping bounds is found exactly once.
 
 use super::bvh::{Block, Bounds, Bvh, Points, WIDTH, no_points};
 use super::descent::lanes;
 use crate::vectorize::Vectors;
 use std::ops::Range;
 
-/// Blocks of a window.
-const WINDOW: usize = if cfg!(test) { 1 << 4 } else { 1 << 13 };
-/// Blocks whose common bounds are compared with later blocks.
-const GROUP: usize = if cfg!(test) { 1 << 2 } else { 1 << 6 };
+const BLOCKS_PER_WINDOW: usize = if cfg!(test) { 1 << 4 } else { 1 << 13 };
+/// Blocks whose joint bounds are compared with later blocks.
+const BLOCKS_PER_GROUP: usize = if cfg!(test) { 1 << 2 } else { 1 << 6 };
 
-/// The bounds of blocks of items.
+/// Bounds of blocks of items.
 pub struct Coarse {
     blocks: Bvh,
     len: usize,
 }
 
-/// Some successive items, and later ones that may overlap them.
+/// Consecutive items, followed by the later items that may overlap them.
 pub struct Window {
-    /// The successive ones, then the later ones in ascending order.
+    /// The window's own consecutive items, then the later items in ascending order.
     pub items: Vec<u32>,
-    /// How many are successive.
+    /// Number of own items.
     pub own: usize,
 }
 
 impl Coarse {
-    /// Of `len` items that are the convex hulls of some points; `points` gives those of eight or fewer successive items.
+    /// Builds the bounds of `len` items that are convex hulls of points. `points` writes the points
+    /// of up to eight consecutive items.
     #[must_use]
     pub fn of_hulls<const N: usize>(len: usize, points: impl Fn(Range<usize>, &mut Points<N>) + Sync) -> Self {
         let blocks = Bvh::build(len.div_ceil(WIDTH), |block| hulls(block, len, &points).union());
         Self { blocks, len }
     }
 
-    /// Takes new points of some items, in ascending order, into account.
+    /// Recomputes the bounds of `items`, which must ascend.
     pub fn update<const N: usize>(&mut self, items: &[u32], points: impl Fn(Range<usize>, &mut Points<N>) + Sync) {
         let mut blocks: Vec<u32> = items.iter().map(|item| item / WIDTH as u32).collect();
         blocks.dedup();
         self.blocks.update(&blocks, |block| hulls(block, self.len, &points).union());
     }
 
-    /// Windows on the items: each pair that overlaps lies in one window, with at least one of the window's own.
+    /// Windows over the items. Each overlapping pair lies in exactly one window, and at least one of
+    /// the two is the window's own.
     pub fn windows(&self) -> impl Iterator<Item = Window> {
-        (0..self.len).step_by(WINDOW * WIDTH).map(move |start| self.window(start..self.len.min(start + WINDOW * WIDTH)))
+        (0..self.len)
+            .step_by(BLOCKS_PER_WINDOW * WIDTH)
+            .map(move |start| self.window(start..self.len.min(start + BLOCKS_PER_WINDOW * WIDTH)))
     }
 
     fn window(&self, own: Range<usize>) -> Window {
         let (first, last) = (own.start / WIDTH, own.end.div_ceil(WIDTH));
         let mut is_near = vec![false; self.len.div_ceil(WIDTH) - last];
-        for start in (first..last).step_by(GROUP) {
-            let bounds = self.blocks.bounds(start..last.min(start + GROUP));
+        for start in (first..last).step_by(BLOCKS_PER_GROUP) {
+            let bounds = self.blocks.bounds(start..last.min(start + BLOCKS_PER_GROUP));
             self.blocks.overlapping_from(&bounds, last, |block| is_near[block - last] = true);
         }
         let mut items: Vec<u32> = own.clone().map(|item| item as u32).collect();
@@ -79,7 +83,7 @@ impl Coarse {
     }
 }
 
-/// The bounds of the items of a block.
+/// Bounds of the items of a block.
 fn hulls<const N: usize>(block: usize, len: usize, points: impl Fn(Range<usize>, &mut Points<N>)) -> Block {
     Vectors::best().run(
         #[inline(always)]
@@ -108,12 +112,12 @@ mod tests {
         Bounds::of(ends(segment))
     }
 
-    /// The ends of some segments.
+    /// Writes the ends of segments.
     fn points(segments: impl Iterator<Item = Segment>, points: &mut Points<2>) {
         bvh::points(segments.map(ends), points);
     }
 
-    /// All pairs, by windows.
+    /// All pairs, found by windows.
     fn pairs(coarse: &Coarse, items: &[Segment]) -> Vec<(u32, u32)> {
         let mut found = Vec::new();
         for window in coarse.windows() {

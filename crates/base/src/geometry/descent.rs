@@ -1,23 +1,24 @@
-//! The search for pairs in a hierarchy of blocks of eight: by descending two of its branches at once.
+//! Pair search in a hierarchy of blocks of eight, by simultaneous descent into two branches.
 
 use crate::vectorize::{Lanes, Simd, Vectors, WithSimd};
 use glam::Vec4;
 
-/// Children of a block.
+/// Children per block.
 pub(super) const WIDTH: usize = 8;
 
-/// The bounds of eight items or blocks.
+/// Bounds of eight items or blocks.
 pub(super) trait Block {
-    /// How far each of them extends along some directions, and then along the opposite directions.
+    /// Extents of the eight along some directions, then along the opposite directions.
     fn rows(&self) -> &[[f32; WIDTH]];
 }
 
-/// Bit `l` is set where child `l` of `block` overlaps child `lane` of `other`. A lane without a child overlaps nothing.
+/// Mask of the children of `block` that overlap child `lane` of `other`. A missing child overlaps
+/// nothing.
 #[inline(always)]
 fn overlapping<S: Simd>(simd: S, block: &impl Block, other: &impl Block, lane: usize) -> u32 {
     let (rows, others) = (block.rows(), other.rows());
-    // By how much a child extends beyond the nearest coordinate: the sign of a sum is exact. The sum of two infinite coordinates
-    // may be NaN, which is passed over.
+    // Extent beyond the nearest coordinate. The sign of the sum is exact. The sum of two infinite
+    // coordinates may be NaN, which loses every comparison.
     let mut least = Lanes::all(simd, f32::INFINITY);
     for (side, row) in rows.iter().enumerate() {
         let opposite = others[(side + rows.len() / 2) % rows.len()][lane];
@@ -28,16 +29,19 @@ fn overlapping<S: Simd>(simd: S, block: &impl Block, other: &impl Block, lane: u
     not_negative(&numbers)
 }
 
-/// The bits of the numbers that are 0 or more.
+/// Mask of the numbers that are 0 or more.
 #[inline(always)]
 pub(super) fn not_negative(numbers: &[f32; WIDTH]) -> u32 {
     let mask = |half: usize| Vec4::from_slice(&numbers[half..]).cmpge(Vec4::ZERO).bitmask();
     mask(0) | mask(4) << 4
 }
 
-/// Calls `visit(i, block, others)` for every item `i` and block of items that overlap it: bit `l` of `others` is set for item `l` of
-/// the block if it comes after `i`. They are searched for below pairs of blocks `(level, first, second)`, of which the second is not
-/// before the first. `levels[0]` has the blocks of items, each further level those of the one before.
+/// Calls `visit(i, block, others)` for every item `i` and block that contains later items
+/// overlapping `i`. Bit `l` of `others` stands for item `l` of the block.
+///
+/// `below` are pairs of blocks `(level, first, second)`, `first <= second`, under which the search
+/// descends. `levels[0]` contains the blocks of items, each higher level the blocks of the level
+/// below.
 #[inline(always)]
 pub(super) fn pairs_below<B: Block>(
     levels: &[Vec<B>],
@@ -61,7 +65,8 @@ impl<B: Block, V: FnMut(usize, usize, u32)> WithSimd for Descent<'_, B, V> {
         let Self { levels, mut below, mut visit } = self;
         while let Some((level, first, second)) = below.pop() {
             let (a, b) = (&levels[level][first], &levels[level][second]);
-            // Of a block and itself all children count; of two blocks, those of the first that reach into the second.
+            // All children of a block are candidates against the block itself; against another
+            // block, only children that overlap it.
             let mut mask = match levels.get(level + 1) {
                 Some(above) if first != second => overlapping(simd, a, &above[second / WIDTH], second % WIDTH),
                 _ => !0 >> (32 - WIDTH),
@@ -71,7 +76,7 @@ impl<B: Block, V: FnMut(usize, usize, u32)> WithSimd for Descent<'_, B, V> {
                 mask &= mask - 1;
                 let mut others = overlapping(simd, b, a, lane);
                 if first == second {
-                    // An item with itself is no pair, but there may be pairs within a block.
+                    // An item does not form a pair with itself, but a block does at higher levels.
                     others &= !0 << (lane + usize::from(level == 0));
                 }
                 let child = first * WIDTH + lane;
@@ -85,7 +90,7 @@ impl<B: Block, V: FnMut(usize, usize, u32)> WithSimd for Descent<'_, B, V> {
     }
 }
 
-/// Calls `visit` for each bit that is set.
+/// Calls `visit` with the position of each bit that is set.
 #[inline(always)]
 pub(super) fn lanes(mut mask: u32, mut visit: impl FnMut(usize)) {
     while mask != 0 {

@@ -1,20 +1,19 @@
-//! Distances of points from triangles, and the largest distance of many points from a surface.
+//! Distances between points and triangles, and the maximum distance of many points from a surface.
 
-use super::bvh::{Bounds, Bvh, Search, WIDTH};
+use super::bvh::{Bounds, Bvh, NearestSearch, WIDTH};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Items whose samples are measured by one task.
-const CHUNK: usize = 1024;
+const ITEMS_PER_TASK: usize = 1024;
 
-/// Triangles with a hierarchy; `corners(i)` are those of triangle `i`.
-///
-/// Triangles that follow each other should be close to each other.
+/// Triangles with a hierarchy. `corners(i)` returns the corners of triangle `i`. Consecutive
+/// triangles should be close to each other.
 pub struct Triangles<F> {
     corners: F,
     len: usize,
-    /// Of blocks of eight triangles, as that of the triangles would take more memory than these.
-    bvh: Bvh,
+    /// Hierarchy of blocks of eight triangles. One of single triangles would take more memory than
+    /// the triangles.
+    block_bvh: Bvh,
 }
 
 impl<F: Fn(usize) -> [[f64; 3]; 3] + Sync> Triangles<F> {
@@ -24,8 +23,8 @@ impl<F: Fn(usize) -> [[f64; 3]; 3] + Sync> Triangles<F> {
             let own = block * WIDTH..len.min((block + 1) * WIDTH);
             own.fold(Bounds::EMPTY, |all, i| all.with(&Bounds::of(corners(i))))
         };
-        let bvh = Bvh::build(len.div_ceil(WIDTH), of_block);
-        Self { corners, len, bvh }
+        let block_bvh = Bvh::build(len.div_ceil(WIDTH), of_block);
+        Self { corners, len, block_bvh }
     }
 
     /// Squared distance of a point from the triangles of a block.
@@ -34,29 +33,30 @@ impl<F: Fn(usize) -> [[f64; 3]; 3] + Sync> Triangles<F> {
         own.map(|i| squared_distance(point, (self.corners)(i))).fold(f64::INFINITY, f64::min)
     }
 
-    /// The largest distance of any sample from the nearest triangle; infinite if there are none. `samples(i, visit)` calls
-    /// `visit` with the samples of item `i`, of `items`.
+    /// Maximum distance of a sample from its nearest triangle; infinite if there are no triangles.
+    /// `samples(i, visit)` calls `visit` with the samples of item `i`, for `items` items.
     ///
-    /// Exact, and the same for any number of threads. A sample matters only if it is farther away than any before: for most it
-    /// is enough that some triangle is within the largest distance so far. The first ones tried are those of the sample before,
-    /// so samples that follow each other should be close to each other.
+    /// The result is exact and independent of the number of threads. Only a sample beyond the
+    /// current maximum matters, so the search for a sample stops at the first triangle within the
+    /// maximum. It starts at the triangles of the previous sample; consecutive samples should
+    /// therefore be close to each other.
     pub fn farthest(&self, items: usize, samples: impl Fn(usize, &mut dyn FnMut([f64; 3])) + Sync) -> f64 {
-        // Of positive numbers, the greater one has the greater bits.
+        // The bits of positive numbers are ordered like the numbers.
         let largest = AtomicU64::new(0f64.to_bits());
-        (0..items.div_ceil(CHUNK)).into_par_iter().for_each(|chunk| {
+        (0..items.div_ceil(ITEMS_PER_TASK)).into_par_iter().for_each(|chunk| {
             let mut hint = None;
-            for item in chunk * CHUNK..items.min((chunk + 1) * CHUNK) {
+            for item in chunk * ITEMS_PER_TASK..items.min((chunk + 1) * ITEMS_PER_TASK) {
                 samples(item, &mut |point| {
                     let squared_distance = |block| self.squared_distance(point, block);
-                    let enough = f64::from_bits(largest.load(Ordering::Relaxed));
-                    if hint.is_some_and(|block| squared_distance(block) <= enough) {
+                    let good_enough = f64::from_bits(largest.load(Ordering::Relaxed));
+                    if hint.is_some_and(|block| squared_distance(block) <= good_enough) {
                         return;
                     }
-                    let mut search = Search { squared_distance, enough, best: enough, item: None };
-                    self.bvh.nearest(point, hint, &mut search);
+                    let mut search = NearestSearch { squared_distance, good_enough, best: good_enough, item: None };
+                    self.block_bvh.nearest(point, hint, &mut search);
                     if search.item.is_none() {
                         search.best = f64::INFINITY;
-                        self.bvh.nearest(point, None, &mut search);
+                        self.block_bvh.nearest(point, None, &mut search);
                         largest.fetch_max(search.best.to_bits(), Ordering::Relaxed);
                     }
                     hint = search.item;
@@ -67,7 +67,8 @@ impl<F: Fn(usize) -> [[f64; 3]; 3] + Sync> Triangles<F> {
     }
 }
 
-/// Squared distance of a point from a triangle, which may be degenerate (Ericson, Real-Time Collision Detection, 5.1.5).
+/// Squared distance between a point and a triangle, which may be degenerate (Ericson, *Real-Time
+/// Collision Detection*, 5.1.5).
 #[must_use]
 #[inline]
 pub fn squared_distance(p: [f64; 3], [a, b, c]: [[f64; 3]; 3]) -> f64 {
@@ -121,7 +122,7 @@ mod tests {
 
     type Triangle = [[f64; 3]; 3];
 
-    /// Least squared distance from the points of a raster of barycentric coordinates: an upper bound.
+    /// Minimum squared distance from a raster of barycentric coordinates: an upper bound.
     fn sampled(p: [f64; 3], [a, b, c]: Triangle) -> f64 {
         const N: u32 = 40;
         let mut least = f64::INFINITY;
@@ -145,7 +146,7 @@ mod tests {
         #[test]
         fn the_distance_is_that_of_the_nearest_point(p in coordinates(), t in prop::array::uniform3(coordinates())) {
             let (found, bound) = (squared_distance(p, t).sqrt(), sampled(p, t).sqrt());
-            // Points of the raster are at most this far from any point of the triangle.
+            // No point of the triangle is farther than this from the raster.
             let pitch = (0..3).map(|k| minus(t[k], t[(k + 1) % 3])).map(|e| dot(e, e).sqrt()).fold(0.0, f64::max) / 40.0;
             prop_assert!(found <= bound + 1e-9 && found >= bound - pitch - 1e-9, "{found} {bound} {pitch}");
         }

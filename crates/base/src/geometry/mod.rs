@@ -1,5 +1,34 @@
-//! Exact plane and space geometry: predicates, segments, polygons, constrained triangulation,
-//! bounding-volume hierarchies and triangle contact. Independent of the model.
+//! Exact geometry in the plane and in space. All decisions on surfaces use exact predicates, so a
+//! certificate does not depend on rounding.
+//!
+//! | module | subject |
+//! |---|---|
+//! | [`predicates`], [`segment`] | exact orientations and intersections of segments |
+//! | [`polygon`] | closed contours: area, simplicity, containment, nesting |
+//! | [`triangulate`] | constrained Delaunay triangulation between contours |
+//! | [`tri_tri`] | exact intersection of two triangles |
+//! | [`blocks`], [`bvh`], [`coarse`] | hierarchies that find overlapping pairs |
+//! | [`distance`] | distances between points and triangles |
+//! | [`cut`] | planar cuts of a body |
+//! | [`course`] | centre lines, and the map that bends a tube |
+//! | [`star`] | star-shaped outlines |
+//! | [`patch`], [`strips`] | patches with normals, triangle strips |
+//!
+//! ```
+//! use oviduct_base::geometry::polygon::{check_contour, check_nested, signed_area};
+//! use oviduct_base::geometry::triangulate::annulus;
+//!
+//! let outer = [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]];
+//! let inner = [[1.0, 1.0], [2.0, 1.0], [1.0, 2.0]];
+//! check_contour(&outer)?; // simple and counter-clockwise
+//! check_contour(&inner)?;
+//! check_nested(&inner, &outer)?;
+//! assert_eq!(signed_area(&outer) - signed_area(&inner), 15.5);
+//!
+//! let triangles = annulus(&inner, &outer)?; // as many triangles as points
+//! assert_eq!(triangles.len(), 7);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 pub mod blocks;
 pub mod bvh;

@@ -1,9 +1,10 @@
-//! One patch of a mesh by itself: its vertices, its triangles in local indices, its smooth normals.
+//! A patch of a mesh as a separate surface: its vertices, local triangle indices and smooth
+//! normals.
 //!
-//! Patches share the vertices of their borders in [`Mesh`], but are shaded separately (a cap meets a wall
-//! at a sharp edge), so that file formats with normals need each patch by itself. Every normal has unit
-//! length. Only additions, multiplications and square roots are used, in a fixed order: the same mesh gives
-//! the same bits on every machine.
+//! In a [`Mesh`], patches share the vertices of their borders, but each patch is shaded separately
+//! because caps and walls join at sharp edges. File formats with normals therefore need separate
+//! patches. Normals are computed with additions, multiplications and square roots in a fixed order,
+//! so every machine computes the same bits.
 
 use crate::model::{Mesh, Patch};
 
@@ -12,28 +13,29 @@ use crate::model::{Mesh, Patch};
 pub struct PatchGeometry {
     /// Index into [`Mesh::positions`] of each vertex, in the order of first use.
     pub vertices: Vec<u32>,
-    /// Unit normal of each vertex, out of the body; as long as `vertices`.
+    /// Unit normal of each vertex, pointing out of the body.
     pub normals: Vec<[f32; 3]>,
     /// Triangles as indices into `vertices`, in the order and orientation of the mesh.
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// Takes a patch out of a mesh.
+/// Extracts a patch from a mesh.
 ///
-/// A normal is the mean of the normals of the patch's triangles around the vertex, weighted by area. Where
-/// these cancel out (possible only around triangles without area) it is the z axis.
+/// A normal is the mean of the normals of the patch's triangles around the vertex, weighted by
+/// area. If they cancel out, which happens only around degenerate triangles, the normal is the z
+/// axis.
 ///
 /// # Panics
-/// If the patch is not one of this mesh: its range or the indices of its triangles are out of bounds.
+/// Panics if the patch belongs to another mesh, so that a range or an index is out of bounds.
 #[must_use]
 pub fn patch_geometry(mesh: &Mesh, patch: &Patch) -> PatchGeometry {
     part_geometry(&mesh.positions, &mesh.triangles[patch.triangles.clone()])
 }
 
-/// Takes triangles out of a surface, as [`patch_geometry`] does.
+/// Extracts triangles from a surface, like [`patch_geometry`].
 ///
 /// # Panics
-/// If an index is out of bounds.
+/// Panics if an index is out of bounds.
 #[must_use]
 pub fn part_geometry(positions: &[[f32; 3]], source: &[[u32; 3]]) -> PatchGeometry {
     // A surface has about half as many vertices as triangles.
@@ -63,9 +65,9 @@ pub fn part_geometry(positions: &[[f32; 3]], source: &[[u32; 3]]) -> PatchGeomet
 /// Numbers the vertices of a patch in the order of their first use.
 #[derive(Debug, Default)]
 pub struct Numbering {
-    /// Vertices before it are no longer in use.
+    /// Vertices before this one are no longer used.
     first: u32,
-    /// The number of each vertex from `first` on, or [`Self::UNUSED`].
+    /// Number of each vertex, beginning with vertex `first`, or [`Self::UNUSED`].
     numbers: Vec<u32>,
     count: u32,
 }
@@ -73,7 +75,8 @@ pub struct Numbering {
 impl Numbering {
     const UNUSED: u32 = u32::MAX;
 
-    /// From now on `count` vertices from `first` on may be used; `first` is never less than before.
+    /// Declares that `count` vertices, beginning with `first`, may be used next. `first` must not
+    /// decrease.
     pub fn advance(&mut self, first: u32, count: usize) {
         let done = (first - self.first) as usize;
         self.numbers.drain(..done.min(self.numbers.len()));
@@ -81,7 +84,7 @@ impl Numbering {
         self.first = first;
     }
 
-    /// The number of a vertex, and whether this is its first use.
+    /// Returns the number of a vertex, and true if this is its first use.
     #[inline]
     pub fn number(&mut self, vertex: u32) -> (u32, bool) {
         let number = &mut self.numbers[(vertex - self.first) as usize];
@@ -93,7 +96,7 @@ impl Numbering {
         (*number, is_new)
     }
 
-    /// How many vertices have a number.
+    /// Number of numbered vertices.
     pub fn count(&self) -> u32 {
         self.count
     }
@@ -107,7 +110,7 @@ pub fn add(sum: &mut [f64; 3], part: [f64; 3]) {
     }
 }
 
-/// Normal of a triangle with the length of twice its area.
+/// Normal of a triangle, with twice the area as its length.
 pub fn doubled_area_normal(corners: [[f32; 3]; 3]) -> [f64; 3] {
     let [a, b, c] = corners.map(|p| p.map(f64::from));
     let u = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
@@ -115,7 +118,7 @@ pub fn doubled_area_normal(corners: [[f32; 3]; 3]) -> [f64; 3] {
     [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
 }
 
-/// `v` scaled to length 1; the z axis if `v` is zero.
+/// `v` scaled to length 1, or the z axis if `v` is zero.
 pub fn unit(v: [f64; 3]) -> [f32; 3] {
     let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
     if length.is_normal() { v.map(|x| (x / length) as f32) } else { [0.0, 0.0, 1.0] }

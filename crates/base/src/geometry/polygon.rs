@@ -1,30 +1,31 @@
-//! Closed contours in the plane: exact tests of simplicity, containment and nesting in near-linear
-//! time, and signed areas.
+//! Closed contours in the plane: signed areas, and exact tests of simplicity, containment and
+//! nesting in near-linear time.
 //!
-//! Contours are the f32 points as exported; they are widened, which is exact, before any test.
+//! Contours are the f32 points as exported. Before any test they are widened to f64, which is
+//! exact.
 
 use super::blocks::{Blocks, Rect};
 use super::predicates::{orient2d, widen2};
 use super::segment::{on_segment, segments_meet};
 
-/// Faults of contours.
+/// Reasons why a contour is invalid.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum ContourError {
     /// Fewer than three points, or a coordinate that is not finite.
     #[error("a contour needs at least three points, all finite")]
     Malformed,
-    /// Two neighbouring points are the same.
+    /// Two consecutive points are equal.
     #[error("edge {edge} has no length, at ({:e}, {:e})", at[0], at[1])]
     EmptyEdge {
         /// Number of the edge.
         edge: usize,
-        /// Place, in the unit of the contour.
+        /// Point, in the unit of the contour.
         at: [f32; 2],
     },
-    /// Two edges meet other than as neighbours at their common point.
-    #[error("edges {} and {} meet, at ({:e}, {:e})", edges[0], edges[1], at[0], at[1])]
+    /// Two edges intersect, other than neighbours in their common point.
+    #[error("edges {} and {} intersect, at ({:e}, {:e})", edges[0], edges[1], at[0], at[1])]
     Crossing {
-        /// Numbers of the edges (in two contours: of the inner one, then of the outer one).
+        /// Numbers of the edges. In two contours: of the inner, then of the outer contour.
         edges: [usize; 2],
         /// First point of the first edge, in the unit of the contour.
         at: [f32; 2],
@@ -32,14 +33,14 @@ pub enum ContourError {
     /// The contour is clockwise.
     #[error("the contour is not counter-clockwise")]
     Clockwise,
-    /// One contour does not lie inside the other.
+    /// The inner contour does not lie inside the outer contour.
     #[error("the inner contour lies outside the outer one")]
     NotNested,
 }
 
 /// Position of a point relative to a contour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum Containment {
     /// Inside.
     Inside,
     /// On an edge or a vertex.
@@ -48,7 +49,7 @@ pub enum Place {
     Outside,
 }
 
-/// Area within a contour, positive if it is counter-clockwise, in the square of its unit; rounded.
+/// Area inside a contour, positive if the contour is counter-clockwise. Rounded.
 #[must_use]
 pub fn signed_area(points: &[[f32; 2]]) -> f64 {
     let Some(&origin) = points.first() else {
@@ -67,42 +68,45 @@ pub fn signed_area(points: &[[f32; 2]]) -> f64 {
     0.5 * doubled
 }
 
-/// Position of `point` relative to a simple contour; exact.
+/// Position of `point` relative to a simple contour. Exact.
 #[must_use]
-pub fn locate(points: &[[f32; 2]], point: [f32; 2]) -> Place {
+pub fn locate(points: &[[f32; 2]], point: [f32; 2]) -> Containment {
     locate_among(edges(points).map(|(a, b)| (widen2(a), widen2(b))), widen2(point))
 }
 
-/// As [`locate`], for a contour that is not one of the exported ones.
+/// Like [`locate`], for points in double precision.
 #[must_use]
-pub fn locate_wide(points: &[[f64; 2]], point: [f64; 2]) -> Place {
+pub fn locate_wide(points: &[[f64; 2]], point: [f64; 2]) -> Containment {
     locate_among(edges(points), point)
 }
 
-fn locate_among(edges: impl Iterator<Item = ([f64; 2], [f64; 2])>, p: [f64; 2]) -> Place {
+fn locate_among(edges: impl Iterator<Item = ([f64; 2], [f64; 2])>, p: [f64; 2]) -> Containment {
     let mut inside = false;
     for (a, b) in edges {
         if a[0].max(b[0]) < p[0] && !(a[1] == p[1] && b[1] == p[1]) {
             continue;
         }
         if on_segment(a, b, p) {
-            return Place::Boundary;
+            return Containment::Boundary;
         }
         if (a[1] > p[1]) != (b[1] > p[1]) {
-            // The edge crosses the height of the point: to its right if the point is left of the upward edge.
+            // The edge passes the height of the point. It does so to the right of the point if the
+            // point is left of the upward edge.
             let side = orient2d(a, b, p);
             if (b[1] > a[1]) == (side > 0.0) {
                 inside = !inside;
             }
         }
     }
-    if inside { Place::Inside } else { Place::Outside }
+    if inside { Containment::Inside } else { Containment::Outside }
 }
 
-/// Tests that a contour is simple: no two edges meet, except neighbours at their common point. Exact.
+/// Checks that a contour is simple: no two edges intersect, except neighbours in their common
+/// point. Exact.
 ///
 /// # Errors
-/// [`ContourError::Malformed`], [`ContourError::EmptyEdge`] or [`ContourError::Crossing`].
+/// Returns the first fault found: [`ContourError::Malformed`], [`ContourError::EmptyEdge`] or
+/// [`ContourError::Crossing`].
 pub fn check_simple(points: &[[f32; 2]]) -> Result<(), ContourError> {
     let n = points.len();
     if n < 3 || points.iter().flatten().any(|x| !x.is_finite()) {
@@ -138,10 +142,10 @@ pub fn check_simple(points: &[[f32; 2]]) -> Result<(), ContourError> {
     }
 }
 
-/// Tests that a contour is simple and counter-clockwise. Exact.
+/// Checks that a contour is simple and counter-clockwise. Exact.
 ///
 /// # Errors
-/// As [`check_simple`], and [`ContourError::Clockwise`].
+/// Returns an error of [`check_simple`], or [`ContourError::Clockwise`].
 pub fn check_contour(points: &[[f32; 2]]) -> Result<(), ContourError> {
     check_simple(points)?;
     // The lowest, then leftmost vertex is a corner of the convex hull, so the turn there is strict.
@@ -157,10 +161,11 @@ pub fn check_contour(points: &[[f32; 2]]) -> Result<(), ContourError> {
     if turn > 0.0 { Ok(()) } else { Err(ContourError::Clockwise) }
 }
 
-/// Tests that two simple contours are nested: no edges meet and `inner` lies inside `outer`. Exact.
+/// Checks that two simple contours are nested: no edges intersect and `inner` lies inside `outer`.
+/// Exact.
 ///
 /// # Errors
-/// [`ContourError::Crossing`] or [`ContourError::NotNested`].
+/// Returns [`ContourError::Crossing`] if edges intersect, otherwise [`ContourError::NotNested`].
 pub fn check_nested(inner: &[[f32; 2]], outer: &[[f32; 2]]) -> Result<(), ContourError> {
     let blocks = edge_blocks(outer);
     for (i, (a, b)) in edges(inner).enumerate() {
@@ -176,12 +181,12 @@ pub fn check_nested(inner: &[[f32; 2]], outer: &[[f32; 2]]) -> Result<(), Contou
         }
     }
     match inner.first().map(|&p| locate(outer, p)) {
-        Some(Place::Inside) => Ok(()),
+        Some(Containment::Inside) => Ok(()),
         _ => Err(ContourError::NotNested),
     }
 }
 
-/// The edges of a closed contour, the last from its last point to its first.
+/// Edges of a closed contour; the last leads from the last point to the first.
 pub(super) fn edges<T: Copy>(points: &[[T; 2]]) -> impl Iterator<Item = ([T; 2], [T; 2])> {
     let ends = points.iter().cycle().skip(1);
     points.iter().zip(ends).map(|(&a, &b)| (a, b))
@@ -206,11 +211,11 @@ mod tests {
         let mut turned = SQUARE;
         turned.reverse();
         assert_eq!(check_contour(&turned), Err(ContourError::Clockwise));
-        assert_eq!(locate(&SQUARE, [1.0, 1.0]), Place::Inside);
-        assert_eq!(locate(&SQUARE, [4.0, 1.0]), Place::Boundary);
-        assert_eq!(locate(&SQUARE, [0.0, 0.0]), Place::Boundary);
-        assert_eq!(locate(&SQUARE, [-1.0, 0.0]), Place::Outside);
-        assert_eq!(locate(&SQUARE, [5.0, 4.0]), Place::Outside);
+        assert_eq!(locate(&SQUARE, [1.0, 1.0]), Containment::Inside);
+        assert_eq!(locate(&SQUARE, [4.0, 1.0]), Containment::Boundary);
+        assert_eq!(locate(&SQUARE, [0.0, 0.0]), Containment::Boundary);
+        assert_eq!(locate(&SQUARE, [-1.0, 0.0]), Containment::Outside);
+        assert_eq!(locate(&SQUARE, [5.0, 4.0]), Containment::Outside);
     }
 
     #[test]

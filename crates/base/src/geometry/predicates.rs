@@ -1,27 +1,28 @@
-//! Exact signs of orientations: the `robust` crate (Shewchuk's adaptive predicates) in plain arrays.
+//! Exact orientation predicates: Shewchuk's adaptive predicates (crate `robust`) for plain arrays.
 //!
-//! Invariant: the sign returned is that of the exact real number for any finite input that does not
-//! underflow (coordinates zero or of magnitude 1e-60 to 1e60 never do); the magnitude is approximate. All decisions on
+//! The sign of a result is exact for any finite input that does not underflow; coordinates that are
+//! zero or of magnitude 1e-60 to 1e60 never do. The magnitude is approximate. All decisions on
 //! surfaces use these predicates.
 
 use robust::{Coord, Coord3D};
 
-/// Widens an exported coordinate pair; exact.
+/// Widens an exported pair of coordinates. Exact.
 #[must_use]
 #[inline]
 pub fn widen2(point: [f32; 2]) -> [f64; 2] {
     point.map(f64::from)
 }
 
-/// Widens an exported position; exact.
+/// Widens an exported position. Exact.
 #[must_use]
 #[inline]
 pub fn widen3(point: [f32; 3]) -> [f64; 3] {
     point.map(f64::from)
 }
 
-/// Side of `c` from the directed line `a` → `b`: positive left (a, b, c counter-clockwise), negative
-/// right, zero on the line. Twice the signed area of the triangle, with an exact sign.
+/// Side of the directed line `a` → `b` on which `c` lies: positive on the left (a, b, c
+/// counter-clockwise), negative on the right, zero on the line. The value is twice the signed area
+/// of the triangle.
 #[must_use]
 #[inline]
 pub fn orient2d(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
@@ -29,9 +30,9 @@ pub fn orient2d(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
     robust::orient2d(coord(a), coord(b), coord(c))
 }
 
-/// Side of `d` from the plane through `a`, `b`, `c`: positive on the side from which a, b, c are seen
-/// clockwise (against the normal (b − a) × (c − a)), negative on the side of the normal, zero on the
-/// plane. Six times a signed volume, with an exact sign.
+/// Side of the plane through `a`, `b`, `c` on which `d` lies: negative on the side of the normal (b
+/// − a) × (c − a), positive on the other side, zero on the plane. The value is six times a signed
+/// volume.
 #[must_use]
 #[inline]
 pub fn orient3d(a: [f64; 3], b: [f64; 3], c: [f64; 3], d: [f64; 3]) -> f64 {
@@ -59,7 +60,7 @@ mod tests {
 
     #[test]
     fn signs_are_exact_where_plain_arithmetic_is_not() {
-        // Points on the line y = x, one of them off it by one unit in the last place.
+        // Points on the line y = x, one of them moved by one unit in the last place.
         let up = f64::from_bits(0.5f64.to_bits() + 1);
         assert!(orient2d([12.0, 12.0], [24.0, 24.0], [0.5, 0.5]) == 0.0);
         assert!(orient2d([12.0, 12.0], [24.0, 24.0], [0.5, up]) > 0.0);

@@ -1,9 +1,9 @@
-//! Segments in the plane, with exact answers.
+//! Exact tests of segments in the plane.
 
 use super::predicates::orient2d;
 
-/// Whether the closed segments `a`–`b` and `c`–`d` have a point in common. Segments of length zero count
-/// as points.
+/// True if the closed segments `a`–`b` and `c`–`d` have a common point. Segments of length zero
+/// count as points.
 #[must_use]
 #[inline]
 pub fn segments_meet(a: [f64; 2], b: [f64; 2], c: [f64; 2], d: [f64; 2]) -> bool {
@@ -15,19 +15,19 @@ pub fn segments_meet(a: [f64; 2], b: [f64; 2], c: [f64; 2], d: [f64; 2]) -> bool
     if (a_side > 0.0 && b_side > 0.0) || (a_side < 0.0 && b_side < 0.0) {
         return false;
     }
-    // Either they cross, or they are collinear, in which case their boxes decide.
+    // The segments intersect unless all points are collinear; then their boxes decide.
     (c_side != 0.0 || d_side != 0.0 || a_side != 0.0 || b_side != 0.0)
         || (overlap(a[0], b[0], c[0], d[0]) && overlap(a[1], b[1], c[1], d[1]))
 }
 
-/// Whether `p` lies on the closed segment `a`–`b`.
+/// True if `p` lies on the closed segment `a`–`b`.
 #[must_use]
 #[inline]
 pub fn on_segment(a: [f64; 2], b: [f64; 2], p: [f64; 2]) -> bool {
     orient2d(a, b, p) == 0.0 && overlap(a[0], b[0], p[0], p[0]) && overlap(a[1], b[1], p[1], p[1])
 }
 
-/// Whether the intervals spanned by `a`, `b` and by `c`, `d` have a number in common.
+/// True if the interval from `a` to `b` and the interval from `c` to `d` overlap.
 fn overlap(a: f64, b: f64, c: f64, d: f64) -> bool {
     a.min(b) <= c.max(d) && c.min(d) <= a.max(b)
 }

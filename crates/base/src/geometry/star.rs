@@ -1,43 +1,45 @@
-//! Closed curves around the origin that each ray from it meets once, as gauges: functions that are 1 on the curve and grow in
-//! proportion along a ray. A gauge is tabulated on the diamond |x| + |y| = 1, at [`DIRECTIONS`] equal distances. Between
-//! neighbouring directions it is linear, which makes the curve a polygon.
+//! Star-shaped closed curves, represented by gauges.
+//!
+//! Every ray from the origin intersects such a curve once. Its gauge is the function that is 1 on
+//! the curve and grows in proportion to the distance along each ray. A gauge is tabulated at
+//! [`DIRECTIONS`] equidistant points of the diamond |x| + |y| = 1 and is linear in between, so the
+//! tabulated curve is a polygon.
 
-/// Directions of a table; a multiple of four, so that the corners of the diamond are among them.
+/// Directions in a table. A multiple of four, so the table includes the corners of the diamond.
 pub const DIRECTIONS: usize = 256;
 
-/// Directions in a quadrant.
-const QUADRANT: usize = DIRECTIONS / 4;
-/// Samples of a ray for each cell of a grid.
-const SAMPLES: f64 = 8.0;
-/// Bisections that place a crossing between two samples.
+const DIRECTIONS_PER_QUADRANT: usize = DIRECTIONS / 4;
+/// Samples along a ray per cell of a grid.
+const SAMPLES_PER_CELL: f64 = 8.0;
+/// Bisection steps that locate a crossing between two samples.
 const BISECTIONS: u32 = 40;
 
-/// Why a curve has no gauge.
+/// Reasons why a curve has no gauge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NotStar {
-    /// The polygon does not go around the origin in one sense: at this edge it goes back, or through the origin.
-    Back {
-        /// The first corner of the edge.
+    /// An edge of the polygon passes through the origin or turns back around it.
+    TurnsBack {
+        /// Index of the first corner of the edge.
         corner: usize,
     },
     /// The polygon goes around the origin more than once.
-    Winds,
-    /// A ray from the origin does not cross the level 0 of a grid exactly once.
+    WindsRepeatedly,
+    /// The function on a grid does not change its sign exactly once along a ray.
     Crossings {
         /// Direction of the ray, degrees.
         angle_deg: f64,
-        /// How often it does.
+        /// Number of sign changes.
         count: usize,
     },
-    /// The origin is not inside.
+    /// The origin is not inside the curve.
     Outside,
 }
 
-/// The point of the diamond in a direction.
+/// Point of the diamond in a direction.
 #[must_use]
 pub fn direction(index: usize) -> [f64; 2] {
-    let along = (index % QUADRANT) as f64 / QUADRANT as f64;
-    match index / QUADRANT % 4 {
+    let along = (index % DIRECTIONS_PER_QUADRANT) as f64 / DIRECTIONS_PER_QUADRANT as f64;
+    match index / DIRECTIONS_PER_QUADRANT % 4 {
         0 => [1.0 - along, along],
         1 => [-along, 1.0 - along],
         2 => [along - 1.0, -along],
@@ -45,7 +47,7 @@ pub fn direction(index: usize) -> [f64; 2] {
     }
 }
 
-/// Distances from the origin to a curve in all directions, from its gauge.
+/// Distance from the origin to the curve in each direction.
 pub fn radii(gauge: &[f64]) -> impl Iterator<Item = f64> + '_ {
     (0..).zip(gauge).map(|(i, gauge)| {
         let [x, y] = direction(i);
@@ -53,7 +55,7 @@ pub fn radii(gauge: &[f64]) -> impl Iterator<Item = f64> + '_ {
     })
 }
 
-/// The gauge of |x|ⁿ + |y|ⁿ = 1.
+/// Gauge of the superellipse |x|ⁿ + |y|ⁿ = 1.
 #[must_use]
 pub fn superellipse(exponent: f64) -> Vec<f64> {
     let gauge = |i| {
@@ -63,37 +65,39 @@ pub fn superellipse(exponent: f64) -> Vec<f64> {
     (0..DIRECTIONS).map(gauge).collect()
 }
 
-/// The gauge of a polygon with these corners, in either sense.
+/// Gauge of a polygon, clockwise or counter-clockwise.
 ///
 /// # Errors
-/// [`NotStar`]
+/// Returns an error if a ray from the origin does not intersect the polygon exactly once.
 pub fn polygon(corners: &[[f64; 2]]) -> Result<Vec<f64>, NotStar> {
     let n = corners.len();
     let edges = || (0..n).map(|i| (i, corners[i], corners[(i + 1) % n]));
     let area: f64 = edges().map(|(_, a, b)| cross(a, b)).sum();
     let sense = if area < 0.0 { -1.0 } else { 1.0 };
     if let Some((corner, ..)) = edges().find(|&(_, a, b)| sense * cross(a, b) <= 0.0) {
-        return Err(NotStar::Back { corner });
+        return Err(NotStar::TurnsBack { corner });
     }
     let winds = edges().filter(|&(_, a, b)| (a[1] < 0.0) != (b[1] < 0.0)).count();
     if winds != 2 {
-        return Err(NotStar::Winds);
+        return Err(NotStar::WindsRepeatedly);
     }
     let gauge = |i| {
         let d = direction(i);
         let within = |a: [f64; 2], b: [f64; 2]| sense * cross(a, d) >= 0.0 && sense * cross(d, b) >= 0.0;
-        let (_, a, b) = edges().find(|&(_, a, b)| within(a, b)).ok_or(NotStar::Winds)?;
+        let (_, a, b) = edges().find(|&(_, a, b)| within(a, b)).ok_or(NotStar::WindsRepeatedly)?;
         Ok(cross(d, [b[0] - a[0], b[1] - a[1]]) / cross(a, b))
     };
     (0..DIRECTIONS).map(gauge).collect()
 }
 
-/// The gauge of the curve where a function crosses 0. Its values, negative inside, are given at the nodes of a square grid of at
-/// least two rows that reaches to ±`half`; rows go from the least y to the greatest, and in each x increases. Between
-/// nodes it is bilinear.
+/// Gauge of the curve on which a function is 0.
+///
+/// The function is negative inside the curve. It is given at the nodes of a square grid from
+/// −`half` to `half` with at least two rows, and is bilinear between the nodes. Rows are ordered by
+/// y, and values in a row by x, both ascending.
 ///
 /// # Errors
-/// [`NotStar`]
+/// Returns an error if the origin is not inside or a ray does not cross 0 exactly once.
 pub fn level(rows: &[Vec<f64>], half: f64) -> Result<Vec<f64>, NotStar> {
     let cells = rows.len() - 1;
     let value = |[x, y]: [f64; 2]| {
@@ -108,10 +112,10 @@ pub fn level(rows: &[Vec<f64>], half: f64) -> Result<Vec<f64>, NotStar> {
     }
     let gauge = |index| {
         let [x, y] = direction(index);
-        // Up to where the ray leaves the square, in units of the diamond.
+        // The ray leaves the square here, in units of the diamond.
         let end = half / x.abs().max(y.abs());
         let at = |t: f64| value([t * x, t * y]) < 0.0;
-        let steps = (SAMPLES * cells as f64).ceil() as u32;
+        let steps = (SAMPLES_PER_CELL * cells as f64).ceil() as u32;
         let place = |k: u32| end * f64::from(k) / f64::from(steps);
         let crossings: Vec<u32> = (1..=steps).filter(|&k| at(place(k)) != at(place(k - 1))).collect();
         let [crossing] = crossings[..] else {
@@ -181,14 +185,14 @@ mod tests {
     #[test]
     fn curves_that_rays_meet_more_than_once_are_refused() {
         let hook = [[1.0, -1.0], [1.0, 1.0], [0.3, 0.2], [0.4, 1.0], [-1.0, 1.0], [-1.0, -1.0]];
-        assert_eq!(polygon(&hook), Err(NotStar::Back { corner: 1 }));
-        assert!(matches!(polygon(&[[1.0, 1.0], [2.0, 1.0], [1.5, 2.0]]), Err(NotStar::Back { .. })));
+        assert_eq!(polygon(&hook), Err(NotStar::TurnsBack { corner: 1 }));
+        assert!(matches!(polygon(&[[1.0, 1.0], [2.0, 1.0], [1.5, 2.0]]), Err(NotStar::TurnsBack { .. })));
         let twice: Vec<[f64; 2]> =
             ring(10, |_| 1.0).into_iter().step_by(3).chain(ring(10, |_| 1.1).into_iter().skip(2).step_by(3)).collect();
         assert!(polygon(&twice).is_err());
         let star = ring(5, |_| 1.0);
         let pentagram: Vec<[f64; 2]> = (0..5).map(|i| star[2 * i % 5]).collect();
-        assert_eq!(polygon(&pentagram), Err(NotStar::Winds));
+        assert_eq!(polygon(&pentagram), Err(NotStar::WindsRepeatedly));
     }
 
     fn grid(side: usize, half: f64, value: impl Fn(f64, f64) -> f64) -> Vec<Vec<f64>> {
@@ -204,7 +208,7 @@ mod tests {
         assert_eq!(level(&grid(9, 1.0, |x, y| 1.0 - x.hypot(y)), 1.0), Err(NotStar::Outside));
         let open = level(&grid(9, 1.0, |x, y| x.hypot(y) - 3.0), 1.0);
         assert_eq!(open, Err(NotStar::Crossings { angle_deg: 0.0, count: 0 }));
-        // A circle, and another one apart from it.
+        // Two separate circles.
         let two = grid(65, 2.0, |x, y| (x.hypot(y) - 0.5).min(x.hypot(y - 1.4) - 0.3));
         let Err(NotStar::Crossings { angle_deg, count: 3 }) = level(&two, 2.0) else {
             panic!("{:?}", level(&two, 2.0))

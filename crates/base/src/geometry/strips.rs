@@ -1,14 +1,14 @@
-//! Triangle strips: the same triangles with about one index each instead of three.
+//! Triangle strips: the same triangles with about one index per triangle instead of three.
 //!
-//! A strip `v0 v1 v2 v3 …` holds the triangles (v0 v1 v2), (v2 v1 v3), (v2 v3 v4), …: every second one reversed,
-//! so that all have the same orientation. Strips are joined into a single one by triangles without area (two equal
-//! corners), which every reader of strips drops; glTF has no restart index.
+//! The strip `v0 v1 v2 v3 …` contains the triangles (v0 v1 v2), (v2 v1 v3), (v2 v3 v4), …. Every
+//! second one is reversed, so all have the same orientation. Strips are joined by degenerate
+//! triangles (two equal corners), which every reader drops; glTF has no restart index.
 
-/// Covers each triangle exactly once by strips, with its orientation kept.
+/// Covers each triangle exactly once by strips and keeps its orientation.
 ///
-/// Greedy: from the first triangle not yet covered, the longest of the three possible walks over shared edges
-/// is taken. Time is linear in the number of triangles for surfaces with bounded valence. The result depends
-/// on the input alone. Triangles with equal corners are included in strips too; readers drop them.
+/// The method is greedy: from the first triangle that is not covered, it takes the longest of the
+/// three possible walks across shared edges. The time is linear in the number of triangles if the
+/// valence is bounded. The result depends only on the input. Degenerate triangles are covered, too.
 #[must_use]
 pub fn strips(triangles: &[[u32; 3]]) -> Vec<Vec<u32>> {
     let edges = DirectedEdges::new(triangles);
@@ -36,7 +36,7 @@ pub fn strips(triangles: &[[u32; 3]]) -> Vec<Vec<u32>> {
     found
 }
 
-/// Joins strips into one by triangles without area.
+/// Joins strips by degenerate triangles.
 #[must_use]
 pub fn join_strips(strips: &[Vec<u32>]) -> Vec<u32> {
     let mut joined: Vec<u32> = Vec::with_capacity(strips.iter().map(|s| s.len() + 3).sum());
@@ -53,7 +53,7 @@ pub fn join_strips(strips: &[Vec<u32>]) -> Vec<u32> {
     joined
 }
 
-/// Triangles of a strip, without those that have equal corners.
+/// Triangles of a strip, without degenerate ones.
 pub fn triangles_of_strip(strip: &[u32]) -> impl Iterator<Item = [u32; 3]> + '_ {
     strip
         .windows(3)
@@ -62,7 +62,7 @@ pub fn triangles_of_strip(strip: &[u32]) -> impl Iterator<Item = [u32; 3]> + '_ 
         .filter(|t| t[0] != t[1] && t[1] != t[2] && t[2] != t[0])
 }
 
-/// Which triangles are in a finished strip, and which in the current walk.
+/// Marks triangles of finished strips and of the current walk.
 struct Covered {
     visit: Vec<u32>,
     walk: u32,
@@ -76,7 +76,7 @@ impl Covered {
         self.visit[triangle] == Self::DONE
     }
 
-    /// Whether the current walk may enter the triangle; marks it as entered.
+    /// Marks the triangle as part of the current walk. Returns false if it was marked already.
     fn enter(&mut self, triangle: u32) -> bool {
         let visit = &mut self.visit[triangle as usize];
         let free = *visit != Self::DONE && *visit != self.walk;
@@ -109,7 +109,8 @@ impl Walk {
         covered: &mut Covered,
     ) {
         self.clear();
-        // At most three walks per triangle: below DONE for all meshes of fewer than 1.4e9 triangles.
+        // At most three walks per triangle, so `walk` stays below DONE for fewer than 1.4e9
+        // triangles.
         covered.walk += 1;
         covered.enter(seed);
         self.triangles.push(seed);
@@ -117,7 +118,8 @@ impl Walk {
         loop {
             let n = self.indices.len();
             let (b, c) = (self.indices[n - 2], self.indices[n - 1]);
-            // After an even number of triangles the last one is not reversed, and its edge is b → c.
+            // After an even number of triangles the last one is not reversed, and its edge is b →
+            // c.
             let (from, to) = if n % 2 == 1 { (c, b) } else { (b, c) };
             let next = edges.from(from).iter().find(|&&(end, t)| end == to && covered.enter(t));
             let Some(&(_, triangle)) = next else { return };
@@ -130,7 +132,7 @@ impl Walk {
     }
 }
 
-/// For each vertex the directed edges that leave it, as (end, triangle): compressed rows.
+/// Directed edges by start vertex, as pairs (end, triangle) in compressed rows.
 struct DirectedEdges {
     rows: Vec<u32>,
     edges: Vec<(u32, u32)>,

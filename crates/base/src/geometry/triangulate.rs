@@ -1,32 +1,33 @@
-//! Constrained Delaunay triangulation of the inside of a contour and of the annulus between two: the
-//! caps of a surface (the paper, section 3.1, used FIST). The only module that names `spade`.
+//! Constrained Delaunay triangulation of regions bounded by contours, such as the caps of a surface
+//! (the paper, section 3.1, used FIST).
 //!
-//! Invariant: the triangles cover exactly the region, are counter-clockwise, use only the points given,
-//! and every edge of the contours is an edge of exactly one triangle.
+//! The triangles cover exactly the region, are counter-clockwise and use only the given points.
+//! Every edge of the contours is an edge of exactly one triangle. Only this module names `spade`.
 
 use spade::handles::FixedVertexHandle;
 use spade::{AngleLimit, ConstrainedDelaunayTriangulation, Point2, RefinementParameters, Triangulation};
 
 use super::predicates::{orient2d, widen2};
 
-/// Why a region could not be triangulated.
+/// Reasons why a region could not be triangulated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TriangulateError {
     /// A coordinate is not finite, or outside the range of exact arithmetic.
-    #[error("a coordinate cannot be handled exactly")]
+    #[error("a coordinate is not finite, or too large or too small for exact arithmetic")]
     Coordinate,
-    /// Two points are the same.
-    #[error("two points of the contours are the same")]
+    /// Two points are equal.
+    #[error("two points of the contours are equal")]
     Duplicate,
-    /// Two contour edges cross.
+    /// Two edges of the contours cross.
     #[error("two edges of the contours cross")]
     Crossing,
-    /// The number of triangles is wrong for the region: a contour is clockwise, or the contours are not nested.
-    #[error("{found} triangles instead of the {expected} of the region")]
+    /// The number of triangles is wrong for the region: a contour is clockwise, or the contours are
+    /// not nested.
+    #[error("the triangulation has {found} triangles; the region requires {expected}")]
     Count {
-        /// Triangles found.
+        /// Number of triangles found.
         found: usize,
-        /// Triangles that the region has by Euler's formula.
+        /// Number of triangles required by Euler's formula.
         expected: usize,
     },
 }
@@ -38,7 +39,7 @@ type Cdt = ConstrainedDelaunayTriangulation<Point2<f64>>;
 pub struct Linked {
     /// Counter-clockwise triangles.
     pub triangles: Vec<[u32; 3]>,
-    /// The triangles on the other side of the edges 0–1, 1–2 and 2–0; [`NO_NEIGHBOUR`] at a contour.
+    /// Triangles across the edges 0–1, 1–2 and 2–0, or [`NO_NEIGHBOUR`] at a contour.
     pub neighbours: Vec<[u32; 3]>,
 }
 
@@ -48,33 +49,34 @@ pub const NO_NEIGHBOUR: u32 = u32::MAX;
 /// Triangulates the inside of a simple, counter-clockwise contour of n points into n − 2 triangles.
 ///
 /// # Errors
-/// [`TriangulateError`] if the contour does not meet these conditions.
+/// Returns an error if the contour does not meet these conditions.
 pub fn disc(contour: &[[f32; 2]]) -> Result<Vec<[u32; 3]>, TriangulateError> {
     let n = contour.len();
-    region(&[contour], &[true], n.saturating_sub(2))
+    triangulate_region(&[contour], &[true], n.saturating_sub(2))
 }
 
 /// Triangulates the annulus between two nested, simple, counter-clockwise contours into as many
 /// triangles as there are points. Indices count the points of `inner` first, then those of `outer`.
 ///
 /// # Errors
-/// [`TriangulateError`] if the contours do not meet these conditions.
+/// Returns an error if the contours do not meet these conditions.
 pub fn annulus(inner: &[[f32; 2]], outer: &[[f32; 2]]) -> Result<Vec<[u32; 3]>, TriangulateError> {
-    region(&[inner, outer], &[false, true], inner.len() + outer.len())
+    triangulate_region(&[inner, outer], &[false, true], inner.len() + outer.len())
 }
 
-/// Triangulates the inside of `outer` without the inside of `holes`, all simple, counter-clockwise and apart from each other.
-/// Indices count the points of the holes first, in order, then those of `outer`.
+/// Triangulates the inside of `outer` without the inside of `holes`. All contours must be simple,
+/// counter-clockwise and disjoint. Indices count the points of the holes first, in order, then
+/// those of `outer`.
 ///
 /// # Errors
-/// [`TriangulateError`] if the contours do not meet these conditions.
+/// Returns an error if the contours do not meet these conditions.
 pub fn perforated(holes: &[&[[f32; 2]]], outer: &[[f32; 2]]) -> Result<Linked, TriangulateError> {
     let contours: Vec<&[[f32; 2]]> = holes.iter().copied().chain([outer]).collect();
     let mut left = vec![false; holes.len()];
     left.push(true);
     let points: usize = contours.iter().map(|contour| contour.len()).sum();
-    let (cdt, inside) = cover(&contours, &left)?;
-    let linked = linked(&cdt, &inside);
+    let (cdt, inside) = triangulate_hull(&contours, &left)?;
+    let linked = link_faces(&cdt, &inside);
     let expected = (points + 2 * holes.len()).saturating_sub(2);
     let found = linked.triangles.len();
     if found == expected { Ok(linked) } else { Err(TriangulateError::Count { found, expected }) }
@@ -83,22 +85,22 @@ pub fn perforated(holes: &[&[[f32; 2]]], outer: &[[f32; 2]]) -> Result<Linked, T
 /// A region triangulated with additional points inside.
 #[derive(Clone, Debug)]
 pub struct Refined {
-    /// The points added, numbered after those of the contours.
+    /// The additional points, numbered after the points of the contours.
     pub added: Vec<[f32; 2]>,
     /// Counter-clockwise triangles.
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// Triangulates the region of [`perforated`], with points added inside until triangles have no angles below 25° and no area above
-/// `area`, as far as the edges of the contours, which are kept, permit.
+/// Triangulates the region of [`perforated`] with additional points. It keeps the edges of the
+/// contours and, as far as they permit, avoids angles below 27° and areas above `area`.
 ///
 /// # Errors
-/// [`TriangulateError`] if the contours do not meet the conditions.
+/// Returns an error if the contours do not meet the conditions.
 pub fn refined(holes: &[&[[f32; 2]]], outer: &[[f32; 2]], area: f64) -> Result<Refined, TriangulateError> {
     let contours: Vec<&[[f32; 2]]> = holes.iter().copied().chain([outer]).collect();
     let mut left = vec![false; holes.len()];
     left.push(true);
-    let (mut cdt, _) = cover(&contours, &left)?;
+    let (mut cdt, _) = triangulate_hull(&contours, &left)?;
     let given = cdt.num_vertices();
     let parameters = RefinementParameters::new()
         .exclude_outer_faces(true)
@@ -108,9 +110,9 @@ pub fn refined(holes: &[&[[f32; 2]]], outer: &[[f32; 2]], area: f64) -> Result<R
         .with_angle_limit(AngleLimit::from_deg(27.0))
         .with_max_additional_vertices(20 * given + 100_000);
     cdt.refine(parameters);
-    let inside = flood(&cdt, &ring_edges(&contours), &sides(&contours, &left))?;
+    let inside = flood(&cdt, &ring_edges(&contours), &left_of_edges(&contours, &left))?;
     let faces = || cdt.inner_faces().filter(|face| inside[face.index()]);
-    // Points outside the region are left out.
+    // Points outside the region are dropped.
     let mut number: Vec<u32> =
         (0..given as u32).chain(std::iter::repeat_n(u32::MAX, cdt.num_vertices() - given)).collect();
     let mut added = Vec::new();
@@ -140,7 +142,7 @@ pub fn refined(holes: &[&[[f32; 2]]], outer: &[[f32; 2]], area: f64) -> Result<R
     }
 }
 
-/// The edges of contours, by the numbers of their points.
+/// Edges of contours, as pairs of point numbers.
 fn ring_edges(contours: &[&[[f32; 2]]]) -> Vec<[usize; 2]> {
     let mut edges = Vec::new();
     for contour in contours {
@@ -150,15 +152,19 @@ fn ring_edges(contours: &[&[[f32; 2]]]) -> Vec<[usize; 2]> {
     edges
 }
 
-/// For each edge whether the region lies left of it.
-fn sides(contours: &[&[[f32; 2]]], left: &[bool]) -> Vec<bool> {
+/// For each edge, true if the region lies left of it.
+fn left_of_edges(contours: &[&[[f32; 2]]], left: &[bool]) -> Vec<bool> {
     contours.iter().zip(left).flat_map(|(contour, &left)| std::iter::repeat_n(left, contour.len())).collect()
 }
 
-/// Triangulates the region that lies left of the edges of every contour marked `left` and right of the
+/// Triangulates the region that lies left of the contours marked in `left`, and right of the
 /// others.
-fn region(contours: &[&[[f32; 2]]], left: &[bool], expected: usize) -> Result<Vec<[u32; 3]>, TriangulateError> {
-    let (cdt, inside) = cover(contours, left)?;
+fn triangulate_region(
+    contours: &[&[[f32; 2]]],
+    left: &[bool],
+    expected: usize,
+) -> Result<Vec<[u32; 3]>, TriangulateError> {
+    let (cdt, inside) = triangulate_hull(contours, left)?;
     let triangles: Vec<[u32; 3]> = cdt
         .inner_faces()
         .filter(|face| inside[face.index()])
@@ -176,10 +182,11 @@ fn region(contours: &[&[[f32; 2]]], left: &[bool], expected: usize) -> Result<Ve
     }
 }
 
-/// A triangulation of the convex hull in which all edges of the contours are edges, and which of its faces are in the region.
-fn cover(contours: &[&[[f32; 2]]], left: &[bool]) -> Result<(Cdt, Vec<bool>), TriangulateError> {
+/// Triangulates the convex hull, with the edges of the contours among its edges. Returns the
+/// triangulation and, for each face, whether it belongs to the region.
+fn triangulate_hull(contours: &[&[[f32; 2]]], left: &[bool]) -> Result<(Cdt, Vec<bool>), TriangulateError> {
     let points: Vec<[f64; 2]> = contours.iter().copied().flatten().copied().map(widen2).collect();
-    let (edges, inside_left) = (ring_edges(contours), sides(contours, left));
+    let (edges, inside_left) = (ring_edges(contours), left_of_edges(contours, left));
     let mut conflict = false;
     let vertices = points.iter().map(|p| Point2::new(p[0], p[1])).collect();
     let cdt = Cdt::try_bulk_load_cdt(vertices, edges.clone(), |_| conflict = true)
@@ -194,7 +201,7 @@ fn cover(contours: &[&[[f32; 2]]], left: &[bool]) -> Result<(Cdt, Vec<bool>), Tr
     Ok((cdt, inside))
 }
 
-/// Marks the faces reached from the inner side of the contour edges without crossing one.
+/// Marks the faces that are connected to the inner side of a contour edge without crossing one.
 fn flood(cdt: &Cdt, edges: &[[usize; 2]], inside_left: &[bool]) -> Result<Vec<bool>, TriangulateError> {
     let handle = FixedVertexHandle::from_index;
     let mut inside = vec![false; cdt.num_all_faces()];
@@ -227,8 +234,8 @@ fn flood(cdt: &Cdt, edges: &[[usize; 2]], inside_left: &[bool]) -> Result<Vec<bo
     Ok(inside)
 }
 
-/// The faces of the region, in the order of the triangulation, with their neighbours.
-fn linked(cdt: &Cdt, inside: &[bool]) -> Linked {
+/// Faces of the region with their neighbours, in the order of the triangulation.
+fn link_faces(cdt: &Cdt, inside: &[bool]) -> Linked {
     let mut number = vec![NO_NEIGHBOUR; inside.len()];
     for (k, face) in cdt.inner_faces().filter(|face| inside[face.index()]).enumerate() {
         number[face.index()] = k as u32;
@@ -265,7 +272,8 @@ mod tests {
         corners.map(|[a, b, c]| 0.5 * orient2d(a, b, c)).sum()
     }
 
-    /// Every contour edge once forward (or, for holes, once backward), all others both ways.
+    /// Every contour edge once forward (or, for holes, once backward), every other edge in both
+    /// directions.
     fn check_edges(triangles: &[[u32; 3]], boundary: &[[u32; 2]]) {
         let mut count: HashMap<[u32; 2], i32> = HashMap::new();
         for t in triangles {

@@ -1,4 +1,5 @@
-//! A planar cut of a surface: closed rings, nested and told apart.
+//! A planar cut through a surface, and the border of one wall in a plane, as plain data.
+//! `geometry::cut` computes them.
 
 use super::Plane;
 use serde::Serialize;
@@ -19,28 +20,28 @@ pub enum RingKind {
 }
 
 impl RingKind {
-    /// Whether it bounds tissue from outside.
+    /// True if the ring is the outer boundary of tissue.
     #[must_use]
     pub fn is_tissue(self) -> bool {
         matches!(self, Self::Tissue | Self::Island)
     }
 }
 
-/// A closed ring of a cut.
+/// A closed polygon of a cut.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CutRing {
-    /// What it bounds.
+    /// What the ring bounds.
     pub kind: RingKind,
-    /// The ring that directly surrounds it, which comes before it.
+    /// Index of the ring that directly surrounds this one; always lower than the ring's own index.
     pub parent: Option<usize>,
-    /// Area within it, with all that it surrounds.
+    /// Area inside the ring, including all rings that it surrounds.
     pub area_um2: f64,
-    /// u and v of its points: counter-clockwise around tissue, clockwise around holes.
+    /// Coordinates u and v of the points: counter-clockwise around tissue, clockwise around lumen.
     pub points: Vec<[f64; 2]>,
 }
 
 impl CutRing {
-    /// Its length.
+    /// Length of the ring.
     #[must_use]
     pub fn perimeter_um(&self) -> f64 {
         let ends = self.points.iter().cycle().skip(1);
@@ -48,22 +49,26 @@ impl CutRing {
     }
 }
 
-/// A cut. A ring comes after the one that surrounds it; of rings with the same one, the largest comes first.
+/// Rings in which a plane cuts a body.
+///
+/// A ring follows the ring that surrounds it. Rings with the same parent are sorted by area,
+/// largest first.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cut {
-    /// Where.
+    /// The cutting plane.
     pub plane: Plane,
-    /// Its rings.
+    /// Rings of the cut.
     pub rings: Vec<CutRing>,
 }
 
 impl Cut {
-    /// The rings of a kind.
+    /// Rings of one kind.
     pub fn of(&self, kind: RingKind) -> impl Iterator<Item = &CutRing> {
         self.rings.iter().filter(move |ring| ring.kind == kind)
     }
 
-    /// The surface of the mucosa and the outside of the wall, if the cut is that of a tube: of tissue around one lumen.
+    /// Borders of the inner and the outer wall. `None` unless the cut is one piece of tissue with
+    /// at least one hole.
     #[must_use]
     pub fn borders(&self) -> Option<[Border; 2]> {
         let [outside, mucosa @ ..] = &self.rings[..] else { return None };
@@ -81,40 +86,40 @@ impl Cut {
         self.rings.iter().filter(|ring| enclosed(ring)).map(signed).sum()
     }
 
-    /// Area of all tissue.
+    /// Area of all tissue, islands included.
     #[must_use]
     pub fn tissue_um2(&self) -> f64 {
         self.rings.iter().map(|ring| if ring.kind.is_tissue() { ring.area_um2 } else { -ring.area_um2 }).sum()
     }
 }
 
-/// Where one of the walls meets a plane.
+/// Intersection of one wall with a plane.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Border {
-    /// Its lines; u and v of their points in micrometres.
+    /// Polylines of the border, µm.
     pub lines: Vec<Line>,
-    /// Edges in the ends of the tube: with the lines, they enclose an area.
+    /// Edges in the planes of the caps. Together with the lines they enclose an area.
     pub closing: Vec<[[f32; 2]; 2]>,
 }
 
-/// A line.
+/// A polyline in the coordinates u and v of a plane.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Line {
-    /// Its points.
+    /// Points in order.
     pub points: Vec<[f32; 2]>,
-    /// Whether the last point is connected to the first.
+    /// True if the last point is connected to the first.
     pub is_closed: bool,
 }
 
 impl Border {
-    /// A border of closed lines only.
+    /// Creates a border of closed lines.
     #[must_use]
     pub fn closed(lines: Vec<Vec<[f32; 2]>>) -> Self {
         let line = |points| Line { points, is_closed: true };
         Self { lines: lines.into_iter().map(line).collect(), closing: Vec::new() }
     }
 
-    /// All points.
+    /// Points of all lines and closing edges.
     pub fn points(&self) -> impl Iterator<Item = [f32; 2]> + '_ {
         self.lines.iter().flat_map(|line| line.points.iter().copied()).chain(self.closing.iter().flatten().copied())
     }

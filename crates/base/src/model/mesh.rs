@@ -1,4 +1,4 @@
-//! The exported surface: indexed triangles in metres, grouped in named patches.
+//! Exported surfaces: indexed triangles in metres, grouped in named patches.
 
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
@@ -19,10 +19,10 @@ pub enum BodyKind {
 }
 
 impl BodyKind {
-    /// All bodies.
+    /// All kinds.
     pub const ALL: [Self; 3] = [Self::Tissue, Self::Lumen, Self::Regions];
 
-    /// The name used in files.
+    /// Name in files.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -32,13 +32,13 @@ impl BodyKind {
         }
     }
 
-    /// The body of a name.
+    /// Finds the kind with this name.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|body| body.name() == name)
     }
 
-    /// The patches of its surface, in the order of its files.
+    /// Patches of the body's surface, in the order of its files.
     #[must_use]
     pub fn patches(self) -> &'static [PatchKind] {
         use PatchKind::{CapAmpulla, CapIsthmus, Inlet, InnerWall, OuterWall, Outlet, Wall};
@@ -49,7 +49,7 @@ impl BodyKind {
         }
     }
 
-    /// Euler number of a sound surface of this body.
+    /// Euler number of a valid surface of this body.
     #[must_use]
     pub fn euler(self) -> i64 {
         match self {
@@ -78,7 +78,7 @@ impl LengthUnit {
     /// All units.
     pub const ALL: [Self; 3] = [Self::Metre, Self::Millimetre, Self::Micrometre];
 
-    /// The name used in files and requests.
+    /// Name in files and requests.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -88,13 +88,13 @@ impl LengthUnit {
         }
     }
 
-    /// The unit of a name.
+    /// Finds the unit with this name.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|unit| unit.name() == name)
     }
 
-    /// How many there are in a metre.
+    /// Number of units in a metre.
     #[must_use]
     pub fn per_metre(self) -> f64 {
         match self {
@@ -104,7 +104,7 @@ impl LengthUnit {
         }
     }
 
-    /// Its length in metres.
+    /// Length of the unit in metres.
     #[must_use]
     pub fn metres(self) -> f64 {
         match self {
@@ -114,7 +114,7 @@ impl LengthUnit {
         }
     }
 
-    /// Positions in metres in this unit, each coordinate rounded once.
+    /// Converts positions from metres to this unit, rounding each coordinate once.
     #[must_use]
     pub fn of_metres(self, positions: &[[f32; 3]]) -> Cow<'_, [[f32; 3]]> {
         match self {
@@ -124,7 +124,7 @@ impl LengthUnit {
     }
 }
 
-/// A named part of a body's surface.
+/// Name of a part of a body's surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PatchKind {
     /// Mucosa, the boundary of the lumen.
@@ -137,9 +137,9 @@ pub enum PatchKind {
     CapAmpulla,
     /// Side of the lumen body.
     Wall,
-    /// End of the lumen body at the isthmus.
+    /// Lid of the lumen body at the isthmus end.
     Inlet,
-    /// End of the lumen body at the ampulla.
+    /// Lid of the lumen body at the ampulla end.
     Outlet,
 }
 
@@ -147,19 +147,19 @@ impl PatchKind {
     const ALL: [Self; 7] =
         [Self::InnerWall, Self::OuterWall, Self::CapIsthmus, Self::CapAmpulla, Self::Wall, Self::Inlet, Self::Outlet];
 
-    /// The patch of a name.
+    /// Finds the patch with this name.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.name() == name)
     }
 
-    /// Whether it is the side of a body; the others close its ends.
+    /// True for the side of a body, false for a patch that closes an end.
     #[must_use]
     pub fn is_wall(self) -> bool {
         matches!(self, Self::InnerWall | Self::OuterWall | Self::Wall)
     }
 
-    /// The name used in files: nodes and materials of glTF, groups of OBJ.
+    /// Name in files: nodes and materials of glTF, groups of OBJ.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -174,33 +174,33 @@ impl PatchKind {
     }
 }
 
-/// A run of triangles that form one named patch.
+/// Consecutive triangles that form one patch.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Patch {
     /// Kind of the patch.
     pub kind: PatchKind,
-    /// Its triangles, as a range of [`Mesh::triangles`]; patches cover all triangles without overlap.
+    /// Range of [`Mesh::triangles`]. The patches of a mesh cover all triangles without overlap.
     pub triangles: Range<usize>,
 }
 
-/// A closed triangle surface with shared vertices (patches share the vertices of their borders).
+/// A closed triangle surface with shared vertices. Patches share the vertices of their borders.
 ///
-/// Axes: x and y as in the sections (y up), z along the tube; right-handed, so glTF needs no rotation.
-/// Triangles are counter-clockwise seen from outside the body.
+/// x and y are those of the sections (y up), z runs along the tube. The axes are right-handed, so
+/// glTF needs no rotation. Seen from outside the body, triangles are counter-clockwise.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mesh {
-    /// Which body it bounds.
+    /// Body that the surface bounds.
     pub body: BodyKind,
     /// Distinct vertex positions in metres, exactly as exported.
     pub positions: Vec<[f32; 3]>,
     /// Vertex indices of each triangle.
     pub triangles: Vec<[u32; 3]>,
-    /// The named patches, in order.
+    /// Named patches, in order.
     pub patches: Vec<Patch>,
 }
 
 impl Mesh {
-    /// The triangles of a patch; none if there is no such patch.
+    /// Triangles of a patch; empty if the mesh has no such patch.
     #[must_use]
     pub fn patch(&self, kind: PatchKind) -> &[[u32; 3]] {
         self.patches

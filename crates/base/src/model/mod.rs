@@ -1,4 +1,5 @@
-//! Plain data exchanged by simulation, loft, certificate and export: sections, meshes and cuts.
+//! Plain data that simulation, loft, certificate and export exchange: sections, meshes, planes and
+//! cuts.
 
 mod cut;
 mod mesh;

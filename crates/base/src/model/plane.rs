@@ -1,4 +1,4 @@
-//! Planes with coordinates in them.
+//! Planes with coordinates.
 
 use serde::Serialize;
 
@@ -23,7 +23,7 @@ pub struct Plane {
 }
 
 impl Plane {
-    /// The plane across a straight tube: u is x, v is y.
+    /// Plane across a straight tube: u is x, v is y.
     #[must_use]
     pub fn across(z_um: f64) -> Self {
         Self {
@@ -35,7 +35,7 @@ impl Plane {
         }
     }
 
-    /// Whether a point of the plane is cut.
+    /// True if the plane cuts at this point of it, which is within `reach_um` of the origin.
     #[must_use]
     pub fn reaches(&self, p_um: [f64; 3]) -> bool {
         let square = |reach: f64| {
@@ -45,8 +45,8 @@ impl Plane {
         self.reach_um.is_none_or(square)
     }
 
-    /// The plane through a point. u lies along x if the plane is steeper than 45° against the z axis, else along z, as far as
-    /// the plane allows. `None` if the normal has no direction or a number is not finite.
+    /// Plane through a point. u lies along x if the normal is within 45° of the z axis, otherwise
+    /// along z, as far as the plane allows. `None` if the normal is zero or a number is not finite.
     #[must_use]
     pub fn through(origin_um: [f64; 3], normal: [f64; 3]) -> Option<Self> {
         // Scaled first, so that squares neither overflow nor vanish.
@@ -79,11 +79,11 @@ impl Plane {
         dot(p_um, self.normal)
     }
 
-    /// A number for the plane: the same for the same plane, most likely another for another one.
+    /// Hash of the plane; equal planes have equal hashes.
     #[must_use]
     pub fn digest(&self) -> u64 {
         let numbers = self.origin_um.iter().chain(&self.normal).chain(&self.reach_um);
-        // Fowler–Noll–Vo over the bits; adding zero turns −0 into 0.
+        // Fowler–Noll–Vo hash of the bits. Adding zero turns −0 into 0.
         numbers.fold(0xcbf2_9ce4_8422_2325, |hash, x| {
             (x + 0.0)
                 .to_bits()
@@ -93,7 +93,7 @@ impl Plane {
         })
     }
 
-    /// u and v of a point.
+    /// Coordinates u and v of a point.
     #[must_use]
     pub fn coordinates(&self, p_um: [f64; 3]) -> [f64; 2] {
         let from_origin = [0, 1, 2].map(|axis| p_um[axis] - self.origin_um[axis]);

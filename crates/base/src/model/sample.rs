@@ -1,9 +1,10 @@
-//! Small sound models for the tests of several modules.
+//! Small valid models for tests.
 
 use super::{BodyKind, Mesh, Patch, PatchKind, Ring, Section};
 use std::f32::consts::TAU;
 
-/// Tissue between two tubes of `n` corners: closed, oriented outwards, 4 patches, 4·n·(slabs + 1) triangles.
+/// Tissue between two tubes of `n` corners: a closed surface of 4 patches and 4·n·(slabs + 1)
+/// triangles, oriented outwards.
 ///
 /// Outer radius 1 mm, inner radius 0.5 mm · (1 + fold · cos 6θ), length 4 mm.
 pub fn tube(n: u32, slabs: u32, fold: f32) -> Mesh {
@@ -14,7 +15,8 @@ pub fn tube(n: u32, slabs: u32, fold: f32) -> Mesh {
             for i in 0..n {
                 let angle = TAU * (i as f32 + 0.5) / n as f32;
                 let radius = if wall == 0 { 5e-4 * (1.0 + fold * (6.0 * angle).cos()) } else { 1e-3 };
-                // Rounded, because the last bits of a cosine differ between machines and some tests use snapshots.
+                // Rounded, because the last bits of a cosine differ between machines and some tests
+                // use snapshots.
                 let round = |x: f32| (x * 1e6).round() / 1e6;
                 positions.push([
                     round(radius * angle.cos()),
@@ -51,7 +53,7 @@ fn quad(triangles: &mut Vec<[u32; 3]>, [a, b, c, d]: [u32; 4], turned: bool) {
     triangles.extend(if turned { [[a, c, b], [a, d, c]] } else { [[a, b, c], [a, c, d]] });
 }
 
-/// A section with rings of `n` points: a folded lumen, a round wall of 1 mm.
+/// A section with `n` points per ring: a folded lumen in a round tube of radius 1 mm.
 pub fn section(n: u32, step: f64, z_um: f64) -> Section {
     let ring = |radius: f32, fold: f32| Ring {
         ids: (0..n).map(|i| (i * 7) % n.max(1)).collect(),

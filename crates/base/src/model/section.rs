@@ -1,16 +1,18 @@
-//! Cross sections of the tube, recorded by a simulation and connected by a loft (paper, section 3.1).
+//! Cross sections of the tube. The simulation records them, the loft connects them (paper, section
+//! 3.1).
 
 use super::Border;
 
-/// A closed contour: points in order, counter-clockwise, with the stable id of each.
+/// A closed contour: points in counter-clockwise order, each with a stable id.
 ///
-/// `ids.len() == points.len()`. A vertex of one section continues the vertex with the same id in another. Ids
-/// are unique within a ring but not ordered. New ids appear only between two old neighbours.
+/// Both vectors have the same length. A vertex continues the vertices with the same id in
+/// other sections. Ids are unique within a ring but not ordered. A new id appears only between
+/// two old neighbours.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Ring {
-    /// Stable ids, one per point.
+    /// Stable id of each point.
     pub ids: Vec<u32>,
-    /// Positions in micrometres.
+    /// Positions, µm.
     pub points: Vec<[f32; 2]>,
 }
 
@@ -22,7 +24,7 @@ impl Ring {
         self.points.len()
     }
 
-    /// Whether the ring has no points.
+    /// True if the ring has no points.
     #[must_use]
     #[inline]
     pub fn is_empty(&self) -> bool {
@@ -30,14 +32,14 @@ impl Ring {
     }
 }
 
-/// A cross section: the mucosa (`inner`) around the lumen, and the wall (`outer`) around it.
+/// A cross section of the tube: the contours of its inner and outer wall.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Section {
-    /// Time step of the section; fractional if it was added to mend a slab.
+    /// Time step of the section; fractional if mending added the section.
     pub step: f64,
-    /// Place along the tube, micrometres from the isthmus end.
+    /// Place along the tube, µm from the isthmus end.
     pub z_um: f64,
-    /// Whether it was added to mend a slab rather than recorded by the schedule.
+    /// True if mending added the section, false if the simulation recorded it.
     pub added: bool,
     /// Boundary of the lumen.
     pub inner: Ring,
@@ -46,14 +48,14 @@ pub struct Section {
 }
 
 impl Section {
-    /// Particles of both loops.
+    /// Number of particles of both loops.
     #[must_use]
     #[inline]
     pub fn particles(&self) -> usize {
         self.inner.len() + self.outer.len()
     }
 
-    /// The contours as borders: the surface of the mucosa, and the outside of the wall.
+    /// Borders of the inner and the outer wall.
     #[must_use]
     #[inline]
     pub fn borders(&self) -> [Border; 2] {

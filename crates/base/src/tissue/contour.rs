@@ -1,4 +1,4 @@
-//! Lines with their arc length.
+//! Lines with their arc length, and their distance from points.
 
 use crate::model::Border;
 
@@ -7,42 +7,41 @@ use crate::model::Border;
 pub(super) struct Edge {
     pub(super) from: [f64; 2],
     pub(super) to: [f64; 2],
-    /// Vector to the end, divided by the squared length; zero for an edge without length.
-    scaled: [f64; 2],
-    /// Arc length of its start.
+    /// Vector from start to end divided by the squared length; zero for an edge of length 0.
+    per_square_length: [f64; 2],
+    /// Arc length of the contour at the start of the edge.
     start: f64,
     length: f64,
 }
 
 impl Edge {
-    /// An edge that begins at an arc length.
+    /// Creates an edge whose start has the arc length `start`.
     pub(super) fn new(from: [f64; 2], to: [f64; 2], start: f64) -> Self {
         let along = [to[0] - from[0], to[1] - from[1]];
         let square = along[0] * along[0] + along[1] * along[1];
-        let scaled = if square > 0.0 { along.map(|c| c / square) } else { [0.0; 2] };
-        Self { from, to, scaled, start, length: square.sqrt() }
+        let per_square_length = if square > 0.0 { along.map(|c| c / square) } else { [0.0; 2] };
+        Self { from, to, per_square_length, start, length: square.sqrt() }
     }
 
-    /// Squared distance of a point, and the arc length of the nearest point.
+    /// Squared distance of a point from the edge, and the arc length of the nearest point.
     pub(super) fn nearest(&self, p: [f64; 2]) -> (f64, f64) {
         let (dx, dy) = (p[0] - self.from[0], p[1] - self.from[1]);
-        let t = (dx * self.scaled[0] + dy * self.scaled[1]).clamp(0.0, 1.0);
+        let t = (dx * self.per_square_length[0] + dy * self.per_square_length[1]).clamp(0.0, 1.0);
         let (rx, ry) = (dx - t * (self.to[0] - self.from[0]), dy - t * (self.to[1] - self.from[1]));
         (rx * rx + ry * ry, self.start + t * self.length)
     }
 }
 
-/// Consecutive edges that are searched together.
-const GROUP: usize = 16;
+const EDGES_PER_GROUP: usize = 16;
 
-/// A circle around a group of edges.
+/// A circle that encloses a group of edges.
 #[derive(Clone, Copy, Debug)]
 struct Circle {
     middle: [f64; 2],
     radius: f64,
 }
 
-/// The lines of a border. Points that are not finite are left out.
+/// Lines of a border, without points that are not finite.
 #[derive(Clone, Debug)]
 pub struct Contour {
     pub(super) edges: Vec<Edge>,
@@ -51,7 +50,7 @@ pub struct Contour {
 }
 
 impl Contour {
-    /// The lines of a border; arc lengths go on from each to the next.
+    /// Copies the lines of a border. Arc lengths continue from each line to the next.
     #[must_use]
     pub fn new(border: &Border) -> Self {
         let (mut edges, mut length) = (Vec::new(), 0.0);
@@ -65,17 +64,17 @@ impl Contour {
                 edge
             }));
         }
-        let groups = edges.chunks(GROUP).map(around).collect();
+        let groups = edges.chunks(EDGES_PER_GROUP).map(enclosing_circle).collect();
         Self { edges, groups, length }
     }
 
-    /// Its length, µm.
+    /// Length of all lines, µm.
     #[must_use]
     pub fn length(&self) -> f64 {
         self.length
     }
 
-    /// The point at an arc length, which is taken modulo the whole.
+    /// Point at an arc length, modulo the total length.
     #[must_use]
     #[inline]
     pub fn at(&self, along: f64) -> [f64; 2] {
@@ -89,16 +88,16 @@ impl Contour {
         [0, 1].map(|axis| edge.from[axis] + t * (edge.to[axis] - edge.from[axis]))
     }
 
-    /// Distance of a point from the line; infinite if the line has no points.
+    /// Distance of a point from the nearest line; infinite if there are no points.
     #[must_use]
     pub fn distance(&self, p: [f64; 2]) -> f64 {
-        let middle = |circle: &Circle| between(p, circle.middle);
+        let middle = |circle: &Circle| distance(p, circle.middle);
         let mut best = f64::INFINITY;
         for circle in &self.groups {
             best = best.min(middle(circle) + circle.radius);
         }
         let mut square = f64::INFINITY;
-        for (circle, edges) in self.groups.iter().zip(self.edges.chunks(GROUP)) {
+        for (circle, edges) in self.groups.iter().zip(self.edges.chunks(EDGES_PER_GROUP)) {
             if middle(circle) - circle.radius <= best {
                 square = edges.iter().fold(square, |least, edge| least.min(edge.nearest(p).0));
                 best = best.min(square.sqrt());
@@ -107,28 +106,27 @@ impl Contour {
         square.sqrt()
     }
 
-    /// The edges that can be the nearest to a point of the circle of `radius` around `middle`.
+    /// Writes into `found` all edges that can be nearest to any point of a circle.
     pub(super) fn near(&self, middle: [f64; 2], radius: f64, found: &mut Vec<Edge>) {
         let reach = self.distance(middle) + 2.0 * radius;
         found.clear();
-        for (circle, edges) in self.groups.iter().zip(self.edges.chunks(GROUP)) {
-            if between(middle, circle.middle) - circle.radius <= reach {
+        for (circle, edges) in self.groups.iter().zip(self.edges.chunks(EDGES_PER_GROUP)) {
+            if distance(middle, circle.middle) - circle.radius <= reach {
                 found.extend(edges.iter().filter(|edge| edge.nearest(middle).0 <= reach * reach));
             }
         }
     }
 }
 
-/// A circle around edges that follow each other.
-fn around(edges: &[Edge]) -> Circle {
+fn enclosing_circle(edges: &[Edge]) -> Circle {
     let count = (2 * edges.len()).max(1) as f64;
     let middle = [0, 1].map(|axis| edges.iter().map(|edge| edge.from[axis] + edge.to[axis]).sum::<f64>() / count);
-    let reach = |edge: &Edge| between(edge.from, middle).max(between(edge.to, middle));
+    let reach = |edge: &Edge| distance(edge.from, middle).max(distance(edge.to, middle));
     let radius = edges.iter().map(reach).fold(0.0, f64::max);
     Circle { middle, radius }
 }
 
-fn between(a: [f64; 2], b: [f64; 2]) -> f64 {
+fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
     let (x, y) = (a[0] - b[0], a[1] - b[1]);
     (x * x + y * y).sqrt()
 }

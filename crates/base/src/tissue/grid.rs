@@ -1,14 +1,14 @@
-//! A grid of square pixels over a section, y up: row 0 has the greatest y.
+//! A grid of square pixels over a section. y points up: row 0 has the largest y.
 
 /// Margin around a section, as a fraction of its longer side.
 const MARGIN: f64 = 0.05;
 
-/// Pixels over a section.
+/// Position and size of the pixels over a section.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grid {
-    /// Columns.
+    /// Number of columns.
     pub width: u32,
-    /// Rows.
+    /// Number of rows.
     pub height: u32,
     /// Side of a pixel, µm.
     pub um_per_pixel: f64,
@@ -19,8 +19,8 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// The grid of a picture of a closed line with `size` pixels along its longer side and a margin around it; of one
-    /// micrometre a pixel if the line has no extent.
+    /// Grid around points, with a margin and `size` pixels along its longer side. Points without
+    /// extent get pixels of 1 µm.
     #[must_use]
     pub fn around(points: &[[f32; 2]], size: u32) -> Self {
         let [[left, right], [bottom, top]] = extent(points).unwrap_or_default();
@@ -41,39 +41,39 @@ impl Grid {
         }
     }
 
-    /// x of the middle of a column, µm.
+    /// x of the centre of a column, µm.
     #[must_use]
     #[inline]
     pub fn x(&self, column: u32) -> f64 {
         self.left_um + (f64::from(column) + 0.5) * self.um_per_pixel
     }
 
-    /// y of the middle of a row, µm.
+    /// y of the centre of a row, µm.
     #[must_use]
     #[inline]
     pub fn y(&self, row: u32) -> f64 {
         self.top_um - (f64::from(row) + 0.5) * self.um_per_pixel
     }
 
-    /// The columns whose middles lie from `from` to `to`, µm.
+    /// Columns whose centres lie between `from` and `to`, µm.
     pub(super) fn columns(&self, from: f64, to: f64) -> std::ops::Range<usize> {
         span((from - self.left_um) / self.um_per_pixel, (to - self.left_um) / self.um_per_pixel, self.width)
     }
 
-    /// The rows whose middles lie from `from` to `to`, µm.
+    /// Rows whose centres lie between `from` and `to`, µm.
     pub(super) fn rows(&self, from: f64, to: f64) -> std::ops::Range<usize> {
         span((self.top_um - to) / self.um_per_pixel, (self.top_um - from) / self.um_per_pixel, self.height)
     }
 }
 
-/// The pixels, of `count`, whose middles lie from `from` to `to`, counted in pixels.
+/// Pixels, of `count`, whose centres lie between `from` and `to`, in units of pixels.
 fn span(from: f64, to: f64, count: u32) -> std::ops::Range<usize> {
     let most = f64::from(count);
     let first = (from - 0.5).ceil().clamp(0.0, most) as usize;
     first..((to - 0.5).floor() + 1.0).clamp(first as f64, most) as usize
 }
 
-/// Least and greatest x, and y, of the finite points; `None` if there are none.
+/// Minimum and maximum of x and of y over the finite points. `None` if there are none.
 fn extent(points: &[[f32; 2]]) -> Option<[[f64; 2]; 2]> {
     let mut range = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
     for point in points.iter().filter(|p| p.iter().all(|c| c.is_finite())) {

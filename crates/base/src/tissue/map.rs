@@ -1,4 +1,4 @@
-//! The tissue of each pixel of a grid, and where in its layer the pixel lies.
+//! The tissue of each pixel of a grid, and the position of the pixel within its layer.
 
 use super::contour::Edge;
 use super::wall::{Wall, WallLayer};
@@ -6,21 +6,23 @@ use super::{Contour, Grid, Layers, Tissue};
 use crate::model::Border;
 use std::ops::Range;
 
-/// Columns of a tile, in which the nearest edges of the outside are searched together.
-const TILE: usize = 32;
+/// Columns of a tile. The pixels of a tile share one search for the nearest edges of the outer
+/// wall.
+const TILE_COLUMNS: usize = 32;
 
-/// A pixel: its tissue, and its place in the layer. Lengths in µm.
+/// A pixel: its tissue, and its position within the layer. Lengths in µm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
-    /// The tissue of its middle.
+    /// Tissue at the centre of the pixel.
     pub tissue: Tissue,
-    /// Distance of its middle from the surface of the mucosa; infinite beyond [`TissueMap::reach_um`].
+    /// Distance of the centre from the inner wall; infinite beyond [`TissueMap::reach_um`].
     pub lumen_um: f32,
-    /// Arc length along the surface of the mucosa of the nearest point; 0 beyond the reach.
+    /// Arc length of the nearest point of the inner wall; 0 beyond the reach.
     pub along_um: f32,
-    /// Distance from the outside of the tube; 0 unless it is serosa, muscle or lamina propria.
+    /// Distance from the outer wall. 0 unless the tissue is serosa, muscle or lamina propria.
     pub depth_um: f32,
-    /// Arc length along the outside of the nearest point; 0 unless it is serosa, muscle or lamina propria.
+    /// Arc length of the nearest point of the outer wall. 0 unless the tissue is serosa, muscle or
+    /// lamina propria.
     pub around_um: f32,
 }
 
@@ -32,45 +34,46 @@ const OUTSIDE: Place =
 pub struct TissueMap {
     lumen: Contour,
     wall: Wall,
-    /// Edges in the ends of the tube that close the lumen, and the whole.
-    ends: [Vec<Edge>; 2],
+    /// Edges in the planes of the caps that close the lumen, and the whole section.
+    closing: [Vec<Edge>; 2],
     layers: Layers,
 }
 
 impl TissueMap {
-    /// The layers between the surface of the mucosa and the outside of the wall.
+    /// Computes the layers between the borders of the inner wall (`mucosa`) and the outer wall
+    /// (`outside`).
     #[must_use]
     pub fn new(mucosa: &Border, outside: &Border, layers: &Layers) -> Self {
         let lumen = Contour::new(mucosa);
         let wall = Wall::new(Contour::new(outside), &lumen, layers);
-        Self { ends: [mucosa, outside].map(ends), lumen, wall, layers: *layers }
+        Self { closing: [mucosa, outside].map(closing_edges), lumen, wall, layers: *layers }
     }
 
-    /// The surface of the mucosa.
+    /// Border of the inner wall.
     #[must_use]
     pub fn lumen(&self) -> &Contour {
         &self.lumen
     }
 
-    /// The outside of the wall.
+    /// Border of the outer wall.
     #[must_use]
     pub fn outside(&self) -> &Contour {
         &self.wall.outside
     }
 
-    /// The heights of the layers.
+    /// Heights of the layers.
     #[must_use]
     pub fn layers(&self) -> &Layers {
         &self.layers
     }
 
-    /// Distance from the surface of the mucosa up to which [`Place::lumen_um`] is known.
+    /// Maximum distance from the inner wall at which [`Place::lumen_um`] is finite.
     #[must_use]
     pub fn reach_um(&self, grid: &Grid) -> f64 {
         self.layers.epithelium_um.max(1.5 * grid.um_per_pixel)
     }
 
-    /// The values of [`Tissue`] of all pixels, row by row.
+    /// [`Tissue`] values of all pixels, row by row.
     #[must_use]
     pub fn labels(&self, grid: &Grid) -> Vec<u8> {
         let mut labels = Vec::with_capacity(grid.width as usize * grid.height as usize);
@@ -80,32 +83,32 @@ impl TissueMap {
         labels
     }
 
-    /// The pixels of some rows, row by row. Any division into bands gives the same pixels.
+    /// Pixels of some rows, row by row. The division into bands does not affect the pixels.
     #[must_use]
     pub fn band(&self, grid: &Grid, rows: Range<u32>) -> Vec<Place> {
         let mut band = Band::new(grid, rows);
-        let [lumen_ends, outside_ends] = &self.ends;
-        band.fill(self.wall.outside.edges.iter().chain(outside_ends), Tissue::LaminaPropria);
-        band.fill(self.lumen.edges.iter().chain(lumen_ends), Tissue::Lumen);
-        band.measure(&self.lumen.edges, self.reach_um(grid));
-        band.divide(&self.wall, self.layers.epithelium_um as f32);
+        let [lumen_closing, outside_closing] = &self.closing;
+        band.fill(self.wall.outside.edges.iter().chain(outside_closing), Tissue::LaminaPropria);
+        band.fill(self.lumen.edges.iter().chain(lumen_closing), Tissue::Lumen);
+        band.measure_lumen_distance(&self.lumen.edges, self.reach_um(grid));
+        band.assign_wall_layers(&self.wall, self.layers.epithelium_um as f32);
         band.places
     }
 }
 
-fn ends(border: &Border) -> Vec<Edge> {
+fn closing_edges(border: &Border) -> Vec<Edge> {
     let finite = |edge: &&[[f32; 2]; 2]| edge.as_flattened().iter().all(|c| c.is_finite());
     let edge = |[from, to]: &[[f32; 2]; 2]| Edge::new(from.map(f64::from), to.map(f64::from), 0.0);
     border.closing.iter().filter(finite).map(edge).collect()
 }
 
-/// Bands of rows that cover a grid, for work in parallel.
+/// Bands of rows that cover a grid, for parallel work.
 pub fn bands(grid: &Grid) -> impl Iterator<Item = Range<u32>> + use<> {
-    let (step, height) = (TILE as u32, grid.height);
+    let (step, height) = (TILE_COLUMNS as u32, grid.height);
     (0..height.div_ceil(step)).map(move |k| k * step..((k + 1) * step).min(height))
 }
 
-/// Some rows of a grid.
+/// A band of rows under construction.
 struct Band<'a> {
     grid: &'a Grid,
     rows: Range<u32>,
@@ -118,12 +121,13 @@ impl<'a> Band<'a> {
         Self { grid, rows, places }
     }
 
-    /// The middles of the first and the last row.
+    /// y of the centres of the last and the first row.
     fn y_range(&self) -> [f64; 2] {
         [self.grid.y(self.rows.end.max(1) - 1), self.grid.y(self.rows.start)]
     }
 
-    /// Gives the pixels that edges enclose a tissue: those that a ray to the left leaves through an odd number of edges.
+    /// Assigns `tissue` to the pixels inside closed edges: a ray to the left crosses an odd number
+    /// of them.
     fn fill<'e>(&mut self, edges: impl Iterator<Item = &'e Edge>, tissue: Tissue) {
         let [low, high] = self.y_range();
         let (width, first) = (self.grid.width as usize, self.rows.start);
@@ -153,12 +157,12 @@ impl<'a> Band<'a> {
         }
     }
 
-    /// Measures the distance from a line up to `reach`.
-    fn measure(&mut self, edges: &[Edge], reach: f64) {
+    /// Sets the distance from the inner wall of all pixels within `reach`.
+    fn measure_lumen_distance(&mut self, edges: &[Edge], reach: f64) {
         let [low, high] = self.y_range();
         let width = self.grid.width as usize;
         let first = self.rows.start as usize;
-        // Squared while they are compared.
+        // Distances stay squared until all edges are compared.
         let limit = reach * reach;
         let mut squares = vec![f64::INFINITY; self.places.len()];
         for edge in edges {
@@ -180,7 +184,7 @@ impl<'a> Band<'a> {
                 let start = (row - first) * width;
                 for column in columns.clone() {
                     let (square, along) = edge.nearest([self.grid.x(column as u32), y]);
-                    // Of edges equally near, the first.
+                    // Of equally near edges, the first wins.
                     if square <= limit && square < squares[start + column] {
                         squares[start + column] = square;
                         self.places[start + column].along_um = along as f32;
@@ -193,13 +197,13 @@ impl<'a> Band<'a> {
         }
     }
 
-    /// Divides the tissue into layers.
-    fn divide(&mut self, wall: &Wall, epithelium_um: f32) {
+    /// Divides the tissue between the walls into layers.
+    fn assign_wall_layers(&mut self, wall: &Wall, epithelium_um: f32) {
         let width = self.grid.width as usize;
         let [low, high] = self.y_range();
         let mut near = Vec::new();
-        for tile in (0..width).step_by(TILE) {
-            let columns = tile..(tile + TILE).min(width);
+        for tile in (0..width).step_by(TILE_COLUMNS) {
+            let columns = tile..(tile + TILE_COLUMNS).min(width);
             let (x0, x1) = (self.grid.x(tile as u32), self.grid.x(columns.end as u32 - 1));
             let mut searched = false;
             for row in 0..self.rows.len() {
@@ -235,7 +239,7 @@ impl<'a> Band<'a> {
     }
 }
 
-/// Squared distance of a point from the nearest of some edges, and the arc length of the nearest point.
+/// Squared distance of a point from the nearest edge, and the arc length of the nearest point.
 fn nearest(edges: &[Edge], p: [f64; 2]) -> (f64, f64) {
     let mut best = (f64::INFINITY, 0.0);
     for edge in edges {

@@ -1,14 +1,15 @@
-//! The layers of a cross section: which tissue a point belongs to, on a grid of pixels.
+//! Tissue layers of a cross section, on a grid of pixels.
 //!
-//! The one definition of the layers. Stained pictures (`render/histology`), label images and label volumes (`export/labels`)
-//! all read it, so they agree pixel by pixel. docs/histology.md gives the definitions in words.
+//! This is the only definition of the layers. Stained pictures (`render/histology`) and label
+//! images and volumes (`export/labels`) read it, so they agree pixel by pixel. docs/histology.md
+//! gives the definitions in words.
 //!
 //! | file | subject |
 //! |---|---|
 //! | `grid` | pixels over a section |
-//! | `contour` | a closed line with its arc length |
-//! | `wall` | the muscular wall: how deep it reaches from the outside |
-//! | `map` | the tissue of each pixel |
+//! | `contour` | lines with their arc length |
+//! | `wall` | depth of the muscular wall |
+//! | `map` | tissue of each pixel |
 
 mod contour;
 mod grid;
@@ -21,13 +22,13 @@ pub use contour::Contour;
 pub use grid::Grid;
 pub use map::{Place, TissueMap, bands};
 
-/// What a pixel or voxel shows; the discriminant is its value in label images and volumes.
+/// Content of a pixel or voxel. The discriminant is the value in label images and volumes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum Tissue {
     /// Outside the tube.
     Outside = 0,
-    /// The open space inside.
+    /// The open space inside the tube.
     Lumen = 1,
     /// The columnar epithelium that lines the lumen.
     Epithelium = 2,
@@ -42,7 +43,7 @@ pub enum Tissue {
 }
 
 impl Tissue {
-    /// All, by value.
+    /// All tissues, by value.
     pub const ALL: [Self; 7] = [
         Self::Outside,
         Self::Lumen,
@@ -53,7 +54,7 @@ impl Tissue {
         Self::Serosa,
     ];
 
-    /// Its name in files.
+    /// Name in files.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -71,11 +72,11 @@ impl Tissue {
 /// Heights of the layers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Layers {
-    /// Height of the epithelium, µm: tissue within it of the lumen is epithelium.
+    /// Height of the epithelium, µm: the maximum distance of epithelium from the lumen.
     pub epithelium_um: f64,
-    /// Least thickness of the lamina propria between epithelium and muscle, µm.
+    /// Minimum thickness of the lamina propria between epithelium and muscle, µm.
     pub lamina_um: f64,
-    /// Share of the longitudinal muscle in the thickness of both, 0 to 1.
+    /// Thickness of the longitudinal muscle as a fraction of both muscles, 0 to 1.
     pub longitudinal_share: f64,
     /// Thickness of the serosa, µm.
     pub serosa_um: f64,

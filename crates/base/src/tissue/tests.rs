@@ -1,4 +1,4 @@
-//! Areas of layers of simple shapes.
+//! Areas of the layers of simple shapes.
 
 use super::*;
 use crate::model::{Border, Line};
@@ -6,7 +6,7 @@ use std::f64::consts::{PI, TAU};
 
 const LAYERS: Layers = Layers { epithelium_um: 30.0, lamina_um: 40.0, longitudinal_share: 0.3, serosa_um: 25.0 };
 
-/// A circle of many corners.
+/// A circle as a regular polygon.
 fn circle(radius: f64, middle: [f64; 2]) -> Vec<[f32; 2]> {
     (0..720)
         .map(|k| {
@@ -41,7 +41,7 @@ fn agree(found: &[f64], expected: &[f64]) {
 #[test]
 fn the_layers_of_an_annulus_have_their_areas() {
     let ring = |from: f64, to: f64| PI * (to * to - from * from);
-    // 370 µm of wall: 30 epithelium, 40 lamina propria, 275 muscle, of which 82.5 are longitudinal, 25 serosa.
+    // 370 µm of wall: 30 epithelium, 40 lamina propria, 275 muscle (82.5 longitudinal), 25 serosa.
     let radii = [0.0, 500.0, 530.0, 570.0, 762.5, 845.0, 870.0];
     let expected: Vec<f64> = radii.windows(2).map(|r| ring(r[0], r[1])).collect();
     let found = areas(&circle(500.0, [70.0, -30.0]), &circle(870.0, [70.0, -30.0]), &LAYERS, 1200);
@@ -50,7 +50,8 @@ fn the_layers_of_an_annulus_have_their_areas() {
 
 #[test]
 fn a_frond_thinner_than_two_heights_is_epithelium_and_a_thicker_one_has_a_core() {
-    // A lumen of 2 × 1 mm with a rectangular frond of 50 µm, then of 100 µm, from below up to its middle.
+    // A lumen of 2 × 1 mm with a rectangular frond, 50 µm then 100 µm wide, from below up to the
+    // centre.
     for (width, core) in [(50.0_f32, 0.0), (100.0, 40.0)] {
         let half = width / 2.0;
         let inner = [
@@ -98,7 +99,7 @@ fn folds_do_not_reach_into_the_muscle() {
             muscle = [f64::max(muscle[0], radius), f64::min(muscle[1], radius)];
         }
     }
-    // A smooth ring from 70 µm outside the crypts.
+    // A smooth ring that is 70 µm outside the crypts.
     assert!((muscle[1] - 670.0).abs() < 8.0, "{muscle:?}");
     let thickness = 1000.0 - 25.0 - muscle[1];
     assert!((1000.0 - muscle[0] - (25.0 + 0.3 * thickness)).abs() < 8.0, "{muscle:?}");
@@ -135,7 +136,7 @@ fn sections_without_extent_have_no_tissue() {
 
 #[test]
 fn a_tube_cut_along_has_lumen_up_to_its_ends_and_no_epithelium_there() {
-    // Both walls of a tube 2 mm long: the lumen 400 µm wide, the whole 1000 µm.
+    // Both walls of a tube 2 mm long: a lumen 400 µm wide in a tube 1000 µm wide.
     let walls = |half: f32| Border {
         lines: [half, -half].map(|y| Line { points: vec![[-1000.0, y], [1000.0, y]], is_closed: false }).to_vec(),
         closing: [-1000.0, 1000.0].map(|x| [[x, -half], [x, half]]).to_vec(),

@@ -1,77 +1,81 @@
-//! The course of a tube: which curve a specification means, and whether there is room for the tube along it.
+//! The course of a tube: the curve that a specification requests, and the room for the tube along
+//! it.
 
 use super::fault::Fault;
 use super::parameters::{Course as Options, CourseShape, Parameters};
 use super::schedule::Schedule;
-use crate::geometry::course::{Course, Random, Relaxation, Room};
+use crate::geometry::course::{Course, RandomCourse, Relaxation, Room};
 use crate::model::Plane;
 use glam::DVec3;
 
-/// Greatest radius of the tube over that of the centre line: at its inner side, the tube keeps a fifth of its length.
-pub(super) const TIGHTEST: f64 = 0.8;
-/// Nodes of the centre line for each radius of the tube along it, and bounds of their number.
+/// Maximum ratio of the tube's radius to the radius of the centre line. At 0.8, the inner side of a
+/// bend keeps a fifth of its length.
+pub(super) const MAX_RADIUS_RATIO: f64 = 0.8;
+/// Nodes of the centre line per radius of the tube along it, and bounds of their number.
 const NODES_PER_RADIUS: f64 = 16.0;
-const FEWEST_NODES: f64 = 256.0;
-const MOST_NODES: f64 = 8192.0;
-/// Places at which the radius of the tube is sampled.
+const MIN_NODES: f64 = 256.0;
+const MAX_NODES: f64 = 8192.0;
+/// Number of places at which the radius of the tube is sampled.
 const PLACES: u32 = 512;
 /// Steps within which the wall reaches its scheduled radius.
-const LAG: f64 = 64.0;
-/// By how much the wall may reach beyond its scheduled radius.
-const BEYOND: f64 = 1.01;
-/// Positions are single precision: the least clearance between walls must be this many units in their last place.
-const CLEARANCE_PLACES: f64 = 4.0;
+const WALL_LAG_STEPS: f64 = 64.0;
+/// Maximum radius of the wall divided by its scheduled radius.
+const REACH_FACTOR: f64 = 1.01;
+/// Minimum clearance between walls, in units of the last place of single-precision positions.
+const MIN_CLEARANCE_ULPS: f64 = 4.0;
 
 impl Parameters {
-    /// Whether the tube is bent or twisted.
+    /// True if the tube is bent or twisted.
     #[must_use]
     pub fn bends(&self) -> bool {
         self.course.shape != CourseShape::Straight || self.course.twist_deg != 0.0
     }
 
-    /// The course of the whole tube by the place along it, µm; none if it is straight.
+    /// Course of the whole tube, µm. `None` if the tube is straight or there is no room along the
+    /// course.
     #[must_use]
     pub fn centre_line(&self) -> Option<Course> {
         self.bent_course().map(|bent| bent.course)
     }
 
-    /// The course, and how much room there is along it; none if it is straight.
+    /// Course with the room along it. `None` if the tube is straight or there is no room.
     #[must_use]
     pub fn bent_course(&self) -> Option<Bent> {
-        if self.bends() { self.bent(&Reach::of(self)).ok() } else { None }
+        if self.bends() { self.bent(&Reach::new(self)).ok() } else { None }
     }
 
-    /// What is wrong with the course.
+    /// Fault of the course, if there is one.
     pub(super) fn course_fault(&self) -> Option<Fault> {
-        if self.bends() { self.bent(&Reach::of(self)).err() } else { None }
+        if self.bends() { self.bent(&Reach::new(self)).err() } else { None }
     }
 
     fn bent(&self, reach: &Reach) -> Result<Bent, Fault> {
-        let asked = self.asked(reach)?;
+        let requested = self.requested_course(reach)?;
         let radius = |place: f64| reach.at(place);
-        let room = asked.room(&radius);
-        let Some(detail) = self.misfit(&room) else {
-            return self.exact(Bent { course: asked, room, relaxed: false }, reach);
+        let room = requested.room(&radius);
+        let Some(detail) = self.lack_of_room(&room) else {
+            return self.check_precision(Bent { course: requested, room, relaxed: false }, reach);
         };
-        let at = self.course.decisive();
+        let at = self.course.decisive_parameter();
         if !self.course.relax {
             return Err(Fault::new(at, format!("{detail} (use a gentler course, a longer tube, or /course/relax)")));
         }
-        let to = Relaxation { radius: &radius, share: TIGHTEST, distance: self.course.clearance_um };
-        let course = asked.relaxed(&to);
+        let to =
+            Relaxation { radius: &radius, max_radius_ratio: MAX_RADIUS_RATIO, min_distance: self.course.clearance_um };
+        let course = requested.relaxed(&to);
         let room = course.room(&radius);
-        self.exact(Bent { course, room, relaxed: true }, reach)
+        self.check_precision(Bent { course, room, relaxed: true }, reach)
     }
 
-    /// The curve that is asked for, wherever it leads.
-    fn asked(&self, reach: &Reach) -> Result<Course, Fault> {
+    /// The requested curve, without a check of the room.
+    fn requested_course(&self, reach: &Reach) -> Result<Course, Fault> {
         let Options {
             shape, turn_deg, windings, pitch_mm, tortuosity, wavelength_mm, seed, points_mm, twist_deg, ..
         } = &self.course;
         let length = 1000.0 * self.length_mm;
-        let nodes = (NODES_PER_RADIUS * length / reach.least()).ceil().clamp(FEWEST_NODES, MOST_NODES) as usize;
+        let nodes = (NODES_PER_RADIUS * length / reach.minimum()).ceil().clamp(MIN_NODES, MAX_NODES) as usize;
         let (turn, twist) = (turn_deg.to_radians(), twist_deg.to_radians());
-        let fault = |detail: &str| Fault::new(self.course.decisive(), detail);
+        let fault = |detail: &str| Fault::new(self.course.decisive_parameter(), detail);
         match shape {
             CourseShape::Straight => {
                 Course::through(&[DVec3::ZERO, DVec3::Z], length, nodes, twist).ok_or_else(|| fault("is not a curve"))
@@ -82,7 +86,11 @@ impl Parameters {
                 fault(&format!("times /course/pitch_mm {pitch_mm} is not less than /length_mm {}", self.length_mm))
             }),
             CourseShape::Random => {
-                let of = Random { seed: u64::from(*seed), wavelength: 1000.0 * wavelength_mm, tortuosity: *tortuosity };
+                let of = RandomCourse {
+                    seed: u64::from(*seed),
+                    wavelength: 1000.0 * wavelength_mm,
+                    tortuosity: *tortuosity,
+                };
                 Course::random(&of, length, nodes, twist).ok_or_else(|| {
                     fault(&format!(
                         "is not reached with waves of /course/wavelength_mm {wavelength_mm}; use shorter ones"
@@ -102,18 +110,18 @@ impl Parameters {
         }
     }
 
-    /// Why there is no room for the tube, and where.
-    fn misfit(&self, room: &Room) -> Option<String> {
+    /// Describes where there is no room for the tube. `None` if there is room.
+    fn lack_of_room(&self, room: &Room) -> Option<String> {
         let mm = |um: f64| um / 1000.0;
         let bend = room.bend;
-        if bend.share() > TIGHTEST {
+        if bend.radius_ratio() > MAX_RADIUS_RATIO {
             return Some(format!(
                 "is too tight at {:.2} mm from the isthmus end: there the centre line has a radius of curvature of {:.2} mm, and the \
                  wall reaches up to {:.2} mm from it; the radius must be at least {:.2} mm",
                 mm(bend.at),
                 mm(bend.curve),
                 mm(bend.tube),
-                mm(bend.tube / TIGHTEST)
+                mm(bend.tube / MAX_RADIUS_RATIO)
             ));
         }
         let near = room.near.filter(|near| near.distance < self.course.clearance_um)?;
@@ -122,23 +130,28 @@ impl Parameters {
              /course/clearance_um is {}",
             mm(near.at[0]),
             mm(near.at[1]),
-            if near.distance > 0.0 { format!("be only {:.0} µm apart", near.distance) } else { "meet".to_owned() },
+            if near.distance > 0.0 {
+                format!("be only {:.0} µm apart", near.distance)
+            } else {
+                "intersect".to_owned()
+            },
             self.course.clearance_um
         ))
     }
 
-    /// Refuses a course so far from the origin that positions are too coarse.
-    fn exact(&self, bent: Bent, reach: &Reach) -> Result<Bent, Fault> {
-        let metres = ((bent.course.extent() + reach.greatest()) * 1e-6) as f32;
-        let last_place = f64::from(metres.next_up() - metres) * 1e6;
-        let least = CLEARANCE_PLACES * last_place;
+    /// Returns a fault if the course is so far from the origin that the spacing of single-precision
+    /// positions exceeds the clearance.
+    fn check_precision(&self, bent: Bent, reach: &Reach) -> Result<Bent, Fault> {
+        let metres = ((bent.course.extent() + reach.maximum()) * 1e-6) as f32;
+        let ulp_um = f64::from(metres.next_up() - metres) * 1e6;
+        let least = MIN_CLEARANCE_ULPS * ulp_um;
         if self.scale * self.collision.clearance_um >= least {
             return Ok(bent);
         }
         Err(Fault::new(
-            self.course.decisive(),
+            self.course.decisive_parameter(),
             format!(
-                "reaches {:.0} mm from the origin, where positions in single precision are {last_place:.3} µm apart; that needs a \
+                "reaches {:.0} mm from the origin, where positions in single precision are {ulp_um:.3} µm apart; that needs a \
                  /collision/clearance_um of at least {:.3}",
                 f64::from(metres) * 1e3,
                 least / self.scale
@@ -147,18 +160,18 @@ impl Parameters {
     }
 }
 
-/// A course that has room for its tube.
+/// A course with room for its tube.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bent {
     /// The course, µm.
     pub course: Course,
-    /// How much room there is.
+    /// Room along the course.
     pub room: Room,
-    /// Whether the course is not the one that was asked for, but one near it.
+    /// True if `course.relax` changed the requested course to make room for the tube.
     pub relaxed: bool,
 }
 
-/// The planes across the tube of a model, which may be bent.
+/// Planes across the tube of a model, straight or bent.
 #[derive(Clone, Debug)]
 pub struct Across {
     bent: Option<Course>,
@@ -167,25 +180,26 @@ pub struct Across {
 }
 
 impl Across {
-    /// Of a model with this specification.
+    /// Prepares the planes of a model with these parameters.
     #[must_use]
     pub fn of(p: &Parameters) -> Self {
-        Self { bent: p.centre_line(), reach: Reach::of(p), ends_um: p.piece_um() }
+        Self { bent: p.centre_line(), reach: Reach::new(p), ends_um: p.piece_um() }
     }
 
-    /// Where the model begins and ends along its centre line, µm.
+    /// Ends of the model along its centre line, µm.
     #[must_use]
     pub fn ends_um(&self) -> [f64; 2] {
         self.ends_um
     }
 
-    /// Whether the tube is bent or twisted.
+    /// True if the tube is bent or twisted.
     #[must_use]
     pub fn bends(&self) -> bool {
         self.bent.is_some()
     }
 
-    /// The plane at a place along the centre line; none if the model is bent and the place beyond its ends.
+    /// Plane at a place along the centre line. `None` if the model is bent and the place is beyond
+    /// its ends.
     #[must_use]
     pub fn at(&self, place_um: f64) -> Option<Plane> {
         match &self.bent {
@@ -196,8 +210,8 @@ impl Across {
 }
 
 impl Options {
-    /// The parameter that decides where the course leads.
-    fn decisive(&self) -> &'static str {
+    /// Pointer of the parameter with the largest effect on the course, for faults.
+    fn decisive_parameter(&self) -> &'static str {
         match self.shape {
             CourseShape::Straight => "/course/twist_deg",
             CourseShape::Arc | CourseShape::Sigmoid => "/course/turn_deg",
@@ -208,7 +222,7 @@ impl Options {
     }
 }
 
-/// How far the outer wall may be from the centre line, by the place along the tube, µm.
+/// Maximum distance of the outer wall from the centre line, by the place along the tube, µm.
 #[derive(Clone, Debug)]
 struct Reach {
     places: Vec<f64>,
@@ -216,15 +230,15 @@ struct Reach {
 }
 
 impl Reach {
-    fn of(p: &Parameters) -> Self {
+    fn new(p: &Parameters) -> Self {
         let widest = p.widest();
         let fractions: Vec<f64> = (0..=PLACES).map(|i| f64::from(i) / f64::from(PLACES)).collect();
         let scheduled: Vec<f64> = fractions.iter().map(|&u| scheduled_reach_um(p, widest, u)).collect();
-        let window = (LAG / f64::from(p.steps) * f64::from(PLACES)).ceil() as usize + 1;
+        let window = (WALL_LAG_STEPS / f64::from(p.steps) * f64::from(PLACES)).ceil() as usize + 1;
         let around = |i: usize| scheduled[i.saturating_sub(window)..(i + window + 1).min(scheduled.len())].iter();
         Self {
             places: fractions.iter().map(|&u| 1000.0 * p.length_mm * p.z.at(u)).collect(),
-            radii: (0..scheduled.len()).map(|i| BEYOND * around(i).copied().fold(0.0, f64::max)).collect(),
+            radii: (0..scheduled.len()).map(|i| REACH_FACTOR * around(i).copied().fold(0.0, f64::max)).collect(),
         }
     }
 
@@ -233,17 +247,17 @@ impl Reach {
         self.radii[after - 1].max(self.radii[after])
     }
 
-    fn least(&self) -> f64 {
+    fn minimum(&self) -> f64 {
         self.radii.iter().copied().fold(f64::INFINITY, f64::min)
     }
 
-    fn greatest(&self) -> f64 {
+    fn maximum(&self) -> f64 {
         self.radii.iter().copied().fold(0.0, f64::max)
     }
 }
 
-/// The most by which the lobed wall's target can be away from the centre at `u`, the fraction of steps, with all fluctuations;
-/// `widest` is that of the outline over `R_in`.
+/// Maximum distance of the lobed wall's target from the centre at the fraction `u` of the steps,
+/// including all fluctuations. `widest` is the maximum radius of the outline in units of `R_in`.
 fn scheduled_reach_um(p: &Parameters, widest: f64, u: f64) -> f64 {
     let swing = |s: &Schedule| s.fluctuation.map_or(0.0, |f| f.amplitude.abs());
     let [most, least] = [1.0, -1.0].map(|sign| move |s: &Schedule| s.at(u) + sign * swing(s));
@@ -251,7 +265,7 @@ fn scheduled_reach_um(p: &Parameters, widest: f64, u: f64) -> f64 {
     let inner = (p.particles.total.at(u) - p.particles.outer.at(u)).max(0.0) + 1.0;
     let squash = least(&c.squash).max(1e-3);
     let radius = (inner * most(&p.particles.edge_um) * most(&c.spacing_um) / (std::f64::consts::PI * squash)).sqrt();
-    // The weights of the lobes have unit root-sum-square.
+    // The weights of the lobes have a root-sum-square of 1.
     let lobes = f64::from(p.wall.lobes.saturating_sub(1)).sqrt();
     (widest * radius + most(&c.wall_um)) * (1.0 + most(&p.wall.lobing) * lobes) * most(&c.squash).max(1.0) * p.scale
 }

@@ -7,22 +7,22 @@ use super::parameters::{Outline, OutlineKind, Parameters};
 use crate::geometry::star::{self, NotStar, radii};
 use std::f64::consts::TAU;
 
-/// Least and greatest distance of the outline from the axis, in units of `R_in`.
-const RADII: [f64; 2] = [0.3, 3.0];
-/// Greatest move of the boundary in a step, µm: that of a particle.
-const FASTEST: f64 = 5.0;
-/// Greatest slope of a fold along the tube, cos⁸ of half the phase, for each radian of the phase.
-const STEEPEST: f64 = 0.886;
-/// How much faster folds may pass by for each unit of their irregularity.
-const UNEVEN: f64 = 0.92;
-/// Places at which the motion of the folds is examined.
+/// Minimum and maximum distance of the outline from the axis, in units of `R_in`.
+const RADIUS_BOUNDS: [f64; 2] = [0.3, 3.0];
+/// Maximum displacement of the boundary per step: that of a particle.
+const MAX_BOUNDARY_SPEED_UM: f64 = 5.0;
+/// Maximum slope of the fold profile cos⁸(φ/2) per radian of the phase φ.
+const MAX_FOLD_SLOPE: f64 = 0.886;
+/// Relative increase of the maximum fold speed per unit of `folds.irregularity`.
+const SPEEDUP_PER_IRREGULARITY: f64 = 0.92;
+/// Number of places at which the motion of the folds is checked.
 const PLACES: u32 = 512;
 
 impl Outline {
-    /// The gauge of the outline ([`star`]); none if it is the ellipse.
+    /// Gauge of the outline ([`star`]). `None` if the outline is the ellipse.
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// Returns a fault if the outline is not star-shaped about the axis or leaves its bounds.
     pub fn gauge(&self) -> Result<Option<Vec<f64>>, Fault> {
         let (at, gauge) = match self.kind {
             _ if self.strength.range().1 <= 0.0 => return Ok(None),
@@ -38,11 +38,11 @@ impl Outline {
             }
             OutlineKind::Grid => ("/outline/grid", star::level(&self.grid, self.grid_half)),
         };
-        let gauge = gauge.map_err(|why| Fault::new(place(at, why), reason(why)))?;
-        let beyond = radii(&gauge).find(|radius| !(RADII[0]..=RADII[1]).contains(radius));
+        let gauge = gauge.map_err(|why| Fault::new(pointer(at, why), reason(why)))?;
+        let beyond = radii(&gauge).find(|radius| !(RADIUS_BOUNDS[0]..=RADIUS_BOUNDS[1]).contains(radius));
         match beyond {
             Some(radius) => {
-                let [least, most] = RADII;
+                let [least, most] = RADIUS_BOUNDS;
                 let detail =
                     format!("is {radius:.3} R_in from the axis somewhere; it must be between {least} and {most}");
                 Err(Fault::new(at, detail))
@@ -52,22 +52,21 @@ impl Outline {
     }
 }
 
-/// Where an outline is wrong.
-fn place(at: &str, why: NotStar) -> String {
+fn pointer(at: &str, why: NotStar) -> String {
     match why {
-        NotStar::Back { corner } => format!("{at}/{corner}"),
+        NotStar::TurnsBack { corner } => format!("{at}/{corner}"),
         _ => at.to_owned(),
     }
 }
 
 fn reason(why: NotStar) -> String {
     match why {
-        NotStar::Back { .. } => {
+        NotStar::TurnsBack { .. } => {
             "begins an edge that runs back, or toward the axis: seen from the axis, the corners must follow each other in one sense \
              and go once around it"
                 .to_owned()
         }
-        NotStar::Winds => "goes around the axis more than once".to_owned(),
+        NotStar::WindsRepeatedly => "goes around the axis more than once".to_owned(),
         NotStar::Crossings { angle_deg, count } => format!(
             "changes its sign {count} times along the ray at {angle_deg:.0}° from the axis; it must do so once in every direction"
         ),
@@ -76,14 +75,15 @@ fn reason(why: NotStar) -> String {
 }
 
 impl Parameters {
-    /// Whether the region that contains the folds is the ellipse at every step.
+    /// True if the containment region is an ellipse at every step.
     #[must_use]
     pub fn is_elliptic(&self) -> bool {
         let outlined = self.outline.kind != OutlineKind::Ellipse && self.outline.strength.range().1 > 0.0;
         !outlined && self.folds.depth.range().1 <= 0.0
     }
 
-    /// Greatest distance of the region's boundary from the axis in the flattened plane, in units of `R_in`.
+    /// Maximum distance of the region's boundary from the axis in the flattened plane, in units of
+    /// `R_in`.
     pub(super) fn widest(&self) -> f64 {
         let gauge = self.outline.gauge().ok().flatten().unwrap_or_default();
         radii(&gauge).fold(1.0, f64::max)
@@ -99,7 +99,7 @@ impl Checks<'_> {
         }
     }
 
-    /// Refuses folds that pass by faster than particles can move.
+    /// Records a fault if transverse folds move the boundary faster than particles can follow.
     pub(super) fn folds(&mut self, p: &Parameters) {
         let (folds, swing) = (&p.folds, p.folds.depth.fluctuation.map_or(0.0, |f| f.amplitude));
         let speed = |i: u32| {
@@ -107,10 +107,11 @@ impl Checks<'_> {
             let advance = p.length_mm * (p.z.at(u[1]) - p.z.at(u[0])) * f64::from(PLACES) / f64::from(p.steps);
             let radius = p.inner_radius_um(u[0]).max(p.inner_radius_um(u[1]));
             let depth = folds.depth.at(u[0]).max(folds.depth.at(u[1])) + swing;
-            depth * radius * STEEPEST * TAU * (1.0 + UNEVEN * folds.irregularity) * advance / folds.period_mm
+            depth * radius * MAX_FOLD_SLOPE * TAU * (1.0 + SPEEDUP_PER_IRREGULARITY * folds.irregularity) * advance
+                / folds.period_mm
         };
         let fastest = (0..PLACES).map(|i| (speed(i), i)).max_by(|a, b| a.0.total_cmp(&b.0));
-        if let Some((speed, i)) = fastest.filter(|(speed, _)| *speed > FASTEST) {
+        if let Some((speed, i)) = fastest.filter(|(speed, _)| *speed > MAX_BOUNDARY_SPEED_UM) {
             let at = "/folds/period_mm";
             let about = [
                 at,
@@ -124,7 +125,7 @@ impl Checks<'_> {
             ];
             self.require(false, at, &about, || {
                 format!(
-                    "is {}: at {:.3} of the steps the folds move the boundary by {speed:.1} µm a step, and particles follow up to {FASTEST} \
+                    "is {}: at {:.3} of the steps the folds move the boundary by {speed:.1} µm a step, and particles follow up to {MAX_BOUNDARY_SPEED_UM} \
                      (use more /steps, a greater distance, a smaller /folds/depth, or a smaller simulation with a greater /scale)",
                     number(folds.period_mm),
                     f64::from(i) / f64::from(PLACES)

@@ -1,8 +1,11 @@
-//! The course of a tube: a centre line with a frame at each place, and the map that bends a straight tube along it.
+//! The course of a tube: a centre line with a local frame at each place, and the map that bends a
+//! straight tube along it.
 //!
-//! The centre line is a cubic spline through nodes at equal distances, with continuous curvature, by its arc length. Frames are
-//! rotation-minimising (double reflection; Wang, Jüttler, Zheng and Liu, *Computation of rotation minimizing frames*, ACM TOG 27(1),
-//! 2008) and turned by a uniform twist. The map is one to one where [`Course::room`] finds room for the tube.
+//! The centre line is a cubic spline, parameterized by arc length, through nodes at equal
+//! distances. Its curvature is continuous. The local frames minimise rotation (double reflection;
+//! Wang, Jüttler, Zheng and Liu, *Computation of rotation minimizing frames*, ACM TOG 27(1), 2008)
+//! and are then turned by a uniform twist. The map is injective where [`Course::room`] finds room
+//! for the tube.
 
 mod relax;
 mod room;
@@ -13,43 +16,43 @@ mod tests;
 
 pub use relax::Relaxation;
 pub use room::{Bend, Near, Room};
-pub use shapes::Random;
+pub use shapes::RandomCourse;
 
 use crate::model::Plane;
 use glam::{DQuat, DVec3};
 use spline::Spline;
 
-/// Minimum distance of [`Course::plane_across`] from the ends of the model. The ends are planes up to
-/// rounding, so a cut nearer to an end could miss the surface.
+/// Minimum distance of [`Course::plane_across`] from the ends of the model. A cap is planar only up
+/// to rounding, so a plane nearer to it could cut it into fragments.
 const FROM_ENDS_UM: f64 = 0.05;
 
-/// A curve with frames; lengths in any one unit.
+/// A centre line with local frames. All lengths are in one unit, which the caller chooses.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Course {
     length: f64,
-    /// By arc length; its knots are the nodes.
+    /// Centre line by arc length. The knots are the nodes.
     line: Spline,
-    /// First vectors of the frames at the nodes, without the twist.
-    us: Vec<DVec3>,
-    /// Turn of the last frame, radians.
+    /// First vector of the local frame at each node.
+    untwisted_u: Vec<DVec3>,
+    /// Turn of the last frame about the centre line, radians.
     twist: f64,
 }
 
-/// A place of a course.
+/// Local frame of a course at one place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frame {
     /// Point of the centre line.
     pub origin: DVec3,
-    /// Direction of x of the straight tube.
+    /// Image of the x direction of the straight tube.
     pub u: DVec3,
-    /// Direction of y.
+    /// Image of the y direction.
     pub v: DVec3,
-    /// Direction of z: that of the centre line.
+    /// Image of the z direction: the direction of the centre line.
     pub tangent: DVec3,
 }
 
 impl Frame {
-    /// Where a point of the section at this place is.
+    /// Image of the point (x, y) of the section at this place.
     #[must_use]
     pub fn place(&self, x: f64, y: f64) -> DVec3 {
         self.origin + self.u * x + self.v * y
@@ -57,8 +60,8 @@ impl Frame {
 }
 
 impl Course {
-    /// Through points, scaled about the first to a length; none if two that follow each other are the same, or there are fewer than
-    /// two.
+    /// Course through points, scaled about the first point to `length`. `None` if two consecutive
+    /// points are equal, or if there are fewer than two.
     #[must_use]
     pub fn through(points: &[DVec3], length: f64, nodes: usize, twist: f64) -> Option<Self> {
         let is_curve = points.len() >= 2 && points.windows(2).all(|pair| pair[0].distance(pair[1]) > 0.0);
@@ -68,16 +71,17 @@ impl Course {
         let curve = Spline::by_chords(points);
         let (found, own) = equidistant(&curve, nodes);
         let scale = length / own;
-        Some(Self::of_nodes(found.iter().map(|p| points[0] + (*p - points[0]) * scale).collect(), length, twist))
+        Some(Self::through_nodes(found.iter().map(|p| points[0] + (*p - points[0]) * scale).collect(), length, twist))
     }
 
-    /// The straight course, along z from the origin.
+    /// Straight course along z from the origin.
     #[must_use]
     pub fn straight(length: f64) -> Self {
-        Self::of_nodes(vec![DVec3::ZERO, DVec3::Z * length], length, 0.0)
+        Self::through_nodes(vec![DVec3::ZERO, DVec3::Z * length], length, 0.0)
     }
 
-    /// From the origin along unit vectors, turned so that it begins along z. `direction` is a function of the part of the length.
+    /// Course from the origin with these unit tangents, turned so that it begins along z. The
+    /// argument of `direction` is the fraction of the length.
     fn along(direction: impl Fn(f64) -> DVec3, length: f64, nodes: usize, twist: f64) -> Self {
         let begin = DQuat::from_rotation_arc(direction(0.0), DVec3::Z);
         let step = 1.0 / nodes as f64;
@@ -89,48 +93,50 @@ impl Course {
             at
         });
         let points = std::iter::once(DVec3::ZERO).chain(rest).collect();
-        Self::of_nodes(points, length, twist)
+        Self::through_nodes(points, length, twist)
     }
 
-    /// Through points at equal distances along the curve.
-    fn of_nodes(points: Vec<DVec3>, length: f64, twist: f64) -> Self {
+    /// Course through points at equal distances along the curve.
+    fn through_nodes(points: Vec<DVec3>, length: f64, twist: f64) -> Self {
         let last = points.len() - 1;
         let line = Spline::new((0..=last).map(|i| length * i as f64 / last as f64).collect(), points);
-        let mut us = Vec::with_capacity(last + 1);
+        let mut untwisted_u = Vec::with_capacity(last + 1);
         let ahead = |i: usize| (line.points()[i], line.at(line.knots()[i]).first.normalize());
         let (mut at, mut tangent) = ahead(0);
         let mut u = turn_from_z(tangent) * DVec3::X;
-        us.push(u);
+        untwisted_u.push(u);
         for i in 1..=last {
             let (next_at, next_tangent) = ahead(i);
             let reflected = reflect(u, next_at - at);
             u = reflect(reflected, next_tangent - reflect(tangent, next_at - at));
             u = (u - next_tangent * u.dot(next_tangent)).normalize();
-            us.push(u);
+            untwisted_u.push(u);
             (at, tangent) = (next_at, next_tangent);
         }
-        Self { length, line, us, twist }
+        Self { length, line, untwisted_u, twist }
     }
 
-    /// Its length.
+    /// Arc length of the centre line.
     #[must_use]
     pub fn length(&self) -> f64 {
         self.length
     }
 
-    /// Turn of the last frame about the curve, radians.
+    /// Turn of the last frame about the centre line, radians.
     #[must_use]
     pub fn twist(&self) -> f64 {
         self.twist
     }
 
-    /// Places of the nodes. Curvature is greatest at one of them; between neighbours it changes about linearly.
+    /// Places of the nodes. The curvature is approximately linear between nodes, so its maximum is
+    /// at a node.
     #[must_use]
     pub fn places(&self) -> &[f64] {
         self.line.knots()
     }
 
-    /// The frame at a place; beyond the ends the curve goes on as its last piece.
+    /// Local frame at a place. Beyond the ends, the first and the last span of the spline are
+    /// extrapolated.
     #[must_use]
     pub fn at(&self, place: f64) -> Frame {
         let (tangent, u) = self.untwisted(place);
@@ -139,23 +145,24 @@ impl Course {
         Frame { origin: self.line.at(place).position, u: u * cos + v * sin, v: v * cos - u * sin, tangent }
     }
 
-    /// The direction of the curve and the first vector of the rotation-minimising frame.
+    /// Tangent and first vector of the rotation-minimising frame, before the twist.
     fn untwisted(&self, place: f64) -> (DVec3, DVec3) {
         let tangent = self.line.at(place).first.normalize();
         let (i, t) = self.line.span(place);
-        let u = self.us[i] * (1.0 - t) + self.us[i + 1] * t;
+        let u = self.untwisted_u[i] * (1.0 - t) + self.untwisted_u[i + 1] * t;
         (tangent, (u - tangent * u.dot(tangent)).normalize())
     }
 
-    /// Where a point of the straight tube goes: x and y within the section at z.
+    /// Image of a point of the straight tube.
     #[must_use]
     pub fn place(&self, [x, y, z]: [f64; 3]) -> DVec3 {
         self.at(z).place(x, y)
     }
 
-    /// Plane across a tube that follows this course (in µm) and whose outer wall is within `reach_um`
-    /// of it: u and v are x and y of the section. `ends_um` are the places of both ends of the model;
-    /// `None` if `place_um` is not between them.
+    /// Plane across a tube that follows this course, all lengths in µm. The coordinates u and v of
+    /// the plane are x and y of the section. `ends_um` are the places of both ends of the model,
+    /// `reach_um` bounds the distance of the outer wall from the course. `None` if `place_um` is
+    /// outside `ends_um`.
     #[must_use]
     pub fn plane_across(&self, place_um: f64, ends_um: [f64; 2], reach_um: f64) -> Option<Plane> {
         let [first, last] = ends_um;
@@ -177,37 +184,37 @@ impl Course {
         jet.first.cross(jet.second).length() / jet.first.length().powi(3)
     }
 
-    /// Distance of the ends.
+    /// Distance between the two ends.
     #[must_use]
     pub fn end_distance(&self) -> f64 {
         let points = self.line.points();
         points[0].distance(points[points.len() - 1])
     }
 
-    /// Its length over the distance of its ends.
+    /// Length divided by the distance between the ends.
     #[must_use]
     pub fn tortuosity(&self) -> f64 {
         self.length / self.end_distance()
     }
 
-    /// Greatest absolute coordinate of the centre line.
+    /// Maximum absolute coordinate of the centre line.
     #[must_use]
     pub fn extent(&self) -> f64 {
         self.line.points().iter().map(|p| p.abs().max_element()).fold(0.0, f64::max)
     }
 }
 
-/// Abscissas and weights of a quadrature that is exact for polynomials of degree 5.
+/// Abscissas and weights of a Gauss quadrature that is exact for polynomials of degree 5.
 const GAUSS: [[f64; 2]; 3] =
     [[-0.774_596_669_241_483_4, 5.0 / 9.0], [0.0, 8.0 / 9.0], [0.774_596_669_241_483_4, 5.0 / 9.0]];
 
-/// Pieces of a curve for each node, between which its arc length is tabulated.
-const PIECES: usize = 4;
+/// Spans of the arc length table per node.
+const PIECES_PER_NODE: usize = 4;
 
-/// Points of a curve at equal arc lengths, and its length.
+/// Points of a curve at equal arc lengths, and the length of the curve.
 fn equidistant(curve: &Spline, nodes: usize) -> (Vec<DVec3>, f64) {
     let knots = curve.knots();
-    let pieces = (PIECES * nodes).div_ceil(knots.len() - 1);
+    let pieces = (PIECES_PER_NODE * nodes).div_ceil(knots.len() - 1);
     let cuts: Vec<f64> = knots
         .windows(2)
         .flat_map(|pair| (0..pieces).map(move |k| pair[0] + (pair[1] - pair[0]) * k as f64 / pieces as f64))
@@ -238,12 +245,12 @@ fn equidistant(curve: &Spline, nodes: usize) -> (Vec<DVec3>, f64) {
     ((0..=nodes).map(at).collect(), whole)
 }
 
-/// The least turn that brings z to a unit vector.
+/// Shortest rotation from the z axis to a unit vector.
 fn turn_from_z(to: DVec3) -> DQuat {
     DQuat::from_rotation_arc(DVec3::Z, to)
 }
 
-/// Mirrors a vector at the plane across `normal`, of any length.
+/// Reflects a vector in the plane perpendicular to `normal`, which may have any length.
 fn reflect(v: DVec3, normal: DVec3) -> DVec3 {
     let square = normal.length_squared();
     if square > 0.0 { v - normal * (2.0 * normal.dot(v) / square) } else { v }

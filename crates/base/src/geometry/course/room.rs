@@ -1,82 +1,87 @@
-//! Whether there is room for a tube along a course: its radius against the curvature, and the distance of far parts.
+//! Room for a tube along a course: tube radius against curvature, and the distance between distant
+//! parts.
 //!
-//! A tube with round sections of radius ρ(s) across the centre line contains ours. Two of its sections do not meet
-//! - if the curve between them has a curvature of at most K, is no longer than π/K, and all radii there are below 1/K (such a curve has
-//!   a reach of 1/K or more; Federer, *Curvature measures*, 1959), or
-//! - if their centres are farther apart than the sum of their radii.
+//! The tube is contained in one with round sections of radius ρ(s). Two of these sections are
+//! disjoint if one of two conditions holds:
+//! - The curvature between them is at most K, the arc is at most π/K long, and all radii are below
+//!   1/K. Such an arc has a reach of at least 1/K (Federer, *Curvature measures*, 1959).
+//! - Their centres are farther apart than the sum of their radii.
 //!
-//! A place between samples is at most a step from the sample before it; that is subtracted from distances, once for each of the two.
+//! Places are sampled. Any place is at most one step from the sample before it, so two steps are
+//! subtracted from the distance of two samples.
 
 use super::Course;
 use std::f64::consts::PI;
 
-/// Most samples of which all pairs are compared.
-const SAMPLES: usize = 1024;
+/// Maximum number of samples. All pairs of them are compared.
+const MAX_SAMPLES: usize = 1024;
 
-/// The place at which the tube is bent most, for its radius.
+/// The place with the largest ratio of tube radius to curve radius.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bend {
     /// Place along the course.
     pub at: f64,
-    /// Radius of curvature; infinite if the course is straight.
+    /// Radius of curvature; infinite on a straight course.
     pub curve: f64,
     /// Radius of the tube.
     pub tube: f64,
 }
 
 impl Bend {
-    /// The radius of the tube over that of the curve: 0 if it is straight; at 1 the tissue at the inner side would have no length.
+    /// Radius of the tube divided by the radius of curvature: 0 if straight. At 1, tissue on the
+    /// inner side would be compressed to length 0.
     #[must_use]
-    pub fn share(&self) -> f64 {
+    pub fn radius_ratio(&self) -> f64 {
         self.tube / self.curve
     }
 }
 
-/// Far parts of the tube that come nearest.
+/// The pair of distant places at which the tube comes closest to itself.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Near {
-    /// Their places along the course.
+    /// Places along the course.
     pub at: [f64; 2],
-    /// At least this far apart; negative if the bound cannot exclude that they meet.
+    /// Lower bound of the distance between the walls. If negative, the walls may intersect.
     pub distance: f64,
 }
 
-/// How much room there is.
+/// Room for a tube along a course.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Room {
-    /// Where the tube is bent most.
+    /// The tightest bend.
     pub bend: Bend,
-    /// Where far parts come nearest; none if the course does not turn far enough for that.
+    /// The closest distant parts. `None` if the course turns too little for parts to approach each
+    /// other.
     pub near: Option<Near>,
 }
 
-/// A part of the course around a sample.
+/// A sampled place, standing for the course up to the next sample.
 struct Sample {
     at: f64,
     point: glam::DVec3,
-    /// Greatest curvature and radius up to the next sample.
+    /// Maximum curvature and radius up to the next sample.
     curvature: f64,
     radius: f64,
 }
 
 impl Course {
-    /// The room for a tube whose radius is a function of the place.
+    /// Computes the room for a tube. `radius` returns the radius of the tube at a place.
     #[must_use]
     pub fn room(&self, radius: &dyn Fn(f64) -> f64) -> Room {
         let places = self.places();
         let nodes: Vec<[f64; 2]> = places.iter().map(|&at| [self.curvature(at), radius(at)]).collect();
-        let most =
+        let tightest =
             (0..nodes.len()).max_by(|&i, &j| (nodes[i][0] * nodes[i][1]).total_cmp(&(nodes[j][0] * nodes[j][1])));
-        let most = most.unwrap_or(0);
-        let bend = Bend { at: places[most], curve: 1.0 / nodes[most][0], tube: nodes[most][1] };
+        let tightest = tightest.unwrap_or(0);
+        let bend = Bend { at: places[tightest], curve: 1.0 / nodes[tightest][0], tube: nodes[tightest][1] };
 
-        let stride = places.len().div_ceil(SAMPLES);
+        let stride = places.len().div_ceil(MAX_SAMPLES);
         let samples: Vec<Sample> = (0..nodes.len())
             .step_by(stride)
             .map(|i| {
-                let greatest =
-                    |k: usize| nodes[i..nodes.len().min(i + stride + 1)].iter().map(|of| of[k]).fold(0.0, f64::max);
-                Sample { at: places[i], point: self.line.points()[i], curvature: greatest(0), radius: greatest(1) }
+                let maximum =
+                    |k: usize| nodes[i..nodes.len().min(i + stride + 1)].iter().map(|node| node[k]).fold(0.0, f64::max);
+                Sample { at: places[i], point: self.line.points()[i], curvature: maximum(0), radius: maximum(1) }
             })
             .collect();
         let step = stride as f64 * (places[1] - places[0]);

@@ -1,42 +1,42 @@
-//! Courses by name.
+//! Courses of named shapes.
 
 use super::Course;
 use crate::random::{self, Stream};
 use glam::DVec3;
 use std::f64::consts::TAU;
 
-/// Cosines in each direction of a random course.
-const WAVES: u32 = 8;
-/// Least tortuosity that amplitudes are searched for, and the greatest amplitude, radians.
-const GREATEST_SWING: f64 = 3.0;
-const SWING_STEP: f64 = 0.05;
-const HALVINGS: u32 = 48;
+const WAVES_PER_AXIS: u32 = 8;
+/// Amplitudes of a random course, radians: the maximum, and the step of the first search for one.
+const MAX_AMPLITUDE: f64 = 3.0;
+const AMPLITUDE_STEP: f64 = 0.05;
+const BISECTIONS: u32 = 48;
 
-/// A random course.
+/// Parameters of a random course.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Random {
-    /// Seed of the source of randomness.
+pub struct RandomCourse {
+    /// Seed of the random numbers.
     pub seed: u64,
     /// Mean wavelength.
     pub wavelength: f64,
-    /// Length over the distance of the ends.
+    /// Length divided by the distance between the ends.
     pub tortuosity: f64,
 }
 
 impl Course {
-    /// An arc of a circle that turns by an angle, toward x.
+    /// Arc of a circle that turns by the angle `turn` towards x.
     #[must_use]
     pub fn arc(turn: f64, length: f64, nodes: usize, twist: f64) -> Self {
         Self::along(|t| heading(turn * t), length, nodes, twist)
     }
 
-    /// An S: it turns toward x by an angle and back to where it began.
+    /// S-shaped course: turns by the angle `turn` towards x, then back to its initial direction.
     #[must_use]
     pub fn sigmoid(turn: f64, length: f64, nodes: usize, twist: f64) -> Self {
         Self::along(|t| heading(0.5 * turn * (1.0 - libm::cos(TAU * t))), length, nodes, twist)
     }
 
-    /// A helix of so many windings, which advances by `pitch` in each; none if it is too short for that.
+    /// Helix with this many windings that advances by `pitch` per winding. `None` if `length` is
+    /// too short.
     #[must_use]
     pub fn coil(windings: f64, pitch: f64, length: f64, nodes: usize, twist: f64) -> Option<Self> {
         let rise = pitch * windings / length;
@@ -48,45 +48,49 @@ impl Course {
         (rise < 1.0).then(|| Self::along(direction, length, nodes, twist))
     }
 
-    /// A random course: its direction swings about z by sums of cosines, as far as the tortuosity demands. None if no swing gives it.
+    /// Random course whose direction oscillates about z as a sum of cosines. The amplitude follows
+    /// from the tortuosity; `None` if no amplitude up to the maximum reaches it.
     #[must_use]
-    pub fn random(of: &Random, length: f64, nodes: usize, twist: f64) -> Option<Self> {
-        let waves: Vec<[[f64; 2]; 2]> = (0..WAVES)
+    pub fn random(options: &RandomCourse, length: f64, nodes: usize, twist: f64) -> Option<Self> {
+        let waves: Vec<[[f64; 2]; 2]> = (0..WAVES_PER_AXIS)
             .map(|i| {
-                let unit = random::words(of.seed, Stream::Course, i, 0).map(|word| f64::from(random::unit(word)));
+                let unit = random::words(options.seed, Stream::Course, i, 0).map(|word| f64::from(random::unit(word)));
                 // Wave numbers vary by ±30 %.
-                [0, 1].map(|axis| [TAU * length * (0.7 + 0.6 * unit[axis]) / of.wavelength, TAU * unit[2 + axis]])
+                [0, 1].map(|axis| [TAU * length * (0.7 + 0.6 * unit[axis]) / options.wavelength, TAU * unit[2 + axis]])
             })
             .collect();
         let swing = |t: f64, axis: usize| -> f64 {
-            waves.iter().map(|wave| libm::cos(wave[axis][0] * t + wave[axis][1])).sum::<f64>() / f64::from(WAVES).sqrt()
+            waves.iter().map(|wave| libm::cos(wave[axis][0] * t + wave[axis][1])).sum::<f64>()
+                / f64::from(WAVES_PER_AXIS).sqrt()
         };
-        // Computed once, as all amplitudes share them.
+        // All amplitudes share these samples.
         let samples: Vec<[f64; 2]> =
             (0..=2 * nodes).map(|k| [0, 1].map(|axis| swing(k as f64 / (2 * nodes) as f64, axis))).collect();
         let tortuosity = |amplitude: f64| {
             let sum: DVec3 = samples.iter().map(|&[x, y]| tilted(amplitude * x, amplitude * y)).sum();
             samples.len() as f64 / sum.length()
         };
-        let steps = (GREATEST_SWING / SWING_STEP) as u32;
-        let above = (1..=steps).map(|k| f64::from(k) * SWING_STEP).find(|&swing| tortuosity(swing) >= of.tortuosity)?;
-        let [mut low, mut high] = [above - SWING_STEP, above];
-        for _ in 0..HALVINGS {
+        let steps = (MAX_AMPLITUDE / AMPLITUDE_STEP) as u32;
+        let above = (1..=steps)
+            .map(|k| f64::from(k) * AMPLITUDE_STEP)
+            .find(|&amplitude| tortuosity(amplitude) >= options.tortuosity)?;
+        let [mut low, mut high] = [above - AMPLITUDE_STEP, above];
+        for _ in 0..BISECTIONS {
             let middle = 0.5 * (low + high);
-            if tortuosity(middle) < of.tortuosity { low = middle } else { high = middle }
+            if tortuosity(middle) < options.tortuosity { low = middle } else { high = middle }
         }
         let direction = |t: f64| tilted(high * swing(t, 0), high * swing(t, 1));
         Some(Self::along(direction, length, nodes, twist))
     }
 }
 
-/// A unit vector turned from z toward x.
+/// Unit vector at an angle from z towards x.
 fn heading(angle: f64) -> DVec3 {
     let (sin, cos) = libm::sincos(angle);
     DVec3::new(sin, 0.0, cos)
 }
 
-/// A unit vector turned from z by the length of (x, y), in its direction.
+/// Unit vector at an angle from z: the length of (x, y), towards (x, y).
 fn tilted(x: f64, y: f64) -> DVec3 {
     let angle = (x * x + y * y).sqrt();
     let (sin, cos) = libm::sincos(angle);

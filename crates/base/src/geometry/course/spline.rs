@@ -2,16 +2,16 @@
 
 use glam::DVec3;
 
-/// A cubic spline through points; not-a-knot at the ends, so that an arc stays an arc up to them.
+/// A cubic spline through points. The not-a-knot condition at the ends keeps an arc an arc up to
+/// its ends.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Spline {
     knots: Vec<f64>,
     points: Vec<DVec3>,
-    /// Second derivatives at the knots.
-    bends: Vec<DVec3>,
+    second_derivatives: Vec<DVec3>,
 }
 
-/// Position and derivatives.
+/// Position and derivatives at one parameter.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Jet {
     pub(super) position: DVec3,
@@ -20,13 +20,13 @@ pub(super) struct Jet {
 }
 
 impl Spline {
-    /// Through two or more points at strictly ascending knots.
+    /// Spline through at least two points at strictly ascending knots.
     pub(super) fn new(knots: Vec<f64>, points: Vec<DVec3>) -> Self {
-        let bends = bends(&knots, &points);
-        Self { knots, points, bends }
+        let second_derivatives = second_derivatives(&knots, &points);
+        Self { knots, points, second_derivatives }
     }
 
-    /// Through points at knots as far apart as the points are.
+    /// Spline whose knots are as far apart as its points.
     pub(super) fn by_chords(points: &[DVec3]) -> Self {
         let mut sum = 0.0;
         let rest = points.windows(2).map(|pair| {
@@ -45,7 +45,7 @@ impl Spline {
         &self.points
     }
 
-    /// The index of the span of `t`, and how much of the span lies before `t`.
+    /// Index of the span that contains `t`, and the fraction of the span before `t`.
     pub(super) fn span(&self, t: f64) -> (usize, f64) {
         let i = self.knots.partition_point(|&knot| knot <= t).clamp(1, self.knots.len() - 1) - 1;
         (i, (t - self.knots[i]) / (self.knots[i + 1] - self.knots[i]))
@@ -55,7 +55,8 @@ impl Spline {
         let (i, b) = self.span(t);
         let a = 1.0 - b;
         let width = self.knots[i + 1] - self.knots[i];
-        let ([p, q], [m, n]) = ([self.points[i], self.points[i + 1]], [self.bends[i], self.bends[i + 1]]);
+        let ([p, q], [m, n]) =
+            ([self.points[i], self.points[i + 1]], [self.second_derivatives[i], self.second_derivatives[i + 1]]);
         Jet {
             position: a * p + b * q + ((a * a * a - a) * m + (b * b * b - b) * n) * (width * width / 6.0),
             first: (q - p) / width + ((3.0 * b * b - 1.0) * n - (3.0 * a * a - 1.0) * m) * (width / 6.0),
@@ -64,8 +65,8 @@ impl Spline {
     }
 }
 
-/// Solves the tridiagonal equations of the second derivatives.
-fn bends(knots: &[f64], points: &[DVec3]) -> Vec<DVec3> {
+/// Solves the tridiagonal equations for the second derivatives.
+fn second_derivatives(knots: &[f64], points: &[DVec3]) -> Vec<DVec3> {
     let last = points.len() - 1;
     if last < 2 {
         return vec![DVec3::ZERO; points.len()];
@@ -75,7 +76,8 @@ fn bends(knots: &[f64], points: &[DVec3]) -> Vec<DVec3> {
     if last == 2 {
         return vec![(slopes[1] - slopes[0]) * 2.0 / (widths[0] + widths[1]); 3];
     }
-    // The rows of the inner knots; at the ends, the third derivative is that of the next span.
+    // Rows of the inner knots. At the ends, the third derivative equals the one of the adjacent
+    // span.
     let ends = [widths[0] / widths[1], widths[last - 1] / widths[last - 2]];
     let mut rows: Vec<([f64; 3], DVec3)> = (1..last)
         .map(|i| ([widths[i - 1], 2.0 * (widths[i - 1] + widths[i]), widths[i]], 6.0 * (slopes[i] - slopes[i - 1])))

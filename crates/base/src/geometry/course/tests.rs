@@ -1,4 +1,4 @@
-//! Tests of courses: their lengths, frames and forms, the room along them, and relaxation.
+//! Tests of courses: length, local frames, shapes, room and relaxation.
 
 use super::*;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
@@ -7,7 +7,7 @@ const NODES: usize = 512;
 
 fn courses() -> Vec<(&'static str, Course)> {
     let knee = [[0.0, 0.0, 0.0], [0.0, 0.0, 20.0], [8.0, 3.0, 30.0], [20.0, 0.0, 32.0]].map(DVec3::from);
-    let random = Random { seed: 3, wavelength: 25.0, tortuosity: 1.5 };
+    let random = RandomCourse { seed: 3, wavelength: 25.0, tortuosity: 1.5 };
     vec![
         ("arc", Course::arc(PI, 60.0, NODES, 0.0)),
         ("sigmoid", Course::sigmoid(2.0, 60.0, NODES, 1.0)),
@@ -29,7 +29,7 @@ fn places_are_arc_lengths_and_frames_are_orthonormal() {
             let skew = [u.dot(v), u.dot(tangent), v.dot(tangent), u.length() - 1.0, u.cross(v).distance(tangent)];
             assert!(skew.iter().all(|x| x.abs() < 1e-9), "{name}: {skew:?}");
         }
-        // The speed differs from 1 by the error of the spline only.
+        // The speed differs from 1 only by the error of the spline.
         assert!((0..600).all(|k| (course.line.at(0.1 * f64::from(k)).first.length() - 1.0).abs() < 1e-4), "{name}");
     }
 }
@@ -60,13 +60,13 @@ fn named_courses_have_the_form_of_their_name() {
     }
     assert_eq!(Course::coil(3.0, 20.0, 60.0, NODES, 0.0), None);
     for seed in 0..10 {
-        let of = Random { seed, wavelength: 25.0, tortuosity: 1.5 };
+        let of = RandomCourse { seed, wavelength: 25.0, tortuosity: 1.5 };
         let course = Course::random(&of, 60.0, NODES, 0.0).unwrap();
         assert!((course.tortuosity() - 1.5).abs() < 0.01, "{seed}: {}", course.tortuosity());
         assert!(course.at(0.0).tangent.distance(DVec3::Z) < 1e-4 && course.at(0.0).u.distance(DVec3::X) < 1e-4);
-        assert_ne!(course, Course::random(&Random { seed: seed + 10, ..of }, 60.0, NODES, 0.0).unwrap());
+        assert_ne!(course, Course::random(&RandomCourse { seed: seed + 10, ..of }, 60.0, NODES, 0.0).unwrap());
     }
-    assert_eq!(Course::random(&Random { seed: 1, wavelength: 1e6, tortuosity: 3.0 }, 60.0, NODES, 0.0), None);
+    assert_eq!(Course::random(&RandomCourse { seed: 1, wavelength: 1e6, tortuosity: 3.0 }, 60.0, NODES, 0.0), None);
 }
 
 #[test]
@@ -90,15 +90,15 @@ fn a_course_passes_through_its_points() {
 fn room_is_that_of_circle_and_helix() {
     let arc = Course::arc(PI, 60.0, NODES, 0.0);
     let room = arc.room(&|_| 2.0);
-    assert!((room.bend.share() - 2.0 * PI / 60.0).abs() < 1e-4, "{room:?}");
+    assert!((room.bend.radius_ratio() - 2.0 * PI / 60.0).abs() < 1e-4, "{room:?}");
     assert!(room.near.is_none_or(|near| near.distance > 30.0), "{room:?}");
-    // A full circle comes back to where it began.
+    // A full circle returns to its start.
     let near = Course::arc(TAU, 60.0, NODES, 0.0).room(&|_| 2.0).near.unwrap();
     assert!(near.distance < -4.0 && near.at[0] < 0.5 && near.at[1] > 59.5, "{near:?}");
-    // Windings 5 apart, 2 times 1.5 wide; the step of samples is subtracted twice.
+    // Windings 5 apart, each 2 × 1.5 wide. Two sampling steps are subtracted.
     let near = Course::coil(3.0, 5.0, 60.0, NODES, 0.0).unwrap().room(&|_| 1.5).near.unwrap();
     assert!(near.distance > 1.5 && near.distance < 2.0, "{near:?}");
-    // Where the tube is wide, not where the curve is tightest.
+    // The wide place counts, not the tightest curve.
     let knee = Course::sigmoid(2.0, 60.0, NODES, 0.0).room(&|s| if s > 40.0 && s < 50.0 { 3.0 } else { 0.1 });
     assert!((knee.bend.at - 45.0).abs() < 0.2 && knee.bend.tube == 3.0, "{knee:?}");
 }
@@ -108,8 +108,8 @@ fn sections_do_not_meet_where_there_is_room() {
     for (name, course) in courses() {
         let radius = 1.2;
         let room = course.room(&|_| radius);
-        assert!(room.bend.share() < 1.0 && room.near.is_none_or(|near| near.distance > 0.0), "{name}: {room:?}");
-        // A point of one section is not within another.
+        assert!(room.bend.radius_ratio() < 1.0 && room.near.is_none_or(|near| near.distance > 0.0), "{name}: {room:?}");
+        // No point of a section lies inside another section.
         for i in 0..120 {
             for k in 0..12 {
                 let (sin, cos) = (TAU * f64::from(k) / 12.0).sin_cos();
@@ -127,15 +127,17 @@ fn sections_do_not_meet_where_there_is_room() {
 
 #[test]
 fn a_relaxed_course_has_room_and_its_length() {
-    let (share, distance) = (0.8, 0.2);
+    let (max_radius_ratio, min_distance) = (0.8, 0.2);
     for seed in 0..6 {
-        let of = Random { seed, wavelength: 12.0, tortuosity: 2.0 };
+        let of = RandomCourse { seed, wavelength: 12.0, tortuosity: 2.0 };
         let tight = Course::random(&of, 60.0, NODES, 0.0).unwrap();
         let radius = |s: f64| 0.9 + 0.01 * s;
-        assert!(tight.room(&radius).bend.share() > share);
-        let relaxed = tight.relaxed(&Relaxation { radius: &radius, share, distance });
+        assert!(tight.room(&radius).bend.radius_ratio() > max_radius_ratio);
+        let relaxed = tight.relaxed(&Relaxation { radius: &radius, max_radius_ratio, min_distance });
         let room = relaxed.room(&radius);
-        assert!(room.bend.share() <= share && room.near.is_none_or(|near| near.distance >= distance));
+        assert!(
+            room.bend.radius_ratio() <= max_radius_ratio && room.near.is_none_or(|near| near.distance >= min_distance)
+        );
         assert!(relaxed.length() == 60.0 && relaxed.tortuosity() > 1.2, "{}", relaxed.tortuosity());
     }
     // A bend that is too tight keeps its angle if the tube is long enough.
@@ -155,12 +157,12 @@ fn a_relaxed_course_has_room_and_its_length() {
         0.0,
     );
     let knee = knee.unwrap();
-    let to = Relaxation { radius: &|_| 2.0, share, distance };
-    assert!(knee.room(to.radius).bend.share() > 1.0);
+    let to = Relaxation { radius: &|_| 2.0, max_radius_ratio, min_distance };
+    assert!(knee.room(to.radius).bend.radius_ratio() > 1.0);
     let relaxed = knee.relaxed(&to);
     let angle = |course: &Course| course.at(0.0).tangent.angle_between(course.at(60.0).tangent);
     assert!((angle(&relaxed) - angle(&knee)).abs() < 0.05, "{} {}", angle(&relaxed), angle(&knee));
-    // A knot is undone.
+    // A knot is untied.
     let knot = Course::arc(40.0 * PI, 60.0, NODES, 0.0).relaxed(&Relaxation { radius: &|_| 20.0, ..to });
-    assert!(knot.room(&|_| 20.0).near.is_none_or(|near| near.distance >= distance) && knot.tortuosity() > 1.0);
+    assert!(knot.room(&|_| 20.0).near.is_none_or(|near| near.distance >= min_distance) && knot.tortuosity() > 1.0);
 }

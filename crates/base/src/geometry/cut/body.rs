@@ -1,65 +1,64 @@
-//! A body as it is cut.
+//! Cuts of a body, and the borders of its walls.
 
 use super::rings::nested_rings;
-use super::{Crossing, EdgeKey, Lines, meeting_point};
+use super::{Crossing, EdgeKey, Lines, edge_intersection};
 use crate::model::{Border, Cut, Line, Mesh, PatchKind, Plane};
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::ops::Range;
 
-/// Triangles that are searched together.
-const CHUNK: usize = 1 << 16;
+const TRIANGLES_PER_TASK: usize = 1 << 16;
 
-/// A closed surface that bounds tissue or lumen.
+/// A closed surface that bounds tissue or lumen, ready to be cut.
 #[derive(Clone, Debug)]
 pub struct Body<'a> {
     positions: Cow<'a, [[f32; 3]]>,
     triangles: Cow<'a, [[u32; 3]]>,
-    /// Micrometres in the unit of the positions.
-    um: f64,
+    um_per_unit: f64,
     is_lumen: bool,
     walls: Option<Walls>,
 }
 
-/// The walls of a body of tissue, each with the fans of triangles that would close its ends.
+/// Walls of a body of tissue, each with the fans of triangles that would close its ends.
 #[derive(Clone, Debug)]
 struct Walls {
-    /// Triangles of the mucosa, and of the outside.
+    /// Triangles of the inner and of the outer wall.
     triangles: [Range<usize>; 2],
-    /// For each the edges of its ends, and the middle of the end that each belongs to, µm.
+    /// For each wall, the edges along its ends, each with the centre of that end, µm.
     fans: [Vec<([u32; 2], [f64; 3])>; 2],
 }
 
 impl<'a> Body<'a> {
-    /// A surface with these named patches; `um` micrometres are a unit of its positions.
+    /// Creates a body from a surface with named patches. `um_per_unit` is the unit of `positions`
+    /// in micrometres.
     #[must_use]
     pub fn new(
         positions: impl Into<Cow<'a, [[f32; 3]]>>,
         triangles: impl Into<Cow<'a, [[u32; 3]]>>,
         patches: &[(PatchKind, Range<usize>)],
-        um: f64,
+        um_per_unit: f64,
     ) -> Self {
         let (positions, triangles) = (positions.into(), triangles.into());
-        let of = |kind| patches.iter().find(|(patch, _)| *patch == kind).map(|(_, range)| range.clone());
-        let caps = [PatchKind::CapIsthmus, PatchKind::CapAmpulla].map(of);
-        let walls = match (of(PatchKind::InnerWall), of(PatchKind::OuterWall), caps) {
+        let range = |kind| patches.iter().find(|(patch, _)| *patch == kind).map(|(_, triangles)| triangles.clone());
+        let caps = [PatchKind::CapIsthmus, PatchKind::CapAmpulla].map(range);
+        let walls = match (range(PatchKind::InnerWall), range(PatchKind::OuterWall), caps) {
             (Some(inner), Some(outer), [Some(first), Some(last)]) => {
                 let caps = [&triangles[first], &triangles[last]];
-                Some(Walls { triangles: [inner, outer], fans: fans(&positions, caps, um) })
+                Some(Walls { triangles: [inner, outer], fans: fans(&positions, caps, um_per_unit) })
             }
             _ => None,
         };
-        Self { is_lumen: of(PatchKind::Wall).is_some(), positions, triangles, um, walls }
+        Self { is_lumen: range(PatchKind::Wall).is_some(), positions, triangles, um_per_unit, walls }
     }
 
-    /// Memory that it holds, about.
+    /// Approximate memory of the surface, bytes.
     #[must_use]
     pub fn bytes(&self) -> usize {
         12 * (self.positions.len() + self.triangles.len())
     }
 
-    /// The rings in which a plane meets it.
+    /// Cuts the body with a plane.
     #[must_use]
     pub fn cut(&self, plane: &Plane) -> Cut {
         let crossings = self.crossings(0..self.triangles.len(), plane);
@@ -71,19 +70,19 @@ impl<'a> Body<'a> {
         nested_rings(*plane, lines.collect(), self.is_lumen)
     }
 
-    /// The cuts by planes of constant z, which ascend.
+    /// Cuts the body with planes of constant z. `z_um` must ascend.
     #[must_use]
     pub fn cuts_across(&self, z_um: &[f64]) -> Vec<Cut> {
-        let found: Vec<Vec<(usize, Crossing)>> = (self.triangles.par_chunks(CHUNK))
+        let found: Vec<Vec<(usize, Crossing)>> = (self.triangles.par_chunks(TRIANGLES_PER_TASK))
             .map(|triangles| {
                 let mut found = Vec::new();
                 for triangle in triangles {
-                    let heights = triangle.map(|v| f64::from(self.positions[v as usize][2]) * self.um);
+                    let heights = triangle.map(|v| f64::from(self.positions[v as usize][2]) * self.um_per_unit);
                     let low = heights[0].min(heights[1]).min(heights[2]);
                     let high = heights[0].max(heights[1]).max(heights[2]);
                     let first = z_um.partition_point(|&z| z < low);
                     for (k, &z) in z_um.iter().enumerate().skip(first).take_while(|(_, z)| **z < high) {
-                        found.extend(Crossing::of(triangle, heights, z).map(|crossing| (k, crossing)));
+                        found.extend(Crossing::new(triangle, heights, z).map(|crossing| (k, crossing)));
                     }
                 }
                 found
@@ -102,20 +101,21 @@ impl<'a> Body<'a> {
         z_um.par_iter().zip(by_plane).map(cut).collect()
     }
 
-    /// Where a plane meets the mucosa, and where it meets the outside; none if these patches are not known.
+    /// Borders of the inner and of the outer wall in a plane. `None` if the body lacks the patches
+    /// of a tissue.
     #[must_use]
     pub fn borders(&self, plane: &Plane) -> Option<[Border; 2]> {
         let walls = self.walls.as_ref()?;
         let single = |p: [f64; 3]| plane.coordinates(p).map(|x| x as f32);
         let border = |k: usize| {
-            let Lines3 { closed, open } = self.lines(plane, self.crossings(walls.triangles[k].clone(), plane));
+            let PointLines { closed, open } = self.lines(plane, self.crossings(walls.triangles[k].clone(), plane));
             let line = |is_closed| {
                 move |line: Vec<[f64; 3]>| Line { points: line.into_iter().map(single).collect(), is_closed }
             };
             let lines = closed.into_iter().map(line(true)).chain(open.into_iter().map(line(false))).collect();
             let closing = walls.fans[k].iter().filter_map(|(edge, middle)| {
-                let corners = [self.place(edge[0]), self.place(edge[1]), *middle];
-                let ends = through(corners, plane)?;
+                let corners = [self.position_um(edge[0]), self.position_um(edge[1]), *middle];
+                let ends = triangle_segment(corners, plane)?;
                 ends.iter().all(|p| plane.reaches(*p)).then(|| ends.map(single))
             });
             Border { lines, closing: closing.collect() }
@@ -123,36 +123,35 @@ impl<'a> Body<'a> {
         Some([border(0), border(1)])
     }
 
-    /// Least and greatest height of its points along a direction, µm.
+    /// Minimum and maximum height of the body above the origin, along the normal of `plane`, µm.
     #[must_use]
     pub fn extent_um(&self, plane: &Plane) -> [f64; 2] {
-        let heights = (0..self.positions.len() as u32).map(|v| plane.height_of(self.place(v)));
+        let heights = (0..self.positions.len() as u32).map(|v| plane.height_of(self.position_um(v)));
         heights.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], h| [low.min(h), high.max(h)])
     }
 
-    fn place(&self, v: u32) -> [f64; 3] {
-        self.positions[v as usize].map(|x| f64::from(x) * self.um)
+    fn position_um(&self, v: u32) -> [f64; 3] {
+        self.positions[v as usize].map(|x| f64::from(x) * self.um_per_unit)
     }
 
     fn crossings(&self, triangles: Range<usize>, plane: &Plane) -> Vec<Crossing> {
         let height = plane.height_um();
-        (self.triangles[triangles].par_iter().with_min_len(CHUNK))
-            .filter_map(|t| Crossing::of(t, t.map(|v| plane.height_of(self.place(v))), height))
-            .filter(|crossing| plane.reaches(self.meeting(plane, crossing.from)))
+        (self.triangles[triangles].par_iter().with_min_len(TRIANGLES_PER_TASK))
+            .filter_map(|t| Crossing::new(t, t.map(|v| plane.height_of(self.position_um(v))), height))
+            .filter(|crossing| plane.reaches(self.intersection(plane, crossing.from)))
             .collect()
     }
 
-    /// Where an edge meets a plane.
-    fn meeting(&self, plane: &Plane, (a, b): EdgeKey) -> [f64; 3] {
-        let [p, q] = [a, b].map(|v| self.place(v));
-        meeting_point(p, q, [p, q].map(|p| plane.height_of(p)), plane.height_um())
+    fn intersection(&self, plane: &Plane, (a, b): EdgeKey) -> [f64; 3] {
+        let [p, q] = [a, b].map(|v| self.position_um(v));
+        edge_intersection(p, q, [p, q].map(|p| plane.height_of(p)), plane.height_um())
     }
 
-    fn lines(&self, plane: &Plane, crossings: Vec<Crossing>) -> Lines3 {
-        let point = |&edge: &EdgeKey| self.meeting(plane, edge);
+    fn lines(&self, plane: &Plane, crossings: Vec<Crossing>) -> PointLines {
+        let point = |&edge: &EdgeKey| self.intersection(plane, edge);
         let points = |lines: Vec<Vec<EdgeKey>>| lines.iter().map(|line| line.iter().map(point).collect()).collect();
         let Lines { closed, open } = Lines::chain(crossings);
-        Lines3 { closed: points(closed), open: points(open) }
+        PointLines { closed: points(closed), open: points(open) }
     }
 }
 
@@ -163,43 +162,42 @@ impl<'a> From<&'a Mesh> for Body<'a> {
     }
 }
 
-/// Lines as points, µm.
-struct Lines3 {
+struct PointLines {
     closed: Vec<Vec<[f64; 3]>>,
     open: Vec<Vec<[f64; 3]>>,
 }
 
-/// The edge in which a plane meets a triangle.
-fn through(corners: [[f64; 3]; 3], plane: &Plane) -> Option<[[f64; 3]; 2]> {
+/// Segment in which a plane cuts a triangle.
+fn triangle_segment(corners: [[f64; 3]; 3], plane: &Plane) -> Option<[[f64; 3]; 2]> {
     let heights = corners.map(|p| plane.height_of(p));
-    let Crossing { from, to } = Crossing::of(&[0, 1, 2], heights, plane.height_um())?;
+    let Crossing { from, to } = Crossing::new(&[0, 1, 2], heights, plane.height_um())?;
     let point = |(a, b): EdgeKey| {
         let (a, b) = (a as usize, b as usize);
-        meeting_point(corners[a], corners[b], [heights[a], heights[b]], plane.height_um())
+        edge_intersection(corners[a], corners[b], [heights[a], heights[b]], plane.height_um())
     };
     Some([point(from), point(to)])
 }
 
-/// The edges at the ends of the inner and of the outer wall, each with the middle of its end. A cap has two rims; the longer
-/// way around is that of the outer wall, as measured by the area of the rims' boxes.
-fn fans(positions: &[[f32; 3]], caps: [&[[u32; 3]]; 2], um: f64) -> [Vec<([u32; 2], [f64; 3])>; 2] {
+/// Edges at the ends of the inner and of the outer wall, each with the centre of its end. A cap has
+/// two rims; the rim with the larger bounding box (sum of its sides) belongs to the outer wall.
+fn fans(positions: &[[f32; 3]], caps: [&[[u32; 3]]; 2], um_per_unit: f64) -> [Vec<([u32; 2], [f64; 3])>; 2] {
     let mut fans = [Vec::new(), Vec::new()];
     for cap in caps {
         let mut rims = rims(cap);
-        let size = |rim: &Vec<[u32; 2]>| {
-            let mut range = [[f32::INFINITY, f32::NEG_INFINITY]; 3];
+        let extent_sum = |rim: &Vec<[u32; 2]>| {
+            let mut extent = [[f32::INFINITY, f32::NEG_INFINITY]; 3];
             for p in rim.iter().map(|edge| positions[edge[0] as usize]) {
-                (0..3).for_each(|axis| range[axis] = [range[axis][0].min(p[axis]), range[axis][1].max(p[axis])]);
+                (0..3).for_each(|axis| extent[axis] = [extent[axis][0].min(p[axis]), extent[axis][1].max(p[axis])]);
             }
-            range.iter().map(|[low, high]| high - low).sum::<f32>()
+            extent.iter().map(|[low, high]| high - low).sum::<f32>()
         };
-        rims.sort_by(|a, b| size(a).total_cmp(&size(b)));
+        rims.sort_by(|a, b| extent_sum(a).total_cmp(&extent_sum(b)));
         let outer = rims.len().saturating_sub(1);
         for (k, rim) in rims.into_iter().enumerate() {
             let mut middle = [0.0; 3];
             for edge in &rim {
                 let p = positions[edge[0] as usize];
-                (0..3).for_each(|axis| middle[axis] += f64::from(p[axis]) * um / rim.len() as f64);
+                (0..3).for_each(|axis| middle[axis] += f64::from(p[axis]) * um_per_unit / rim.len() as f64);
             }
             fans[usize::from(k == outer)].extend(rim.into_iter().map(|edge| (edge, middle)));
         }
@@ -207,7 +205,7 @@ fn fans(positions: &[[f32; 3]], caps: [&[[u32; 3]]; 2], um: f64) -> [Vec<([u32; 
     fans
 }
 
-/// The closed chains of edges that belong to one triangle only.
+/// Closed chains of the edges that belong to only one triangle.
 fn rims(triangles: &[[u32; 3]]) -> Vec<Vec<[u32; 2]>> {
     let mut next: HashMap<u32, u32> = HashMap::new();
     let edges = || triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
@@ -240,7 +238,7 @@ mod tests {
         let mut mesh = tube(24, 4, 0.0);
         let count = mesh.positions.len() as u32;
         let beside: Vec<[f32; 3]> = mesh.positions.iter().map(|[x, y, z]| [x + 5e-3, *y, *z]).collect();
-        // Patches must be in one piece each, so that the second tube is added to the last.
+        // A patch is one range of triangles, so the second tube is appended to the last patch.
         let more: Vec<[u32; 3]> = mesh.triangles.iter().map(|t| t.map(|v| v + count)).collect();
         mesh.positions.extend(beside);
         mesh.triangles.extend(more);
@@ -253,7 +251,7 @@ mod tests {
         assert_eq!(body.cut(&Plane::across(1700.0)).of(RingKind::Tissue).count(), 2);
         assert_eq!(body.cut(&plane).of(RingKind::Tissue).count(), 1);
         assert_ne!(plane.digest(), Plane::across(1700.0).digest());
-        // An end is plane up to rounding.
+        // The caps are planar only up to rounding.
         for end in [0.0, 4000.0] {
             let plane = course.plane_across(end, [0.0, 4000.0], 1200.0).unwrap();
             assert_eq!(body.cut(&plane).rings.len(), 2);
@@ -283,7 +281,7 @@ mod tests {
             [0, 2, 0]
         );
         assert_eq!(body.cuts_across(&[1700.0])[0], body.cut(&across));
-        // Along the axis the tissue is two strips of 4 mm, and nothing encloses the lumen.
+        // Along the axis the tissue is two strips of 4 mm, and no ring encloses the lumen.
         let along = body.cut(&Plane::through([0.0, 1.0, 0.0], [0.0, 1.0, 0.0]).unwrap());
         assert!(along.rings.iter().all(|ring| ring.kind == RingKind::Tissue) && along.rings.len() == 2);
         assert!((along.tissue_um2() / (4000.0 * 1000.0) - 1.0).abs() < 0.01, "{}", along.tissue_um2());

@@ -1,8 +1,9 @@
-//! Cuts of triangles by planes, as lines.
+//! Cuts of triangle surfaces by planes.
 //!
-//! A corner that is higher along the normal than the plane is above it, any other below, so that no triangle lies in the plane.
-//! A point of a cut depends only on the edge that it lies on, so that the lines of neighbouring triangles meet exactly. Lines
-//! have what is above on their left, seen from outside of the surface.
+//! A corner above the plane along the normal counts as above, any other corner as below. Therefore
+//! no triangle lies in the plane. A point of a cut depends only on the edge that contains it, so
+//! the lines of neighbouring triangles join exactly. Seen from outside the surface, the side above
+//! the plane is to the left of a line.
 
 mod body;
 mod rings;
@@ -10,23 +11,24 @@ mod rings;
 pub use body::Body;
 pub use rings::nested_rings;
 
-/// An edge by its corners, the lower index first.
+/// An edge as its two corners, lower index first.
 pub type EdgeKey = (u32, u32);
 
-/// Where a triangle leads: from the edge on which its line begins to the one on which it ends.
+/// Segment in which a plane cuts a triangle, directed from one edge to another.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Crossing {
-    /// The edge that goes up through the plane.
+    /// Edge that passes upwards through the plane.
     pub from: EdgeKey,
-    /// The edge that goes down through the plane.
+    /// Edge that passes downwards through the plane.
     pub to: EdgeKey,
 }
 
 impl Crossing {
-    /// The crossing of a triangle whose corners have these heights; none if the plane does not cut it.
+    /// Computes the segment from the heights of the corners. `None` if the plane does not cut the
+    /// triangle.
     #[inline]
     #[must_use]
-    pub fn of(triangle: &[u32; 3], heights: [f64; 3], plane: f64) -> Option<Self> {
+    pub fn new(triangle: &[u32; 3], heights: [f64; 3], plane: f64) -> Option<Self> {
         let above = heights.map(|height| height > plane);
         let edge = |up: bool| {
             (0..3).find(|&k| above[k] != up && above[(k + 1) % 3] == up).map(|k| {
@@ -38,17 +40,17 @@ impl Crossing {
     }
 }
 
-/// Crossings in order, as edges.
+/// Crossings joined to lines. A line is a sequence of edges.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Lines {
-    /// Closed lines.
+    /// Lines that end where they begin.
     pub closed: Vec<Vec<EdgeKey>>,
-    /// Lines that end where the surface is open.
+    /// Lines that end at a border of the surface.
     pub open: Vec<Vec<EdgeKey>>,
 }
 
 impl Lines {
-    /// Chains crossings. The result does not depend on their order.
+    /// Joins crossings to lines. The result does not depend on their order.
     #[must_use]
     pub fn chain(mut crossings: Vec<Crossing>) -> Self {
         crossings.sort_unstable_by_key(|crossing| (crossing.from, crossing.to));
@@ -81,27 +83,25 @@ impl Lines {
     }
 }
 
-/// The point at which an edge with ends `p` and `q` at these heights meets a plane.
+/// Point in which the edge from `p` to `q`, whose ends have these heights, intersects a plane.
 #[inline]
 #[must_use]
-pub fn meeting_point(p: [f64; 3], q: [f64; 3], heights: [f64; 2], plane: f64) -> [f64; 3] {
+pub fn edge_intersection(p: [f64; 3], q: [f64; 3], heights: [f64; 2], plane: f64) -> [f64; 3] {
     let t = (plane - heights[0]) / (heights[1] - heights[0]);
     [0, 1, 2].map(|axis| p[axis] + t * (q[axis] - p[axis]))
 }
 
-/// A surface, prepared for many cuts by planes of constant z.
+/// A surface prepared for many cuts by planes of constant z.
 pub struct Slicer<'a> {
     positions: &'a [[f32; 3]],
-    /// The triangles, those that begin lowest first.
+    /// Sorted by `min_z`.
     triangles: Vec<[u32; 3]>,
-    /// Least z of each.
-    lows: Vec<f32>,
-    /// Greatest extent of a triangle along z.
-    height: f32,
+    min_z: Vec<f32>,
+    max_height: f32,
 }
 
 impl<'a> Slicer<'a> {
-    /// Prepares triangles with corners among `positions`.
+    /// Prepares triangles whose corners are indices into `positions`.
     #[must_use]
     pub fn new(positions: &'a [[f32; 3]], triangles: &[[u32; 3]]) -> Self {
         let range = |triangle: &[u32; 3]| {
@@ -110,29 +110,30 @@ impl<'a> Slicer<'a> {
         };
         let mut triangles = triangles.to_vec();
         triangles.sort_by(|a, b| range(a).0.total_cmp(&range(b).0));
-        let lows = triangles.iter().map(|triangle| range(triangle).0).collect();
-        let height = triangles.iter().map(range).map(|(low, high)| high - low).fold(0.0, f32::max);
-        Self { positions, triangles, lows, height }
+        let min_z = triangles.iter().map(|triangle| range(triangle).0).collect();
+        let max_height = triangles.iter().map(range).map(|(low, high)| high - low).fold(0.0, f32::max);
+        Self { positions, triangles, min_z, max_height }
     }
 
-    /// Greatest extent of a triangle along z.
+    /// Maximum extent of a triangle along z.
     #[must_use]
     pub fn height(&self) -> f32 {
-        self.height
+        self.max_height
     }
 
-    /// The closed lines in the plane, as x and y in the unit of the positions times `scale`. Lines that do not close are left out.
+    /// Closed lines of the cut at `z`: x and y in the unit of the positions times `scale`. Open
+    /// lines are dropped.
     #[must_use]
     pub fn cut(&self, z: f64, scale: f64) -> Vec<Vec<[f32; 2]>> {
         let z_single = z as f32;
-        let first = self.lows.partition_point(|&low| low < z_single - 1.001 * self.height);
-        let end = self.lows.partition_point(|&low| low <= z_single);
+        let first = self.min_z.partition_point(|&low| low < z_single - 1.001 * self.max_height);
+        let end = self.min_z.partition_point(|&low| low <= z_single);
         let place = |corner: u32| self.positions[corner as usize].map(f64::from);
         let crossings = (self.triangles[first..end].iter())
-            .filter_map(|triangle| Crossing::of(triangle, triangle.map(|corner| place(corner)[2]), z));
+            .filter_map(|triangle| Crossing::new(triangle, triangle.map(|corner| place(corner)[2]), z));
         let point = |&(a, b): &EdgeKey| {
             let (p, q) = (place(a), place(b));
-            let [x, y, _] = meeting_point(p, q, [p[2], q[2]], z);
+            let [x, y, _] = edge_intersection(p, q, [p[2], q[2]], z);
             [x, y].map(|c| (c * scale) as f32)
         };
         let lines = Lines::chain(crossings.collect()).closed;
@@ -161,7 +162,7 @@ mod tests {
         let mesh = tube(24, 4, 0.2);
         let wall = mesh.patches.iter().find(|patch| patch.kind == PatchKind::OuterWall).unwrap();
         let slicer = Slicer::new(&mesh.positions, &mesh.triangles[wall.triangles.clone()]);
-        // A regular polygon of radius 1 mm, in µm², also in the plane of corners.
+        // A regular polygon of radius 1 mm, in µm², even in a plane through corners.
         let expected = 0.5 * 24.0 * (std::f64::consts::TAU / 24.0).sin() * 1e6;
         for z in [1e-6, 0.3e-3, 1e-3, 2.5e-3, 3.999e-3] {
             let lines = slicer.cut(z, 1e6);

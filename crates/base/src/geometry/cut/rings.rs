@@ -1,52 +1,52 @@
 //! Nesting of the closed lines of a cut.
 
-use crate::geometry::polygon::{Place, edges, locate_wide};
+use crate::geometry::polygon::{Containment, edges, locate_wide};
 use crate::model::{Cut, CutRing, Plane, RingKind};
 
-/// Nests closed lines, of which no two cross. The outermost bound tissue; with `lumen`, they bound the lumen.
+/// Nests closed lines that do not cross each other. The outermost lines bound tissue, or lumen if
+/// `is_lumen` is true.
 #[must_use]
 pub fn nested_rings(plane: Plane, lines: Vec<Vec<[f64; 2]>>, is_lumen: bool) -> Cut {
-    let mut found: Vec<Found> = lines.into_iter().map(Found::new).collect();
-    found.sort_by(|a, b| b.area.total_cmp(&a.area));
-    // The smallest of the larger ones around it.
-    for i in 1..found.len() {
-        let (before, rest) = found.split_at_mut(i);
+    let mut unnested: Vec<UnnestedRing> = lines.into_iter().map(UnnestedRing::new).collect();
+    unnested.sort_by(|a, b| b.area.total_cmp(&a.area));
+    // Of the larger rings around a ring, the smallest is its parent.
+    for i in 1..unnested.len() {
+        let (before, rest) = unnested.split_at_mut(i);
         rest[0].parent = (0..i).rev().find(|&k| before[k].surrounds(&rest[0]));
     }
-    let mut cut = Cut { plane, rings: Vec::with_capacity(found.len()) };
-    let roots: Vec<usize> = (0..found.len()).filter(|&i| found[i].parent.is_none()).collect();
+    let mut cut = Cut { plane, rings: Vec::with_capacity(unnested.len()) };
+    let roots: Vec<usize> = (0..unnested.len()).filter(|&i| unnested[i].parent.is_none()).collect();
     for (rank, &root) in roots.iter().enumerate() {
         let kind = match (is_lumen, rank) {
             (false, _) => RingKind::Tissue,
             (true, 0) => RingKind::Lumen,
             (true, _) => RingKind::Pocket,
         };
-        add(&mut cut.rings, &mut found, root, kind, None);
+        add(&mut cut.rings, &mut unnested, root, kind, None);
     }
     cut
 }
 
-fn add(rings: &mut Vec<CutRing>, found: &mut [Found], at: usize, kind: RingKind, parent: Option<usize>) {
+fn add(rings: &mut Vec<CutRing>, unnested: &mut [UnnestedRing], at: usize, kind: RingKind, parent: Option<usize>) {
     let own = rings.len();
-    let Found { area, mut points, is_clockwise, .. } = std::mem::take(&mut found[at]);
+    let UnnestedRing { area, mut points, is_clockwise, .. } = std::mem::take(&mut unnested[at]);
     if is_clockwise == kind.is_tissue() {
         points.reverse();
     }
     rings.push(CutRing { kind, parent, area_um2: area, points });
-    let within: Vec<usize> = (0..found.len()).filter(|&i| found[i].parent == Some(at)).collect();
-    for (rank, &i) in within.iter().enumerate() {
+    let children: Vec<usize> = (0..unnested.len()).filter(|&i| unnested[i].parent == Some(at)).collect();
+    for (rank, &i) in children.iter().enumerate() {
         let kind = match kind {
             RingKind::Tissue if rank == 0 => RingKind::Lumen,
             RingKind::Tissue | RingKind::Island => RingKind::Pocket,
             RingKind::Lumen | RingKind::Pocket => RingKind::Island,
         };
-        add(rings, found, i, kind, Some(own));
+        add(rings, unnested, i, kind, Some(own));
     }
 }
 
-/// A ring that is not nested yet.
 #[derive(Default)]
-struct Found {
+struct UnnestedRing {
     points: Vec<[f64; 2]>,
     area: f64,
     is_clockwise: bool,
@@ -55,7 +55,7 @@ struct Found {
     parent: Option<usize>,
 }
 
-impl Found {
+impl UnnestedRing {
     fn new(points: Vec<[f64; 2]>) -> Self {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for p in &points {
@@ -70,11 +70,13 @@ impl Found {
         Self { points, area: twice.abs() / 2.0, is_clockwise: twice < 0.0, low, high, parent: None }
     }
 
-    /// Whether `other`, which does not cross this, lies within it. Where the plane touches the surface, rings may share points.
+    /// True if `other` lies inside this ring. The rings do not cross, but they may share points
+    /// where the plane touches the surface, so the first point of `other` off this ring decides.
     fn surrounds(&self, other: &Self) -> bool {
-        let apart = (0..2).any(|axis| other.low[axis] < self.low[axis] || other.high[axis] > self.high[axis]);
-        let place = || other.points.iter().map(|&p| locate_wide(&self.points, p)).find(|at| *at != Place::Boundary);
-        !apart && place() == Some(Place::Inside)
+        let exceeds = (0..2).any(|axis| other.low[axis] < self.low[axis] || other.high[axis] > self.high[axis]);
+        let first_off_boundary =
+            || other.points.iter().map(|&p| locate_wide(&self.points, p)).find(|at| *at != Containment::Boundary);
+        !exceeds && first_off_boundary() == Some(Containment::Inside)
     }
 }
 
@@ -122,7 +124,7 @@ mod tests {
         assert!((cut.tissue_um2() - (400.0 - 144.0 + 4.0 - 1.0 + 4.0 - 0.16 + 16.0)).abs() < 1e-9);
         assert!((cut.lumen_um2() - (144.0 - 4.0 + 1.0 - 4.0 + 0.16)).abs() < 1e-9);
         for ring in &cut.rings {
-            assert_eq!(Found::new(ring.points.clone()).is_clockwise, !ring.kind.is_tissue());
+            assert_eq!(UnnestedRing::new(ring.points.clone()).is_clockwise, !ring.kind.is_tissue());
         }
         let lumen = nested_rings(Plane::across(5.0), lines, true);
         assert_eq!(kinds(&lumen)[..3], [(Lumen, None), (Island, Some(0)), (Pocket, Some(1))]);

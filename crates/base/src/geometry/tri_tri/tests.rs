@@ -1,4 +1,4 @@
-//! Contact of triangles, compared with the separating axis theorem in integer arithmetic, an independent method.
+//! Intersection of triangles, compared with the separating axis theorem in integer arithmetic.
 
 use super::*;
 use proptest::prelude::*;
@@ -13,7 +13,8 @@ fn icross(a: I3, b: I3) -> I3 {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-/// Whether two convex polygons (or segments) meet: no axis normal to a facet of their difference separates them.
+/// True if two convex polygons (or segments) intersect: no axis normal to a facet of their
+/// difference separates them.
 fn reference(a: &[I3], b: &[I3]) -> bool {
     let edges = |p: &[I3]| (0..p.len()).map(|i| isub(p[(i + 1) % p.len()], p[i])).collect::<Vec<_>>();
     let (ea, eb) = (edges(a), edges(b));
@@ -41,7 +42,7 @@ fn point(n: i64) -> impl Strategy<Value = I3> {
     prop::array::uniform3(-n..=n)
 }
 
-/// The part of a triangle beyond the middle of the two edges at its first corner, doubled.
+/// The part of a triangle beyond the midpoints of the two edges at its first corner, scaled by 2.
 fn beyond_the_middle(t: [I3; 3]) -> [I3; 4] {
     let add = |a: I3, b: I3| [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
     [add(t[0], t[1]), add(t[1], t[1]), add(t[2], t[2]), add(t[0], t[2])]

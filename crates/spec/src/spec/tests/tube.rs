@@ -1,4 +1,5 @@
-//! What groups of the tube and its surface must fulfil: layers, label volumes, pieces, courses, contraction, outlines and folds.
+//! Tests of the parameters of tube and surface: layers, label volumes, pieces, courses,
+//! contraction, outlines and folds.
 
 use super::*;
 
@@ -127,7 +128,7 @@ fn courses_without_room_are_refused_with_the_place_or_relaxed() {
         json!({ "shape": "coil", "windings": 6, "pitch_mm": 2, "relax": true }),
     ] {
         let bent = resolve(&json!({ "course": course })).unwrap().bent_course().unwrap();
-        assert!(bent.relaxed && bent.room.bend.share() <= 0.8, "{course}");
+        assert!(bent.relaxed && bent.room.bend.radius_ratio() <= 0.8, "{course}");
         assert!(bent.room.near.is_none_or(|near| near.distance >= 200.0));
     }
 }
