@@ -1,16 +1,16 @@
 //! Which models a GPU may grow together.
 //!
-//! The members of a batch take their steps together, so they must have the same steps, and all wait for the one with the most
-//! particles.
+//! The members of a GPU batch are stepped together, so their steps must agree. All of them wait for
+//! the member with the most particles.
 
 use super::Parameters;
 
-/// Particle counts are divided into ranges whose ends have this ratio.
+/// Ratio of the ends of each range of particle counts.
 const RATIO: f64 = 1.25;
 
-/// A key that is equal for models that a GPU may grow together: with the same steps and integrator, and with numbers of
-/// particles in the inner loop that differ by less than a factor of 1.25. Models of different keys may be similar too, on
-/// either side of a boundary between two ranges.
+/// Key of the models that a GPU may grow together. Models with equal keys have equal steps and
+/// integrators, and particle counts of the inner loop that differ by less than a factor of 1.25.
+/// Similar models may still have different keys, on either side of a boundary between ranges.
 #[must_use]
 pub fn batch_key(p: &Parameters) -> String {
     let inner = |u: f64| (p.particles.total.at(u).round() - p.particles.outer.at(u).round()).max(1.0);

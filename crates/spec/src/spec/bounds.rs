@@ -9,23 +9,23 @@ pub(super) struct Range {
     pub(super) max: f64,
     /// Reason for the upper bound, if it is not obvious.
     pub(super) because: Option<&'static str>,
-    /// Whether a schedule must not fluctuate.
+    /// True if a schedule must not fluctuate.
     pub(super) steady: bool,
 }
 
 impl Range {
-    /// From `min` to `max`, both allowed.
+    /// Range from `min` to `max`, both included.
     pub(super) const fn of(min: f64, max: f64) -> Self {
         Self { min, max, because: None, steady: false }
     }
 
-    /// Forbids a fluctuation.
+    /// Forbids fluctuations of a schedule.
     pub(super) const fn steady(mut self) -> Self {
         self.steady = true;
         self
     }
 
-    /// Gives the reason for the upper bound.
+    /// Sets the reason for the upper bound.
     pub(super) const fn because(mut self, reason: &'static str) -> Self {
         self.because = Some(reason);
         self
@@ -40,13 +40,13 @@ pub(super) struct Count {
 }
 
 impl Count {
-    /// From `min` to `max`, both allowed.
+    /// Range from `min` to `max`, both included.
     pub(super) const fn of(min: u32, max: u32) -> Self {
         Self { min, max }
     }
 }
 
-/// Describes how a value violates its range and names the bound; `None` if it is within.
+/// Describes how a value leaves its range, with the bound. `None` if the value is in the range.
 pub(super) fn out_of(value: f64, range: Range, unit: &str) -> Option<String> {
     let with_unit = |v: f64| if unit.is_empty() { number(v).to_string() } else { format!("{} {unit}", number(v)) };
     if value < range.min {

@@ -1,12 +1,13 @@
-//! Canonical JSON: equal values have equal texts. Sorted keys, no spaces, one form of each number.
+//! Canonical JSON: equal values have equal texts, with sorted keys, without spaces, each number in
+//! one form.
 
 use serde_json::{Number, Value};
 
-/// 2^53: greater integers are not exact in a double.
+/// 2^53. Larger integers are not exact in a double.
 const EXACT: f64 = 9_007_199_254_740_992.0;
 
 /// A number in canonical form: an integer without `.0` (`-0` is `0`), otherwise the shortest
-/// decimal that reads back as the same number. `null` if it is not finite, which no parameter is.
+/// decimal that reads back as the same number. `null` if the number is not finite; no parameter is.
 #[must_use]
 pub(super) fn number(value: f64) -> Value {
     if value.fract() == 0.0 && value.abs() <= EXACT {
@@ -16,8 +17,8 @@ pub(super) fn number(value: f64) -> Value {
     Number::from_f64(value).map_or(Value::Null, Value::Number)
 }
 
-/// The canonical text of any JSON value; equal values, such as `62` and `62.0`, give equal texts: that of
-/// `{"b": 62.0, "a": [1, 0.5]}` is `{"a":[1,0.5],"b":62}`.
+/// Canonical text of a JSON value. Equal values, such as `62` and `62.0`, have equal texts: the
+/// text of `{"b": 62.0, "a": [1, 0.5]}` is `{"a":[1,0.5],"b":62}`.
 #[must_use]
 pub fn canonical_json(value: &Value) -> String {
     let mut value = value.clone();

@@ -1,30 +1,30 @@
-//! Rules between parameters: stability of the integration ([`super::stability`]), monotone growth, room for the
-//! walls.
+//! Rules between parameters: monotone growth, room for the walls, agreement of the options. For the
+//! stability of the integration see [`super::stability`].
 
 use super::canonical::number;
 use super::fault::Fault;
-use super::layers::{MOST_SIDE, MOST_SLICES};
+use super::layers::{MAX_SIDE_VOXELS, MAX_SLICES};
 use super::parameters::Parameters;
 use super::schedule::Schedule;
 
-/// Fewest particles of the inner loop.
-pub(super) const MIN_INNER: f64 = 16.0;
-/// Least distance of recorded sections along the tube, µm: positions are exported in single precision.
+pub(super) const MIN_INNER_PARTICLES: f64 = 16.0;
+/// Minimum distance of recorded sections along the tube, because positions are exported in single
+/// precision.
 const MIN_SECTION_DISTANCE_UM: f64 = 0.05;
-/// An edge must be at least this many clearances long: a split needs 40 clearances and halves the edge.
+/// Minimum edge length in clearances. A split needs 40 clearances and halves the edge.
 const EDGE_CLEARANCES: f64 = 80.0;
-/// Least distance of recorded sections in units of the last place of the tube's length in metres, single precision: room for
-/// the sections between them that mending may add.
-const MIN_SECTION_PLACES: f64 = 64.0;
-/// Fraction of its scheduled particles that a loop must have at every step.
-const KEEPS_UP: f64 = 0.75;
-/// Least edge length of an even surface: about half of the distance between particles.
+/// Minimum distance of recorded sections in units of the last place of the tube's length (metres,
+/// single precision). Mending needs room for additional sections.
+const MIN_SECTION_DISTANCE_ULPS: f64 = 64.0;
+/// Minimum fraction of its scheduled particles that a loop must have at every step.
+const MIN_SCHEDULED_FRACTION: f64 = 0.75;
+/// Minimum edge length of an even surface: about half of the distance between particles.
 const MIN_RESOLUTION_UM: f64 = 5.0;
-/// Places at which slow schedules are compared.
+/// Number of evenly spaced places at which schedules are compared.
 const PLACES: u32 = 512;
 
-/// All violations of rules between parameters. Rules that involve a pointer of `bad` are skipped: that value could not be
-/// read and was replaced by the one of the preset.
+/// Checks all rules between parameters. A rule that involves a pointer of `bad` is skipped: that
+/// value could not be read and is the one of the preset.
 pub(super) fn faults(p: &Parameters, bad: &[String]) -> Vec<Fault> {
     let mut checks = Checks { bad, faults: Vec::new() };
     checks.stability(p);
@@ -49,7 +49,7 @@ pub(super) struct Checks<'a> {
 }
 
 impl Checks<'_> {
-    /// Records a fault at `at` if `ok` is false, unless one of the values it is `about` could not be read.
+    /// Records a fault at `at` if `ok` is false, unless a value in `about` could not be read.
     pub(super) fn require(&mut self, ok: bool, at: &str, about: &[&str], detail: impl FnOnce() -> String) {
         if !ok && !self.bad.iter().any(|bad| about.contains(&bad.as_str())) {
             self.faults.push(Fault::new(at, detail()));
@@ -81,7 +81,7 @@ impl Checks<'_> {
             stations.windows(2).map(|s| (place(s[1]) - place(s[0]), s[0])).min_by(|a, b| a.0.total_cmp(&b.0));
         if let Some((distance, step)) = thinnest {
             let about = ["/z", "/length_mm", "/steps", "/solver/record_every"];
-            let least = MIN_SECTION_DISTANCE_UM.max(MIN_SECTION_PLACES * last_place_um(p.length_mm));
+            let least = MIN_SECTION_DISTANCE_UM.max(MIN_SECTION_DISTANCE_ULPS * ulp_um(p.length_mm));
             self.require(distance >= least, "/z", &about, || {
                 format!(
                     "puts the sections after step {step} only {distance:.2e} µm apart; at least {least:.3} µm are needed, because \
@@ -164,15 +164,20 @@ impl Checks<'_> {
         let both = [at_total, at_outer];
         let inner = |u: f64| total.at(u) - outer.at(u);
         let first = inner(0.0);
-        self.require(first >= MIN_INNER, at_total, &both, || {
-            format!("leaves {} particles to the inner loop at the start; it needs at least {MIN_INNER}", number(first))
+        self.require(first >= MIN_INNER_PARTICLES, at_total, &both, || {
+            format!(
+                "leaves {} particles to the inner loop at the start; it needs at least {MIN_INNER_PARTICLES}",
+                number(first)
+            )
         });
         if self.faults.len() > before {
             return;
         }
-        // One particle of tolerance, because counts are rounded.
-        let shrinks =
-            places(&[total, outer]).windows(2).map(|u| (u[0], inner(u[0]), inner(u[1]))).find(|(_, a, b)| *b < a - 1.0);
+        // A tolerance of one particle, because counts are rounded.
+        let shrinks = comparison_fractions(&[total, outer])
+            .windows(2)
+            .map(|u| (u[0], inner(u[0]), inner(u[1])))
+            .find(|(_, a, b)| *b < a - 1.0);
         if let Some((u, a, b)) = shrinks {
             self.require(false, at_outer, &both, || {
                 format!(
@@ -182,7 +187,7 @@ impl Checks<'_> {
             });
             return;
         }
-        if let Some(slow) = too_slow(p) {
+        if let Some(slow) = growth_lag(p) {
             let at = "/particles/every";
             self.require(false, at, &[at, at_total, at_outer, "/steps"], || slow);
         }
@@ -205,7 +210,7 @@ impl Checks<'_> {
         let schedules =
             [&p.particles.total, &p.particles.outer, &p.particles.edge_um, &c.squash, &c.spacing_um, &c.wall_um];
         let swing = p.wall.lobing.fluctuation.map_or(0.0, |f| f.amplitude);
-        let tight = places(&schedules).into_iter().find_map(|u| {
+        let tight = comparison_fractions(&schedules).into_iter().find_map(|u| {
             let r_in = p.inner_radius_um(u);
             let wall = c.wall_um.at(u);
             let lobe = (p.wall.lobing.at(u) + swing) * (r_in + wall);
@@ -232,7 +237,8 @@ impl Checks<'_> {
 }
 
 impl Checks<'_> {
-    /// Where the course leads depends on the size of the tube, so it is looked at if nothing is wrong with that.
+    /// Checks the course. It depends on the size of the tube, so it is skipped if a parameter of
+    /// the size is faulty.
     fn course(&mut self, p: &Parameters) {
         const ABOUT: [&str; 10] = [
             "/course",
@@ -258,15 +264,15 @@ impl Checks<'_> {
         self.require(labels.from < labels.to, to, &[from, to], || {
             format!("is {}, not above /labels/from {}", number(labels.to), number(labels.from))
         });
-        let slices = p.slices();
+        let slices = p.fitting_label_slices();
         let at = "/labels/slice_um";
-        self.require(slices <= MOST_SLICES, at, &[at, from, to, "/length_mm", "/piece/from", "/piece/to"], || {
-            format!("makes {slices} slices; a NIfTI file has at most {MOST_SLICES}")
+        self.require(slices <= MAX_SLICES, at, &[at, from, to, "/length_mm", "/piece/from", "/piece/to"], || {
+            format!("makes {slices} slices; a NIfTI file has at most {MAX_SLICES}; use a larger distance or a shorter volume")
         });
         let at = "/labels/voxel_um";
         let (side, _) = p.label_voxels();
         self.require(
-            side <= MOST_SIDE,
+            side <= MAX_SIDE_VOXELS,
             at,
             &[
                 at,
@@ -281,14 +287,15 @@ impl Checks<'_> {
                 "/containment/wall_um",
                 "/wall/lobing",
             ],
-            || format!("makes slices about {side:.0} voxels wide; the most is {MOST_SIDE}"),
+            || format!("makes slices about {side:.0} voxels wide; the limit is {MAX_SIDE_VOXELS}; use a larger voxel"),
         );
     }
 }
 
-/// Why a loop cannot follow its counts, if so: a growth event at the start of every `particles.every`-th step splits each edge
-/// at most once. A loop may lag behind a little and catch up at the next events.
-fn too_slow(p: &Parameters) -> Option<String> {
+/// Describes where a loop cannot follow its scheduled counts; `None` if both loops can. A growth
+/// event at every `particles.every`-th step splits each edge at most once. A loop may lag slightly
+/// and catch up at later events.
+fn growth_lag(p: &Parameters) -> Option<String> {
     let count = |step: u32| {
         let u = f64::from(step) / f64::from(p.steps);
         let outer = p.particles.outer.at(u).round();
@@ -302,7 +309,7 @@ fn too_slow(p: &Parameters) -> Option<String> {
         for (has, wanted) in has.iter_mut().zip(wanted) {
             *has = (2.0 * *has).min(wanted).max(*has);
         }
-        let least = if end == p.steps { 1.0 } else { KEEPS_UP };
+        let least = if end == p.steps { 1.0 } else { MIN_SCHEDULED_FRACTION };
         if let Some(k) = (0..2).find(|&k| has[k] < least * wanted[k]) {
             let (which, schedule) = [("inner", "/particles/total"), ("outer", "/particles/outer")][k];
             let more = if every > 1 { "more /steps, a smaller /particles/every" } else { "more /steps" };
@@ -316,14 +323,14 @@ fn too_slow(p: &Parameters) -> Option<String> {
     None
 }
 
-/// Distance from this length, in metres, to the next single-precision number, in µm.
-fn last_place_um(length_mm: f64) -> f64 {
+/// Distance from this length in metres to the next single-precision number, µm.
+fn ulp_um(length_mm: f64) -> f64 {
     let metres = (length_mm * 1e-3) as f32;
     f64::from(metres.next_up() - metres) * 1e6
 }
 
-/// Fractions of the steps, in order, at which to compare schedules: an even spread and all their keys.
-fn places(schedules: &[&Schedule]) -> Vec<f64> {
+/// Ascending fractions of the steps at which to compare schedules: evenly spaced, and at all keys.
+fn comparison_fractions(schedules: &[&Schedule]) -> Vec<f64> {
     let even = (0..=PLACES).map(|i| f64::from(i) / f64::from(PLACES));
     let mut places: Vec<f64> = even.chain(schedules.iter().flat_map(|s| s.fractions())).collect();
     places.sort_by(f64::total_cmp);

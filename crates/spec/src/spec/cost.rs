@@ -1,10 +1,10 @@
-//! Predicts the cost of growing a specification, before anything is computed.
+//! Predicts the cost of growing a specification before anything is computed.
 //!
-//! Counts follow from the schedules. A section has one vertex per particle; each particle added between
-//! two sections is also inserted into the earlier one, on the edge that it split; and a closed surface of
-//! Euler number 0 has twice as many triangles as vertices. Sections added to mend a slab are not predicted. The vertices of an even
-//! surface follow from the area of the walls.
-//! Sizes and seconds come from the constants below, each with its basis.
+//! Counts follow from the schedules. A section has one vertex per particle. A particle added
+//! between two sections is also inserted into the earlier one, on the edge that it split. A closed
+//! surface of Euler number 0 has twice as many triangles as vertices. The vertices of an even
+//! surface follow from the area of the walls. Sections added by mending are not predicted. Sizes
+//! and seconds follow from the constants below.
 
 use super::parameters::{Integrator, Search};
 use super::{ModelSpec, Parameters};
@@ -12,58 +12,68 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
-// Seconds are those of one thread of an AMD EPYC (family 25, model 1; AVX2) with version 0.3.0.
-/// Seconds for one pair of particle and segment with neighbour lists, and seconds per particle and stage besides the pairs. They
-/// give the times of `paper`, `pig`, `human`, `cow` and small sections within a half.
+// Seconds are measured on one thread of an AMD EPYC (family 25, model 1; AVX2) with version 0.3.0.
+/// Seconds per pair of a particle and a segment, with neighbour lists. Together with
+/// [`PARTICLE_SECONDS`] it predicts `paper`, `pig`, `human`, `cow` and small sections within 50 %.
 const LIST_PAIR_SECONDS: f64 = 1.2e-9;
+/// Seconds per particle and stage, without the pairs.
 const PARTICLE_SECONDS: f64 = 70e-9;
-/// Factor by which the grid, rebuilt in each stage, is slower than lists: measured with 2,000 particles.
+/// Time with the grid, which is rebuilt in each stage, divided by the time with lists. Measured
+/// with 2,000 particles.
 const GRID_FACTOR: f64 = 1.6;
-/// Seconds for one pair with all pairs: 1.5 measured with 2,000 particles, 2 with 8,300.
+/// Seconds per pair with all pairs. Measured: 1.5e-9 with 2,000 particles, 2e-9 with 8,300.
 const ALL_PAIRS_SECONDS: f64 = 1.8e-9;
-/// Distance by which neighbour lists reach beyond the range of the force, µm: the CPU chooses 5 to 30, mostly this.
+/// Distance by which neighbour lists extend beyond the range of the force. The CPU chooses 5 to 30
+/// µm, mostly 10.
 const SKIN_UM: f64 = 10.0;
-/// Time on two threads over time on one.
+/// Time on two threads divided by the time on one.
 const TWO_CORES: f64 = 0.6;
-/// Seconds per triangle for slab tests, loft, certificate and files: measured on `paper` with `glb`.
+/// Seconds per triangle for slab tests, loft, certificate and files. Measured on `paper` with
+/// `glb`.
 const TRIANGLE_SECONDS: f64 = 0.65e-6;
-/// Seconds per triangle for levels of detail, one core; measured on the default model.
+/// Seconds per triangle for levels of detail on one core. Measured on the default model.
 const LEVELS_SECONDS: f64 = 1.3e-6;
-/// Seconds per triangle for morphometry: measured on `paper`.
+/// Seconds per triangle for morphometry. Measured on `paper`.
 const MEASURE_SECONDS: f64 = 0.45e-6;
-/// Memory that does not depend on the model; assumed.
+/// Memory that does not depend on the model. Assumed.
 const BASE_BYTES: u64 = 32 << 20;
 /// Memory per vertex and per triangle of the surface: position, indices.
 const SURFACE_BYTES: u64 = 12;
-/// Memory per vertex and per triangle for the certificate, besides the surface: sections, components and lists of triangles;
-/// the triangles in these lists, how they turn, and the hierarchy of the search. Counted; with the surface and
-/// [`BASE_BYTES`], 25 % more than was measured on `paper` with 1.6 and 15.8 million triangles.
+/// Memory per vertex and per triangle for the certificate, without the surface. Per vertex:
+/// section, component, list of triangles. Per triangle: entries in these lists, orientation,
+/// hierarchy of the search. Counted. With the surface and [`BASE_BYTES`], 25 % more than measured on
+/// `paper` with 1.6 and 15.8 million triangles.
 const CERTIFY_BYTES: [u64; 2] = [28, 24];
-/// Memory per triangle to make levels of detail, besides the surface, when the certificate is done: numbers, cells and
-/// normals; 38 measured on `paper`, and some to spare.
+/// Memory per triangle for levels of detail after the certificate, without the surface: numbers,
+/// cells and normals. Measured on `paper`: 38 bytes; the rest is a margin.
 const LEVELS_BYTES: u64 = 48;
-/// Memory per particle and step since the last recorded section, which are kept to mend the slab: the section and, on a
-/// GPU, the state of a checkpoint.
+/// Memory per particle and step since the last recorded section. These steps are kept to mend the
+/// slab: the section and, on a GPU, the state of a checkpoint.
 const HISTORY_BYTES: u64 = 64;
-/// Even surfaces: triangles of the inner and of the outer wall on the square of an edge length; the edge length that the
-/// tolerance allows at folds, over the root of tolerance times distance of particles; memory and seconds of one core per triangle,
-/// besides the sections; memory of a point of a section; seconds per point to smooth a section. Measured on pieces of the presets
-/// `pig` and `human` with edges of 20 to 80 µm.
+/// Triangles of an even surface, of the inner and of the outer wall, per area of a squared edge
+/// length. This and the next five constants are measured on pieces of the presets `pig` and `human`
+/// with edges of 20 to 80 µm.
 const EVEN_TRIANGLES: [f64; 2] = [5.8, 3.7];
+/// Edge length at folds divided by the root of tolerance times distance of particles.
 const FOLD_EDGE: f64 = 6.0;
+/// Memory per triangle for remeshing, without the sections.
 const REMESH_BYTES: f64 = 100.0;
+/// Seconds per triangle for remeshing on one core.
 const REMESH_SECONDS: f64 = 18e-6;
+/// Memory per point of a section.
 const POINT_BYTES: f64 = 12.0;
+/// Seconds per point for smoothing a section.
 const SMOOTH_SECONDS: f64 = 0.15e-6;
-/// By how much remeshing takes longer if contours are smooth: 4 times for `pig`, 8 times for `cow`.
+/// Time of remeshing with smooth contours divided by the time without. Measured: 4 for `pig`, 8 for
+/// `cow`.
 const SMOOTH_FACTOR: f64 = 6.0;
-/// Places at which the work is sampled.
+/// Number of places at which the work is sampled.
 const PLACES: u32 = 256;
 
-/// Triangles of the simplified levels of detail, the finer first; a level has fewer if the model has.
+/// Maximum number of triangles of the simplified levels of detail, the finer level first.
 pub const LEVEL_TRIANGLES: [usize; 2] = [300_000, 60_000];
 
-/// Bytes of a file: fixed, per vertex, per triangle, per triangle if walls are strips.
+/// Size of a file in bytes: fixed, per vertex, per triangle, and per triangle if walls are strips.
 struct Size {
     name: &'static str,
     fixed: f64,
@@ -78,8 +88,9 @@ impl Size {
     }
 }
 
-/// Sizes by output. Binary formats follow from their layout (positions and normals of 4-byte floats, 4-byte
-/// indices; a strip has about one index per triangle); those of texts and compressed files are assumed.
+/// Sizes by output. Sizes of binary formats follow from their layout: positions and normals of
+/// 4-byte floats, 4-byte indices, about one index per triangle of a strip. Sizes of text and
+/// compressed formats are assumed.
 const SIZES: [Size; 10] = [
     Size::new("glb", 4096.0, 24.0, 12.0, 4.1),
     Size::new("gltf", 8192.0, 24.0, 12.0, 4.1),
@@ -93,50 +104,60 @@ const SIZES: [Size; 10] = [
     Size::new("report", 65_536.0, 0.0, 0.0, 0.0),
 ];
 
-/// Formats of which there is one set of files for each body.
+/// Formats with separate files for each body.
 const OF_BODIES: [&str; 7] = ["glb", "gltf", "obj", "stl", "stl-ascii", "ply", "vtp"];
 
-/// Bytes of a section in both files of the centre line.
+/// Bytes per section in both files of the centre line.
 const CENTRELINE_SECTION_BYTES: u64 = 270;
-/// Memory per vertex and triangle of the lumen and of both bodies together: positions and indices of each.
+/// Memory per vertex and per triangle of the lumen and of both bodies together, for positions and
+/// indices.
 const BODIES_BYTES: u64 = 40;
-/// Seconds per triangle for the certificates of the lumen and of both bodies together, one core; measured on the default model.
+/// Seconds per triangle for the certificates of the lumen and of both bodies together, on one core.
+/// Measured on the default model.
 const BODIES_SECONDS: f64 = 0.9e-6;
 
-/// Seconds per triangle of a surface that leans to displace it, to find triangles that meet, and to measure cuts, one core; measured
-/// on the default model.
+/// Seconds per triangle for a lean, on one core: displacement, search of intersecting triangles,
+/// measured cuts. Measured on the default model.
 const LEAN_SECONDS: f64 = 1.7e-6;
 
-/// Seconds per triangle of a bent surface to place it, and to find triangles that meet, one core; measured on the default model.
+/// Seconds per triangle for bending, on one core: displacement, search of intersecting triangles.
+/// Measured on the default model.
 const BEND_SECONDS: f64 = 1.7e-6;
-/// Bytes per vertex and triangle of a bent surface: the straight one is kept beside it.
+/// Memory per vertex and per triangle of a bent surface: a copy of the straight surface.
 const BEND_BYTES: u64 = 12;
 
-/// Contraction: seconds per triangle of a frame, which is made twice, searched, damped and certified, one core; measured on the default model
-/// with 20 frames in the dev profile, so optimized builds take less. Bytes per vertex, counted: the tables of sections and their lean, two
-/// frames, and the hierarchy of the search. Bytes of a frame in the description, and of its certificate in the report.
+/// Seconds per triangle of a frame of a contraction, which is created twice, searched, damped and
+/// certified, on one core. Measured on the default model with 20 frames in the dev profile;
+/// optimized builds are faster.
 const FRAME_SECONDS: f64 = 5e-6;
+/// Memory per vertex of a contraction, counted: tables of sections and their lean, two frames, the
+/// hierarchy of the search.
 const FRAME_VERTEX_BYTES: u64 = 260;
+/// Bytes of a frame in the description of a contraction.
 const FRAME_FIXED: f64 = 1024.0;
+/// Bytes of the certificate of a frame in the report.
 const FRAME_REPORT_BYTES: u64 = 2600;
 
-/// Bytes of the measures of a section in the report; measured on the default model.
+/// Bytes of the measures of a section in the report. Measured on the default model.
 const REPORT_SECTION_BYTES: u64 = 850;
-/// Bytes of a triangle of the finest level of detail and of a simplified one, with its share of the vertices; measured on
-/// the default model.
+/// Bytes per triangle of the finest level of detail, and of a simplified level, including vertices.
+/// Measured on the default model.
 const LEVEL_TRIANGLE_BYTES: [f64; 2] = [3.5, 4.7];
-/// Bytes of the document of a level.
+/// Bytes of the JSON document of a level of detail.
 const LEVEL_FIXED: f64 = 4096.0;
 
-/// Label volumes: bytes of both files per voxel of 1 µm, which grow with the root of its side; seconds of one core per voxel
-/// and per slice; slices in memory at a time (`export::labels::SLICES_AT_A_TIME`). Measured on the default model with
-/// voxels of 2 to 20 µm.
+/// Bytes of both label files per voxel of 1 µm. They grow with the root of the side of a voxel.
+/// This and the next two constants are measured on the default model with voxels of 2 to 20 µm.
 const LABEL_VOXEL_BYTES: f64 = 0.036;
+/// Seconds per voxel of a label volume on one core.
 const LABEL_VOXEL_SECONDS: f64 = 65e-9;
+/// Seconds per slice of a label volume on one core.
 const LABEL_SLICE_SECONDS: f64 = 8e-3;
+/// Slices of a label volume in memory at a time (`export::labels::SLICES_AT_A_TIME`).
 const LABEL_SLICES: f64 = 16.0;
-/// Bytes of the header of both files, and of the directories of a slice.
+/// Bytes of the headers of both label files.
 const LABEL_FIXED: f64 = 4096.0;
+/// Bytes of the directories of a slice in both label files.
 const LABEL_SLICE_BYTES: f64 = 300.0;
 
 /// Predicted cost of growing a specification.
@@ -170,15 +191,16 @@ pub struct Estimate {
 }
 
 impl ModelSpec {
-    /// Predicts the cost of growing this with the given outputs: names of formats (such as `glb`) and of bodies (`tissue`, if
-    /// none is named); unknown ones are ignored.
+    /// Predicts the cost of growing this model with the given outputs. `outputs` are names of
+    /// formats (such as `glb`) and of bodies (`tissue` if none is named). Unknown names are
+    /// ignored.
     #[must_use]
     pub fn cost(&self, outputs: &[&str]) -> Cost {
         let Counts { particles_end, sections, section_points, vertices } = self.counts();
         let triangles = 2.0 * vertices;
         let has = |name: &str| outputs.contains(&name);
         let needs_lumen = has("lumen") || has("regions");
-        // The lumen has the vertices of the inner loop only.
+        // The lumen has only the vertices of the inner loop.
         let inner = 1.0 - self.particles.outer.at(1.0) / self.particles.total.at(1.0);
         let tissues = f64::from(u8::from(has("tissue") || !needs_lumen));
         let bodies = tissues + f64::from(u8::from(has("regions"))) + inner * f64::from(u8::from(has("lumen")));
@@ -253,7 +275,7 @@ impl ModelSpec {
         13.0 * triangles + 24.0 * level + frames * (12.0 * vertices + 16.0 * level + FRAME_FIXED)
     }
 
-    /// Memory of a contraction: frames one at a time, and the animation.
+    /// Memory of a contraction: one frame at a time, and the animation.
     fn frames_memory(&self, vertices: u64, triangles: u64) -> u64 {
         let level = triangles.min(LEVEL_TRIANGLES[1] as u64);
         vertices * FRAME_VERTEX_BYTES + u64::from(self.contraction.frames) * level * 18 + triangles * LEVELS_BYTES
@@ -262,7 +284,7 @@ impl ModelSpec {
     fn counts(&self) -> Counts {
         let particles = |step: u32| self.particles.total.at(f64::from(step) / f64::from(self.steps)).round();
         let piece = self.recorded();
-        // A smooth contour has two points for each particle.
+        // A smooth contour has two points per particle.
         let points = if self.mesh.smooth_um > 0.0 { 2.0 } else { 1.0 };
         let (mut sections, mut section_points) = (0_u32, 0.0);
         for step in self.stations() {
@@ -278,11 +300,12 @@ impl ModelSpec {
         Counts { particles_end, sections, section_points, vertices }
     }
 
-    /// Triangles of an even surface: the areas of both walls over those of their triangles.
+    /// Triangles of an even surface: areas of the walls divided by the areas of their triangles.
     fn even_triangles(&self) -> f64 {
         let [begin, end] = self.piece_um();
         let (edge, tolerance) = (self.mesh.resolution_um, self.mesh.tolerance_um);
-        // Places beside the piece count, too, as there may be none in it.
+        // One place next to the piece on either side counts, because a short piece may contain
+        // none.
         let beside = self.length_mm * 1000.0 / f64::from(PLACES);
         let (mut sum, mut places) = (0.0, 0.0);
         for u in (0..=PLACES).map(|k| f64::from(k) / f64::from(PLACES)) {
@@ -302,20 +325,20 @@ impl ModelSpec {
         (end - begin) * sum / f64::max(places, 1.0)
     }
 
-    /// Seconds per triangle to remesh.
+    /// Seconds per triangle for remeshing.
     fn remesh_seconds(&self) -> f64 {
         if self.mesh.smooth_um > 0.0 { SMOOTH_FACTOR * REMESH_SECONDS } else { REMESH_SECONDS }
     }
 
-    /// Seconds to smooth the sections, per point of a recorded one.
+    /// Seconds for smoothing all sections, per point of a recorded section.
     fn smooth_seconds(&self) -> f64 {
         let sections = if self.mesh.resolution_um > 0.0 { f64::from(self.solver.record_every) } else { 1.0 };
         if self.mesh.smooth_um > 0.0 { sections * SMOOTH_SECONDS } else { 0.0 }
     }
 
-    /// Bytes, memory and seconds of a label volume.
+    /// Cost of a label volume.
     fn label_cost(&self, triangles: f64) -> LabelCost {
-        let (slices, (_, voxels)) = (self.slices().max(1.0), self.label_voxels());
+        let (slices, (_, voxels)) = (self.fitting_label_slices().max(1.0), self.label_voxels());
         let all = slices * voxels;
         LabelCost {
             bytes: LABEL_FIXED + slices * LABEL_SLICE_BYTES + all * LABEL_VOXEL_BYTES * self.labels.voxel_um.sqrt(),
@@ -325,7 +348,7 @@ impl ModelSpec {
         }
     }
 
-    /// Seconds by backend; `more` are those of what only some requests ask for.
+    /// Seconds by backend. `more` are the seconds of optional work.
     fn seconds(&self, triangles: u64, levels: bool, more: f64) -> BTreeMap<String, Estimate> {
         #[expect(clippy::cast_precision_loss, reason = "an estimate")]
         let surface =
@@ -344,7 +367,8 @@ impl ModelSpec {
         ])
     }
 
-    /// Seconds of the simulation on one core: the work of a step, sampled along the tube and through the burn-in.
+    /// Seconds of the simulation on one core: burn-in, and the mean over sampled places along the
+    /// tube.
     fn simulation_seconds(&self) -> f64 {
         let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(PLACES);
         let last = *self.recorded().end();
@@ -353,8 +377,8 @@ impl ModelSpec {
         mean * f64::from(last) + self.step_seconds(0.0) * f64::from(self.burn_in)
     }
 
-    /// Seconds of a step at `u` on one core. One segment takes up an area of edge length times spacing,
-    /// which gives the number of segments within reach.
+    /// Seconds of a step at `u` on one core. A segment occupies an area of edge length times
+    /// spacing, which determines the number of segments within reach.
     fn step_seconds(&self, u: f64) -> f64 {
         let p: &Parameters = self;
         let inner = p.particles.total.at(u) - p.particles.outer.at(u);
@@ -375,7 +399,7 @@ impl ModelSpec {
     }
 }
 
-/// Numbers from which the cost follows.
+/// Counts that determine the cost.
 struct Counts {
     particles_end: u32,
     sections: u32,
@@ -384,20 +408,19 @@ struct Counts {
     vertices: f64,
 }
 
-/// What a label volume costs.
 struct LabelCost {
     bytes: f64,
     memory: f64,
     seconds: f64,
 }
 
-/// Size of the files of all levels of detail of a model with a number of triangles.
+/// Bytes of the files of all levels of detail of a model with this number of triangles.
 fn levels_bytes(triangles: f64) -> f64 {
     let simplified: f64 = LEVEL_TRIANGLES.iter().map(|&most| triangles.min(most as f64)).sum();
     3.0 * LEVEL_FIXED + triangles * LEVEL_TRIANGLE_BYTES[0] + simplified * LEVEL_TRIANGLE_BYTES[1]
 }
 
-/// A count from a sum of counts.
+/// Converts a sum of counts to an integer.
 fn count(value: f64) -> u64 {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturating, and never negative")]
     let count = value.round() as u64;

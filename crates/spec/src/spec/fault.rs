@@ -1,4 +1,4 @@
-//! Faults of a specification: where they are and how to mend them.
+//! Faults of a specification: their place and a hint for the correction.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -14,7 +14,7 @@ pub struct Fault {
 }
 
 impl Fault {
-    /// A fault at a place.
+    /// Creates a fault at a pointer.
     pub fn new(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
         Self { pointer: pointer.into(), detail: detail.into() }
     }
@@ -27,22 +27,24 @@ impl std::fmt::Display for Fault {
     }
 }
 
-/// The pointer of member `name` of the value at `at`.
+/// Pointer of member `name` of the value at `at`.
 pub(super) fn child(at: &str, name: &str) -> String {
     format!("{at}/{}", name.replace('~', "~0").replace('/', "~1"))
 }
 
-/// Most unknown members of one object that are named one by one, so that a small request cannot cause a huge response.
-const MAX_UNKNOWN: usize = 64;
+/// Maximum number of unknown members of an object that are named. The limit keeps the response to a
+/// small request small.
+const MAX_NAMED_UNKNOWN: usize = 64;
 
-/// Records the unknown members of the object at `at`: the first ones each with a hint, the others as a count.
+/// Records the unknown members of the object at `at`: the first ones with a hint each, the others
+/// as a count.
 pub(super) fn unknown<'a>(
     at: &str,
     mut names: impl Iterator<Item = &'a String>,
     hint: impl Fn(&str) -> String,
     faults: &mut Vec<Fault>,
 ) {
-    let named = names.by_ref().take(MAX_UNKNOWN);
+    let named = names.by_ref().take(MAX_NAMED_UNKNOWN);
     faults.extend(named.map(|n| Fault::new(child(at, n), format!("unknown field `{}`{}", shorten(n), hint(n)))));
     let more = names.count();
     if more > 0 {
@@ -50,7 +52,8 @@ pub(super) fn unknown<'a>(
     }
 }
 
-/// The members of the value at `at`, which must be an object of no others than the `known` ones.
+/// Returns the members of the object at `at`. Records a fault for each unknown member, or if the
+/// value is not an object.
 pub fn members<'a>(
     at: &str,
     value: &'a Value,
@@ -69,7 +72,7 @@ pub fn members<'a>(
     Some(members)
 }
 
-/// A short description of a value for a message.
+/// Short description of a value for a message.
 pub(super) fn describe(value: &Value) -> String {
     match value {
         Value::Null => "null".to_owned(),
@@ -81,29 +84,28 @@ pub(super) fn describe(value: &Value) -> String {
     }
 }
 
-/// The first characters of a text from a request.
+/// First characters of a text from a request.
 pub(super) fn shorten(text: &str) -> String {
-    const KEPT: usize = 40;
-    match text.char_indices().nth(KEPT) {
+    const MAX_CHARS: usize = 40;
+    match text.char_indices().nth(MAX_CHARS) {
         Some((end, _)) => format!("{}…", &text[..end]),
         None => text.to_owned(),
     }
 }
 
-/// The name most like `wrong`, if one is so similar that it was probably meant.
+/// The name most similar to `wrong`, if it is similar enough to be the intended one.
 pub(super) fn nearest<'a>(wrong: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
-    const LONGEST: usize = 64;
-    if wrong.len() > LONGEST {
+    const MAX_BYTES: usize = 64;
+    if wrong.len() > MAX_BYTES {
         return None;
     }
-    // At least half of a short name must be right: any other name of one or two characters is near otherwise.
+    // At least half of the characters must agree. Otherwise any two short names would be similar.
     let length = wrong.chars().count();
     let limit = (length / 3).max(2).min(length / 2);
-    names.map(|name| (distance(wrong, name), name)).filter(|(d, _)| *d <= limit).min().map(|(_, name)| name)
+    names.map(|name| (levenshtein_distance(wrong, name), name)).filter(|(d, _)| *d <= limit).min().map(|(_, name)| name)
 }
 
-/// Levenshtein distance.
-fn distance(a: &str, b: &str) -> usize {
+fn levenshtein_distance(a: &str, b: &str) -> usize {
     let b: Vec<char> = b.chars().collect();
     let mut row: Vec<usize> = (0..=b.len()).collect();
     for (i, x) in a.chars().enumerate() {
@@ -126,8 +128,8 @@ mod tests {
     fn distances_are_levenshtein() {
         for (a, b, d) in [("", "", 0), ("a", "", 1), ("kitten", "sitting", 3), ("gap_um", "gap_mm", 1), ("ab", "ba", 2)]
         {
-            assert_eq!(distance(a, b), d, "{a} {b}");
-            assert_eq!(distance(b, a), d, "{b} {a}");
+            assert_eq!(levenshtein_distance(a, b), d, "{a} {b}");
+            assert_eq!(levenshtein_distance(b, a), d, "{b} {a}");
         }
     }
 

@@ -1,9 +1,11 @@
-//! Target of the fuzzers: a merge patch on each preset, compared with RFC 7396 as `json-patch` implements it.
+//! Fuzz target: merge patches on each preset, compared with RFC 7396 as the crate `json-patch`
+//! implements it.
 
 use super::{Fault, ModelSpec, canonical_json, presets};
 use serde_json::{Value, json};
 
-/// A patch gives the specification that RFC 7396 gives, with the two differences of `merge.rs`, or faults.
+/// Asserts that a patch results in faults, or in the specification of RFC 7396 with the two
+/// differences of `merge.rs`.
 pub fn patch(bytes: &[u8]) {
     let Ok(patch) = serde_json::from_slice::<Value>(bytes) else { return };
     for preset in presets() {
@@ -20,15 +22,15 @@ pub fn patch(bytes: &[u8]) {
             }
             Err(faults) => {
                 named(&faults);
-                // An unknown member is a fault even if it is null, which RFC 7396 removes.
+                // A null for an unknown member is a fault here, but RFC 7396 ignores it.
                 assert!(expected.is_err() || patch != without_nulls, "RFC 7396 gives a valid result: {faults:?}");
             }
         }
     }
 }
 
-/// Expresses the two differences of `merge.rs` from the RFC: removes nulls from the patch, and turns each number of the
-/// base that the patch treats as an object into a schedule.
+/// Applies the two differences of `merge.rs` in advance: removes nulls from the patch, and replaces
+/// each number of the base for which the patch has an object by a schedule.
 fn adapt(base: &mut Value, patch: &mut Value) {
     let Value::Object(members) = patch else { return };
     members.retain(|_, value| !value.is_null());
@@ -41,7 +43,8 @@ fn adapt(base: &mut Value, patch: &mut Value) {
     }
 }
 
-/// A specification resolves to itself on every preset, with the same digest, and its cost is finite.
+/// Asserts that a specification resolves to itself on every preset, with the same digest and a
+/// finite cost.
 fn settled(spec: &ModelSpec) {
     let json = spec.to_json();
     for preset in presets() {
@@ -55,7 +58,7 @@ fn settled(spec: &ModelSpec) {
     assert!(cost.is_ok_and(|text| !text.contains("null")), "the cost is not a finite number");
 }
 
-/// Faults name a place and what is wrong with it, in few words.
+/// Asserts that each fault has a pointer and a short detail.
 fn named(faults: &[Fault]) {
     assert!(!faults.is_empty());
     for Fault { pointer, detail } in faults {

@@ -1,24 +1,24 @@
-//! Parameters that take numbers, to be changed by a search.
+//! Numeric parameters that a fit changes.
 
 use super::parameters::leaves;
 use super::study::number_at;
 use super::{Fault, ModelSpec, Preset};
 use serde_json::{Map, Value, json};
 
-/// A parameter that takes numbers: a number, or a schedule whose keys are multiplied.
+/// A numeric parameter. A schedule is changed by multiplying its keys.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lever {
     /// JSON pointer in the specification.
     pub pointer: String,
-    /// Name for people.
+    /// Name for display.
     pub title: &'static str,
     /// Unit; empty if there is none.
     pub unit: &'static str,
-    /// Least and greatest value that it may take.
+    /// Minimum and maximum value.
     pub bounds: [f64; 2],
-    /// Whether it takes integers only.
+    /// True if only integers are valid.
     pub integer: bool,
-    /// Whether it may change along the tube.
+    /// True if the value may change along the tube.
     pub schedule: bool,
 }
 
@@ -34,10 +34,10 @@ pub enum End {
 }
 
 impl Lever {
-    /// The parameter at a JSON pointer.
+    /// Finds the parameter at a JSON pointer.
     ///
     /// # Errors
-    /// A sentence on what is wrong.
+    /// Returns a sentence that says why the pointer is not a numeric parameter.
     pub fn at(pointer: &str) -> Result<Self, String> {
         let (bounds, integer) = number_at(pointer)?;
         let Some((_, field)) = leaves().into_iter().find(|(at, _)| at == pointer) else {
@@ -48,7 +48,8 @@ impl Lever {
         Ok(Self { pointer: pointer.to_owned(), title, unit, bounds, integer, schedule })
     }
 
-    /// Its value in a specification; of a schedule, the value at one end of the tube, or at the ampulla end.
+    /// Value in a specification. The value of a schedule is that of its first key at the isthmus
+    /// end, otherwise that of its last key.
     #[must_use]
     pub fn value(&self, spec: &ModelSpec, end: Option<End>) -> f64 {
         match spec.to_json().pointer(&self.pointer) {
@@ -62,50 +63,51 @@ impl Lever {
     }
 }
 
-/// A lever, where it acts, and the value that it is given.
+/// A lever, the end of the tube at which it acts (`None`: both), and its new value.
 pub type Setting<'a> = (&'a Lever, Option<End>, f64);
 
 impl ModelSpec {
-    /// The specification with levers set. A schedule keeps its form: its keys are multiplied, so that it has the value given at
-    /// that end; between the ends of the junction, the two factors are interpolated.
+    /// Sets levers. The keys of a schedule are multiplied, so that the schedule keeps its form and
+    /// has the new value at the given end. Between the ends of the junction, the factors of both
+    /// ends are interpolated.
     ///
     /// # Errors
-    /// All faults of the result.
+    /// Returns all faults of the result.
     pub fn with(&self, preset: &Preset, settings: &[Setting<'_>]) -> Result<Self, Vec<Fault>> {
         let mut whole = self.to_json();
-        // By lever: the factors of its two ends.
-        let mut scaled: Vec<(&Lever, [f64; 2])> = Vec::new();
+        // Factors at the isthmus and the ampulla end.
+        let mut end_factors: Vec<(&Lever, [f64; 2])> = Vec::new();
         for &(lever, end, value) in settings {
-            let Some(place) = whole.pointer_mut(&lever.pointer) else { continue };
-            if !lever.schedule || end.is_none() && place.is_number() {
-                *place = number(lever, value);
+            let Some(target) = whole.pointer_mut(&lever.pointer) else { continue };
+            if !lever.schedule || end.is_none() && target.is_number() {
+                *target = number(lever, value);
                 continue;
             }
             let before = lever.value(self, end);
             let factor = if before == 0.0 { 1.0 } else { value / before };
-            let at = scaled.iter().position(|(other, _)| other.pointer == lever.pointer);
+            let at = end_factors.iter().position(|(other, _)| other.pointer == lever.pointer);
             let at = at.unwrap_or_else(|| {
-                scaled.push((lever, [1.0; 2]));
-                scaled.len() - 1
+                end_factors.push((lever, [1.0; 2]));
+                end_factors.len() - 1
             });
             match end {
-                Some(End::Isthmus) => scaled[at].1[0] = factor,
-                Some(End::Ampulla) => scaled[at].1[1] = factor,
-                None => scaled[at].1 = [factor; 2],
+                Some(End::Isthmus) => end_factors[at].1[0] = factor,
+                Some(End::Ampulla) => end_factors[at].1[1] = factor,
+                None => end_factors[at].1 = [factor; 2],
             }
         }
-        for (lever, factors) in scaled {
-            if let Some(place) = whole.pointer_mut(&lever.pointer) {
-                self.scale(place, factors);
+        for (lever, factors) in end_factors {
+            if let Some(target) = whole.pointer_mut(&lever.pointer) {
+                self.scale_ends(target, factors);
             }
         }
         Self::resolve(preset, &whole)
     }
 
-    fn scale(&self, schedule: &mut Value, [isthmus, ampulla]: [f64; 2]) {
+    fn scale_ends(&self, schedule: &mut Value, [isthmus, ampulla]: [f64; 2]) {
         let [from, to] = [self.regions.junction_from, self.regions.junction_to];
         if let Some(value) = schedule.as_f64() {
-            // A key at each end of the junction, so that it alone has the change between the two.
+            // A key at each end of the junction confines the change to the junction.
             let mut steps: Vec<f64> = [0.0, self.step_fraction(from), self.step_fraction(to), 1.0].to_vec();
             steps.dedup_by(|b, a| *b - *a < 1e-6);
             let keys: Vec<[f64; 2]> = steps.into_iter().map(|u| [u, value]).collect();
@@ -124,10 +126,10 @@ impl ModelSpec {
         members.insert("keys".into(), json!(keys));
     }
 
-    /// The fraction of the steps at which the tube has reached a fraction of its length.
+    /// Fraction of the steps at which the tube has reached the fraction `z` of its length.
     fn step_fraction(&self, z: f64) -> f64 {
         let [mut low, mut high] = [0.0, 1.0];
-        // The place along the tube increases strictly.
+        // The schedule of `z` increases strictly, so bisection applies.
         for _ in 0..50 {
             let middle = 0.5 * (low + high);
             if self.z.at(middle) < z { low = middle } else { high = middle }

@@ -1,16 +1,16 @@
-//! Limits of one model, checked against its predicted cost before it is queued.
+//! Limits of one model. Its predicted cost is checked against them before it is queued.
 
 use super::cost::Cost;
 use serde::{Deserialize, Serialize};
 
-/// Most bytes of a GLB file, whose length is a 32-bit number.
-const MOST_GLB_BYTES: u64 = u32::MAX as u64;
+/// The length of a GLB file is a 32-bit number.
+const MAX_GLB_BYTES: u64 = u32::MAX as u64;
 
 /// Limits of one model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Limits {
-    /// Seconds, on the slowest backend with a prediction.
+    /// Seconds on the slowest backend for which there is a prediction.
     pub max_cost_seconds: f64,
     /// Bytes of memory.
     pub max_memory_bytes: u64,
@@ -30,7 +30,7 @@ impl Default for Limits {
 /// A limit that a model would exceed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
-#[error("the model would take about {predicted:.0} {unit} ({quantity}); the limit is {limit:.0}; {}", levers(.quantity))]
+#[error("predicted {quantity}: {predicted:.0} {unit}, above the limit of {limit:.0} {unit}; to stay below it, {}", advice(.quantity))]
 pub struct OverLimit {
     /// What is limited: `seconds`, `memory`, `vertices`, `output`, or `glb`, a file of at most 4 GiB.
     pub quantity: String,
@@ -42,8 +42,9 @@ pub struct OverLimit {
     pub unit: String,
 }
 
-/// What to change to stay within a limit. A greater recording interval makes a smaller surface but keeps more steps in memory.
-fn levers(quantity: &str) -> &'static str {
+/// What to change to stay below a limit. A larger recording interval makes the surface smaller, but
+/// keeps more steps in memory.
+fn advice(quantity: &str) -> &'static str {
     match quantity {
         "memory" => {
             "reduce /steps or /particles/total, change /solver/record_every, make a shorter /piece, or, for an even surface, raise \
@@ -66,19 +67,19 @@ fn levers(quantity: &str) -> &'static str {
 }
 
 impl Cost {
-    /// Checks that the files of one body do not exceed what their formats hold.
+    /// Checks that no file exceeds the maximum size of its format.
     ///
     /// # Errors
-    /// The limit that is exceeded.
+    /// Returns the exceeded limit.
     pub fn check_formats(&self) -> Result<(), OverLimit> {
-        // Of several bodies none is larger than the tissue.
+        // No body is larger than the tissue.
         let tissue = 24 * self.vertices + 12 * self.triangles;
         let predicted = self.bytes.get("glb").map_or(0, |bytes| tissue.min(*bytes));
-        if predicted <= MOST_GLB_BYTES {
+        if predicted <= MAX_GLB_BYTES {
             return Ok(());
         }
         #[expect(clippy::cast_precision_loss, reason = "shown, not counted with")]
-        let [predicted, limit] = [predicted, MOST_GLB_BYTES].map(|bytes| bytes as f64);
+        let [predicted, limit] = [predicted, MAX_GLB_BYTES].map(|bytes| bytes as f64);
         Err(OverLimit { quantity: "glb".to_owned(), predicted, limit, unit: "bytes".to_owned() })
     }
 }
@@ -87,7 +88,7 @@ impl Limits {
     /// Checks a predicted cost.
     ///
     /// # Errors
-    /// Every limit that it would exceed.
+    /// Returns every limit that the model would exceed.
     pub fn check(&self, cost: &Cost) -> Result<(), Vec<OverLimit>> {
         #[expect(clippy::cast_precision_loss, reason = "compared and shown, not counted with")]
         let real = |count: u64| count as f64;

@@ -1,17 +1,19 @@
-//! Applies a merge patch (RFC 7396) to the values of a preset.
+//! Merge patches (RFC 7396) on the values of a preset, with two differences from the RFC.
 //!
-//! There are two differences from the RFC. `null` restores the value of the preset, since a parameter cannot be
-//! absent. And a schedule that is a number is converted to the keys `[[0, v], [1, v]]` if the patch gives an
-//! object, so that a fluctuation can be added to any parameter. A number replaces a whole schedule; an
-//! object changes the members that it names, and the array `keys` is replaced as a whole.
+//! - `null` restores the value of the preset, because a parameter cannot be absent.
+//! - If the patch has an object for a schedule that is a number, the number becomes the keys `[[0,
+//!   v], [1, v]]`. A fluctuation can therefore be added to any parameter.
+//!
+//! As in the RFC, a number replaces a whole schedule, an object replaces the members that it names,
+//! and the array `keys` is replaced as a whole.
 
 use super::fault::{Fault, child, describe, nearest, unknown};
 use super::parameters::table;
 use super::table::{Field, Kind};
 use serde_json::{Map, Value, json};
 
-/// The values of `base`, all of `fields`, changed by `patch`, whose pointer is `at`. Members that are not
-/// parameters are dropped and recorded as faults; other values are copied unchecked.
+/// Applies `patch`, whose pointer is `at`, to `base`, the values of `fields`. Unknown members are
+/// dropped and recorded as faults; other values are copied unchecked.
 pub(super) fn merge(fields: &[Field], base: &Value, patch: &Value, at: &str, faults: &mut Vec<Fault>) -> Value {
     let mut merged = base.as_object().cloned().unwrap_or_default();
     let members = match patch {
@@ -41,7 +43,7 @@ pub(super) fn merge(fields: &[Field], base: &Value, patch: &Value, at: &str, fau
     Value::Object(merged)
 }
 
-/// A schedule, changed by the members of an object.
+/// Applies an object to a schedule.
 fn schedule(base: &Value, patch: &Map<String, Value>) -> Value {
     let base = match base {
         Value::Object(members) => members.clone(),
@@ -56,14 +58,15 @@ fn schedule(base: &Value, patch: &Map<String, Value>) -> Value {
     Value::Object(merged)
 }
 
-/// The members of `base`, replaced by those of `patch` that are not null.
+/// Members of `base`, replaced by the members of `patch` that are not null.
 fn overlaid(base: &Map<String, Value>, patch: &Map<String, Value>) -> Map<String, Value> {
     let mut merged = base.clone();
     merged.extend(patch.iter().filter(|(_, v)| !v.is_null()).map(|(k, v)| (k.clone(), v.clone())));
     merged
 }
 
-/// A hint at the parameter that was probably meant by a name that is not one of `fields`.
+/// Hint for a message: the parameter that was probably meant by an unknown name, or the known
+/// names.
 pub(super) fn hint(fields: &[Field], name: &str) -> String {
     if let Some(near) = nearest(name, fields.iter().map(|field| field.name)) {
         return format!("; did you mean `{near}`?");
@@ -75,7 +78,7 @@ pub(super) fn hint(fields: &[Field], name: &str) -> String {
     format!("; known are {}", known.join(", "))
 }
 
-/// The pointer of a parameter of this name anywhere in the table.
+/// Pointer of a parameter with this name anywhere in the table.
 fn elsewhere(fields: &[Field], name: &str, at: &str) -> Option<String> {
     fields.iter().find_map(|field| {
         let here = child(at, field.name);

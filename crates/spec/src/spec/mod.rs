@@ -1,7 +1,8 @@
-//! The specification of a model: every parameter in physical units, valid by construction.
+//! Specifications of models: every parameter in physical units, valid by construction.
 //!
-//! A [`ModelSpec`] can only be made by resolving a merge patch on a preset or by reading a whole specification. Both check
-//! everything and report all faults at once, so no other code needs to check a specification.
+//! A [`ModelSpec`] results only from resolving a merge patch on a preset or from reading a whole
+//! specification. Both check everything and report all faults, so no other code needs to check a
+//! specification.
 //!
 //! | file | subject |
 //! |---|---|
@@ -11,13 +12,13 @@
 //! | `merge` | merge patches |
 //! | `check`, `stability` | rules between parameters |
 //! | `preset`, `schema` | data files with sources, JSON Schema |
-//! | `canonical` | a unique text of a specification, for the digest |
-//! | `outline` | the outline of the containment region, and how fast its folds move |
-//! | `course` | the centre line, and whether there is room for the tube along it |
-//! | `layers` | the layers of a section, the size of a label volume |
+//! | `canonical` | canonical text of a specification, for the digest |
+//! | `outline` | outline of the containment region, speed of transverse folds |
+//! | `course` | centre line, and room for the tube along it |
+//! | `layers` | layers of a section, size of a label volume |
 //! | `batch_key` | which models a GPU may grow together |
-//! | `cost`, `limits` | the predicted cost of a model, and its limits |
-//! | `lever` | parameters that a search changes |
+//! | `cost`, `limits` | predicted cost of a model, and its limits |
+//! | `lever` | parameters that a fit changes |
 //! | `study` | parameter studies: designs and their points |
 
 mod batch_key;
@@ -85,22 +86,24 @@ impl std::ops::Deref for ModelSpec {
 impl ModelSpec {
     /// Applies `patch` to the preset and checks the result.
     ///
-    /// The patch is a JSON merge patch (RFC 7396), except that `null` restores the value of the preset. A number
-    /// replaces a whole schedule. An object changes the members of a schedule that it names
-    /// (`{"fluctuation": {"amplitude": 2, "period": 90}}`); a schedule that is a number is first converted to
-    /// the keys `[[0, v], [1, v]]`. A fluctuation of amplitude 0 removes the fluctuation.
+    /// The patch is a JSON merge patch (RFC 7396), with three additions:
+    /// - `null` restores the value of the preset.
+    /// - A number replaces a whole schedule. An object replaces only the members of a schedule that
+    ///   it names, for example `{"fluctuation": {"amplitude": 2, "period": 90}}`. If the schedule
+    ///   is a number, it first becomes the keys `[[0, v], [1, v]]`.
+    /// - A fluctuation of amplitude 0 removes the fluctuation.
     ///
     /// # Errors
-    /// All faults, ordered by pointer.
+    /// Returns all faults, sorted by pointer.
     pub fn resolve(preset: &Preset, patch: &Value) -> Result<Self, Vec<Fault>> {
         Self::resolve_all(preset, &[patch])
     }
 
-    /// Applies several patches, one after the other, and checks the result. In all but the first, `null` leaves what the
-    /// patches before it gave.
+    /// Applies several patches one after the other and checks the result. From the second patch on,
+    /// `null` keeps the value that the earlier patches gave.
     ///
     /// # Errors
-    /// All faults, ordered by pointer.
+    /// Returns all faults, sorted by pointer.
     pub fn resolve_all(preset: &Preset, patches: &[&Value]) -> Result<Self, Vec<Fault>> {
         Self::build(&preset.spec, patches)
     }
@@ -108,13 +111,13 @@ impl ModelSpec {
     /// Reads a whole specification, such as the result of [`ModelSpec::to_json`], without a preset.
     ///
     /// # Errors
-    /// All faults; a missing parameter is a fault.
+    /// Returns all faults. A missing parameter is a fault.
     pub fn from_json(whole: &Value) -> Result<Self, Vec<Fault>> {
         Self::build(&Value::Null, &[whole])
     }
 
-    /// Reads a stored specification. One of an older version may lack parameters; they have the values of the default preset, which are
-    /// those without effect. `None` if it cannot be read.
+    /// Reads a stored specification. Parameters that an older version did not have get the values
+    /// of the default preset, which have no effect. `None` if the specification cannot be read.
     #[must_use]
     pub fn from_stored(spec: &Value) -> Option<Self> {
         spec.as_object()?;
@@ -130,7 +133,8 @@ impl ModelSpec {
         let mut reader = reader::Reader::default();
         let mut parameters = read(&mut reader, &values);
         if parameters.is_none() {
-            // Values that cannot be read are replaced by those of the base, so that the rest is checked too.
+            // Unreadable values are replaced by those of the base, so that the rules between the
+            // other parameters are checked, too.
             for pointer in &reader.bad {
                 if let (Some(value), Some(own)) = (values.pointer_mut(pointer), base.pointer(pointer)) {
                     *value = own.clone();
@@ -151,15 +155,17 @@ impl ModelSpec {
         }
     }
 
-    /// The whole specification as canonical JSON: every field, sorted keys, a plain number for each constant,
-    /// integers without `.0`. Resolving it on any preset gives the same specification again.
+    /// The whole specification as canonical JSON: every field, sorted keys, a plain number for each
+    /// constant, integers without `.0`. Resolved on any preset, it results in the same
+    /// specification.
     #[must_use]
     pub fn to_json(&self) -> Value {
         self.0.write()
     }
 
-    /// SHA-256, in lower-case hex, of everything that the bytes of the model depend on: the canonical specification (without
-    /// `solver.search`, which affects speed only), the seed and the engine's version.
+    /// SHA-256, in lower-case hex, of all inputs that determine the bytes of the model: the
+    /// canonical specification without `solver.search` (which affects only speed), the seed and the
+    /// engine version.
     #[must_use]
     pub fn digest(&self, seed: u64) -> String {
         let mut spec = self.to_json();
@@ -172,31 +178,33 @@ impl ModelSpec {
 }
 
 impl Parameters {
-    /// The steps at which sections are recorded: 0, every `solver.record_every`th, and the last; those of the piece.
+    /// Steps at which sections of the piece are recorded: 0, every multiple of
+    /// `solver.record_every`, and the last step.
     pub fn stations(&self) -> impl Iterator<Item = u32> + '_ {
         let piece = self.recorded();
         self.all_stations().filter(move |step| piece.contains(step))
     }
 
-    /// Whether the surface is displaced along the tube. An even surface is not: the displacement would stretch its triangles.
+    /// True if the surface leans. Even surfaces do not: the displacement would stretch their
+    /// triangles.
     #[must_use]
     pub fn leans(&self) -> bool {
         self.asks_to_lean() && self.mesh.resolution_um == 0.0
     }
 
-    /// Whether a displacement along the tube is asked for.
+    /// True if the specification requests a lean, even if the surface ignores it.
     #[must_use]
     pub fn asks_to_lean(&self) -> bool {
         self.lean.strength_um.range().1 > 0.0
     }
 
-    /// Whether there are frames of a contraction.
+    /// True if the model has frames of a contraction.
     #[must_use]
     pub fn contracts(&self) -> bool {
         self.contraction.frames > 0
     }
 
-    /// The steps of the first and of the last section of the piece. No step after the last is simulated.
+    /// Steps of the first and the last section of the piece. The simulation ends at the last one.
     #[must_use]
     pub fn recorded(&self) -> RangeInclusive<u32> {
         let place = |step: u32| self.z.at(f64::from(step) / f64::from(self.steps));
@@ -213,13 +221,13 @@ impl Parameters {
         first.min(last)..=last
     }
 
-    /// Steps between the sections that the surface is made of: an even surface is made of those of every step.
+    /// Steps between the sections of the surface. An even surface uses the sections of every step.
     #[must_use]
     pub fn interval(&self) -> u32 {
         if self.mesh.resolution_um > 0.0 { 1 } else { self.solver.record_every }
     }
 
-    /// Where the piece begins and ends, µm from the isthmus end.
+    /// Ends of the piece, µm from the isthmus end.
     #[must_use]
     pub fn piece_um(&self) -> [f64; 2] {
         let piece = self.recorded();
@@ -227,7 +235,8 @@ impl Parameters {
             .map(|step| self.length_mm * 1000.0 * self.z.at(f64::from(step) / f64::from(self.steps)))
     }
 
-    /// The x radius of the inner ellipse of the simulated containment region at `u`, the fraction of steps.
+    /// x radius of the inner ellipse of the containment region, µm in the simulation, at the
+    /// fraction `u` of the steps.
     fn inner_radius_um(&self, u: f64) -> f64 {
         let (c, particles) = (&self.containment, &self.particles);
         let inner = (particles.total.at(u) - particles.outer.at(u)).max(0.0);
@@ -241,7 +250,7 @@ impl Parameters {
     }
 }
 
-/// Reads a whole specification.
+/// Reads all parameters.
 fn read(reader: &mut reader::Reader, values: &Value) -> Option<Parameters> {
     Parameters::read(reader, reader::Site { at: "", unit: "" }, values, ())
 }

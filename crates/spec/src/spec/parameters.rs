@@ -1,8 +1,9 @@
-//! The table of all parameters: the single definition of their names, units, bounds and meaning.
+//! The table of all parameters: the only definition of their names, units, bounds and meaning.
 //!
-//! Structs, readers, canonical JSON and JSON Schema are generated from it (see [`super::table`]). Defaults come from
-//! the presets. Rules between parameters are in [`super::check`]. The forces are those of the
-//! paper's section 3, with bending, barrier and guard added. The time step is 1, the mass of a particle 1.
+//! Structs, readers, canonical JSON and JSON Schema are generated from the table (see
+//! [`super::table`]). Defaults come from the presets. Rules between parameters are in
+//! [`super::check`]. The forces are those of the paper's section 3, with bending, barrier and guard
+//! added. The time step and the mass of a particle are 1.
 
 use super::bounds::{Count, Range};
 use super::fault::child;
@@ -10,16 +11,17 @@ use super::schedule::Schedule;
 use super::table::{Field, Kind, Parameter as _, choice, group};
 use std::sync::LazyLock;
 
-/// Most particles of both loops that a specification may ask for.
+/// Maximum number of particles of both loops.
 pub const MAX_PARTICLES: u32 = 200_000;
-/// Most time steps.
+/// Maximum number of time steps.
 pub const MAX_STEPS: u32 = 100_000;
-/// Most steps between two recorded sections; all of them are kept in memory until the slab between the two is tested.
+/// Maximum number of steps between two recorded sections. They are kept in memory until the slab
+/// between the two sections is tested.
 const MAX_INTERVAL: u32 = 1000;
 
 /// Strength of a force between particles, µm/step².
 const FORCE: Range = Range::of(0.0, 20.0).because("the guard would limit stronger forces in every step");
-/// Phase drift along the tube, radians a step.
+/// Phase drift along the tube, radians per step.
 const DRIFT: Range =
     Range::of(0.0, 0.5).because("with a faster drift, neighbouring sections would no longer resemble each other");
 
@@ -515,7 +517,7 @@ choice! {
     }
 }
 
-/// The table of parameters.
+/// The fields of [`Parameters`], groups included.
 pub(super) fn table() -> &'static [Field] {
     static TABLE: LazyLock<Vec<Field>> = LazyLock::new(|| match Parameters::kind(()) {
         Kind::Group(fields) => fields,
@@ -524,7 +526,7 @@ pub(super) fn table() -> &'static [Field] {
     &TABLE
 }
 
-/// All parameters of the table that are not groups, with their JSON pointers, in the order of the table.
+/// All parameters except groups, with their JSON pointers, in the order of the table.
 pub(super) fn leaves() -> Vec<(String, &'static Field)> {
     fn collect(fields: &'static [Field], at: &str, found: &mut Vec<(String, &'static Field)>) {
         for field in fields {

@@ -1,7 +1,7 @@
-//! Presets: data files, each describing an organ of a species, with a source for every number.
+//! Presets: data files that describe an organ of a species, with a source for every number.
 //!
-//! The files under `presets/` are compiled in. A test checks that each is complete and valid and has a source
-//! for every parameter.
+//! The files in `presets/` are compiled into the program. A test checks that each is complete and
+//! valid.
 
 use super::parameters::leaves;
 use serde::Deserialize;
@@ -9,10 +9,10 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
-/// Name of the preset that is used if a request names none.
+/// Preset of requests that name none.
 pub const DEFAULT_PRESET: &str = "pig";
 
-/// The texts of the files, the default first.
+/// Contents of the files, the default preset first.
 const FILES: [&str; 13] = [
     include_str!("../../../../presets/pig.json"),
     include_str!("../../../../presets/human.json"),
@@ -35,23 +35,24 @@ const FILES: [&str; 13] = [
 pub struct Preset {
     /// Name in requests.
     pub name: String,
-    /// Name for people.
+    /// Name for display.
     pub title: String,
     /// Organ.
     pub organ: String,
     /// Species.
     pub species: String,
-    /// Description.
+    /// Description of the preset.
     pub description: String,
-    /// A value for every parameter.
+    /// Values of all parameters.
     pub spec: Value,
     /// Source of each value, by the JSON pointer of the parameter.
     pub sources: BTreeMap<String, String>,
 }
 
 impl Preset {
-    /// The whole preset as JSON: its summary, the plain `spec`, and `parameters` in the order of the table, each with its
-    /// pointer, title, unit (empty if there is none), description, value and source.
+    /// The whole preset as JSON: its summary, `spec`, and `parameters` in the order of the table.
+    /// Each parameter has its pointer, title, unit (empty if there is none), description, value and
+    /// source.
     #[must_use]
     pub fn to_json(&self) -> Value {
         let parameters: Vec<Value> = leaves()
@@ -73,7 +74,8 @@ impl Preset {
         whole
     }
 
-    /// The entry in a list of presets: name, title, organ, species, description, and whether it is the default.
+    /// Entry in a list of presets: name, title, organ, species, description, and whether it is the
+    /// default.
     #[must_use]
     pub fn summary(&self) -> Value {
         json!({
@@ -96,7 +98,7 @@ pub fn presets() -> &'static [Preset] {
     &PRESETS
 }
 
-/// The preset of this name.
+/// Finds the preset with this name.
 #[must_use]
 pub fn preset(name: &str) -> Option<&'static Preset> {
     presets().iter().find(|preset| preset.name == name)

@@ -1,4 +1,4 @@
-//! Reads numbers and schedules from JSON, naming every fault.
+//! Readers of numbers, choices, lists and schedules from JSON. Every fault is recorded.
 
 use super::bounds::{Count, Range, out_of};
 use super::canonical::number;
@@ -8,15 +8,15 @@ use super::schedule::{Ease, Fluctuation, Schedule};
 use super::table::{Kind, Parameter};
 use serde_json::{Value, json};
 
-/// Most keys of one schedule.
+/// Maximum number of keys of a schedule.
 pub(super) const MAX_KEYS: usize = 256;
-/// Bounds of the period of a fluctuation, in steps. A period below two steps cannot be sampled once a step.
+/// Bounds of the period of a fluctuation, in steps. Sampling once per step cannot resolve periods
+/// below two steps.
 pub(super) const PERIOD: Range = Range::of(2.0, 1e6);
-/// Most points of a list.
+/// Maximum number of points of a list.
 pub(super) const MAX_POINTS: usize = 1000;
-/// Most rows of a grid.
+/// Maximum number of rows of a grid.
 pub(super) const MAX_GRID: usize = 129;
-/// The members of a schedule.
 const MEMBERS: [&str; 3] = ["keys", "ease", "fluctuation"];
 
 impl Reader {
@@ -76,7 +76,6 @@ impl Reader {
         self.numbers(Site { at: &at, unit: site.unit }, values, range)?.try_into().ok()
     }
 
-    /// Reads an array of numbers.
     fn numbers(&mut self, site: Site<'_>, values: &[Value], range: Range) -> Option<Vec<f64>> {
         let mut read = |(i, value): (usize, &Value)| {
             let at = format!("{}/{i}", site.at);
@@ -115,7 +114,7 @@ impl Reader {
     }
 }
 
-/// The names of coordinates in messages.
+/// Names of the coordinates of a point, for messages.
 fn coordinates(count: usize) -> &'static str {
     if count == 2 { "x, y" } else { "x, y, z" }
 }
@@ -292,7 +291,7 @@ impl Parameter for Schedule {
             Some(v) => [0.0, 1.0].map(|u| json!([number(u), number(v)])).to_vec(),
             None => self.keys.iter().map(|[u, v]| json!([number(*u), number(*v)])).collect(),
         };
-        // Written even if there is none, so that as a patch it removes a fluctuation of the preset.
+        // Written even if absent: as a patch, amplitude 0 removes a fluctuation of the preset.
         let fluctuation = match self.fluctuation {
             Some(f) => json!({ "amplitude": number(f.amplitude), "period": number(f.period) }),
             None => json!({ "amplitude": 0 }),

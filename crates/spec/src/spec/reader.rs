@@ -1,4 +1,4 @@
-//! What all readers of values share: the list of faults, and numbers within bounds.
+//! The state of all readers, and the reading of numbers, choices and members.
 
 use super::bounds::{Range, out_of};
 use super::fault::{Fault, describe, nearest, unknown};
@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 /// Collects faults while reading.
 #[derive(Debug, Default)]
 pub(super) struct Reader {
-    /// Every fault found.
+    /// All faults so far.
     pub(super) faults: Vec<Fault>,
     /// Pointers of the parameters that could not be read.
     pub(super) bad: Vec<String>,
@@ -21,7 +21,7 @@ pub(super) struct Site<'a> {
 }
 
 impl Reader {
-    /// Records a fault.
+    /// Records a fault. Returns `None`, so that a reader can return the result.
     pub(super) fn fault<T>(&mut self, at: impl Into<String>, detail: impl Into<String>) -> Option<T> {
         self.faults.push(Fault::new(at, detail));
         None
@@ -43,21 +43,21 @@ impl Reader {
         self.fault(at, format!("must be one of {known}, not {}{hint}", describe(value)))
     }
 
-    /// Reads a whole number from `least` to `most`; 7.0 is one.
-    pub(super) fn size(&mut self, at: &str, value: &Value, least: usize, most: usize) -> Option<usize> {
+    /// Reads an integer from `min` to `max`. A number such as 7.0 is an integer.
+    pub(super) fn size(&mut self, at: &str, value: &Value, min: usize, max: usize) -> Option<usize> {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked to be a whole number")]
         let whole =
             value.as_u64().or_else(|| value.as_f64().filter(|x| x.fract() == 0.0 && *x >= 0.0).map(|x| x as u64));
-        match whole.and_then(|n| usize::try_from(n).ok()).filter(|n| (least..=most).contains(n)) {
+        match whole.and_then(|n| usize::try_from(n).ok()).filter(|n| (min..=max).contains(n)) {
             Some(size) => Some(size),
-            None => self.fault(at, format!("must be an integer from {least} to {most}, not {}", describe(value))),
+            None => self.fault(at, format!("must be an integer from {min} to {max}, not {}", describe(value))),
         }
     }
 
     /// Reads a finite number.
     pub(super) fn number(&mut self, at: &str, value: &Value) -> Option<f64> {
         match value.as_f64().filter(|v| v.is_finite()) {
-            // −0 and 0 are equal and must not give two different specifications.
+            // −0 equals 0 and must not result in a different specification.
             Some(v) => Some(v + 0.0),
             None => self.fault(at, format!("must be a number, not {}", describe(value))),
         }
@@ -71,7 +71,7 @@ impl Reader {
         }
     }
 
-    /// Records a fault for each member that is not one of `names`; returns whether there was none.
+    /// Records a fault for each member that is not one of `names`. Returns true if there is none.
     pub(super) fn only(&mut self, at: &str, members: &Map<String, Value>, names: &[&str]) -> bool {
         let before = self.faults.len();
         let hint = |name: &str| match nearest(name, names.iter().copied()) {

@@ -1,8 +1,8 @@
-//! A parameter along the tube: piecewise keys over [0, 1] plus an optional fluctuation (paper, section 3:
-//! "the initial value and the manner in which each parameter changes").
+//! A parameter along the tube: keys over [0, 1] and an optional fluctuation (paper, section 3: "the
+//! initial value and the manner in which each parameter changes").
 //!
-//! Invariant: a constant has one key, at 0; any other schedule has at least two in strictly increasing order, the first
-//! at 0, the last at 1. Equal schedules therefore compare equal.
+//! Invariant: a constant has one key, at 0. Any other schedule has at least two keys at strictly
+//! increasing fractions, the first at 0, the last at 1. Equal schedules therefore compare equal.
 
 use super::table::choice;
 use std::f64::consts::TAU;
@@ -19,7 +19,7 @@ choice! {
     }
 }
 
-/// A sinusoidal fluctuation around the keys; its phase comes from the seed.
+/// A sinusoidal fluctuation about the keyed value. Its phase follows from the seed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fluctuation {
     /// Amplitude in the unit of the parameter.
@@ -28,7 +28,7 @@ pub struct Fluctuation {
     pub period: f64,
 }
 
-/// A value, or a value that changes along the tube.
+/// A value that may change along the tube.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Schedule {
     pub(super) keys: Vec<[f64; 2]>,
@@ -37,13 +37,14 @@ pub struct Schedule {
 }
 
 impl Schedule {
-    /// A constant.
+    /// Creates a constant.
     #[must_use]
     pub fn constant(value: f64) -> Self {
         Self { keys: vec![[0.0, value]], ease: Ease::Linear, fluctuation: None }
     }
 
-    /// A schedule from keys that the reader has checked; equal values become a constant.
+    /// Creates a schedule from keys that the reader has checked. Keys with equal values become a
+    /// constant.
     pub(super) fn new(keys: Vec<[f64; 2]>, ease: Ease, fluctuation: Option<Fluctuation>) -> Self {
         match keys.first() {
             Some(&[_, first]) if keys.iter().all(|[_, v]| *v == first) => Self { fluctuation, ..Self::constant(first) },
@@ -51,12 +52,12 @@ impl Schedule {
         }
     }
 
-    /// The fractions of the steps at which it has keys.
+    /// Fractions of the steps at which there are keys.
     pub(super) fn fractions(&self) -> impl Iterator<Item = f64> + '_ {
         self.keys.iter().map(|k| k[0])
     }
 
-    /// The keyed value at `u`, the fraction of steps (clamped to [0, 1]), without the fluctuation.
+    /// Keyed value at the fraction `u` of the steps (clamped to [0, 1]), without the fluctuation.
     #[must_use]
     pub fn at(&self, u: f64) -> f64 {
         let u = u.clamp(0.0, 1.0);
@@ -75,14 +76,14 @@ impl Schedule {
         }
     }
 
-    /// The value at `step` of `steps`, with the fluctuation; `phase` in turns, from the seed.
+    /// Value at `step` of `steps`, including the fluctuation. `phase` is in turns.
     #[must_use]
     pub fn sample(&self, step: f64, steps: f64, phase: f64) -> f64 {
         let wave = self.fluctuation.map_or(0.0, |f| f.amplitude * libm::sin(TAU * (step / f.period + phase)));
         self.at(step / steps) + wave
     }
 
-    /// The least and greatest value that it can take.
+    /// Minimum and maximum value, including the fluctuation.
     #[must_use]
     pub fn range(&self) -> (f64, f64) {
         let swing = self.fluctuation.map_or(0.0, |f| f.amplitude.abs());

@@ -1,7 +1,7 @@
 //! JSON Schema (2020-12) of a specification, generated from the table.
 //!
-//! It describes the values of a patch: no field is required, the `default` of each is the value of the default preset, and
-//! `x-unit` names the unit. It does not express the rules between parameters ([`super::check`]).
+//! The schema describes a patch. No field is required, each `default` is the value of the default
+//! preset, and `x-unit` is the unit. Rules between parameters ([`super::check`]) are not expressed.
 
 use super::bounds::Range;
 use super::canonical::number;
@@ -13,7 +13,8 @@ use super::schedule::Ease;
 use super::table::{Field, Kind};
 use serde_json::{Map, Value, json};
 
-/// The schema of the `spec` of a request. In addition, `null` is accepted everywhere and restores the preset's value.
+/// Schema of the `spec` of a request. In addition, `null` is valid everywhere and restores the
+/// value of the preset.
 #[must_use]
 pub fn schema() -> Value {
     let defaults = preset(DEFAULT_PRESET).map(|preset| &preset.spec);
@@ -29,7 +30,7 @@ pub fn schema() -> Value {
     schema
 }
 
-/// The schema of a group; `default` looks up a value of the default preset.
+/// Schema of a group. `default` returns the value at a pointer in the default preset.
 fn object(fields: &[Field], at: &str, default: &dyn Fn(&str) -> Option<Value>) -> Value {
     let properties: Map<String, Value> = fields
         .iter()
@@ -63,7 +64,7 @@ fn object(fields: &[Field], at: &str, default: &dyn Fn(&str) -> Option<Value>) -
     json!({ "type": "object", "additionalProperties": false, "properties": properties })
 }
 
-/// A number, or `$defs/Schedule` with the bounds of this parameter.
+/// Schema of a schedule: a number, or `$defs/Schedule` with the bounds of this parameter.
 fn schedule(range: Range) -> Value {
     let mut constant = bounded(range);
     constant["title"] = "Constant".into();
@@ -81,7 +82,7 @@ fn schedule(range: Range) -> Value {
     ] })
 }
 
-/// The first number of a key.
+/// Schema of the first number of a key.
 fn fraction() -> Value {
     json!({ "type": "number", "minimum": 0, "maximum": 1 })
 }
@@ -111,7 +112,7 @@ fn bounded(range: Range) -> Value {
     schema
 }
 
-/// The parts common to all schedules.
+/// Definitions that all schedules share.
 pub(super) fn definitions() -> Value {
     json!({
         "Schedule": {

@@ -1,25 +1,33 @@
-//! Stability of the integration with time step 1: the highest mode of a chain with spring k and
-//! bending kb has the frequency sqrt(4k + 16kb), its damping is kf + 4c; classical Runge–Kutta needs
-//! the first below 2.83 and the second below 2.79, whatever the number of particles. Semi-implicit Euler needs
-//! ω² + 2γ < 4 of each mode (from the roots of λ² − (2 − γ − ω²)λ + 1 − γ): 4k + 2(kf + 4c) along the loop and
-//! 16kb + 2kf across it. Containment and regulation pull like springs of strength/ramp and strength/softening,
-//! which are held to the same bound. Values that satisfy each bound may still be unstable together with Runge–Kutta, so
-//! the factor by which a step multiplies each mode is computed too. Forces between strands are not considered: the guard
-//! limits their effect in each step.
+//! Stability of the integration with time step 1.
+//!
+//! | integrator | condition |
+//! |---|---|
+//! | Runge–Kutta | highest frequency sqrt(4k + 16kb) below 2.83, its damping kf + 4c below 2.79 |
+//! | Euler along the loop | 4k + 2(kf + 4c) below 4 |
+//! | Euler across the loop | 16kb + 2kf below 4 |
+//!
+//! k is the spring, kb the bending, kf the friction and c the damping. The bounds do not depend on
+//! the number of particles. The bound of semi-implicit Euler is ω² + 2γ < 4 for each mode, from the
+//! roots of λ² − (2 − γ − ω²)λ + 1 − γ.
+//!
+//! Containment and regulation act like springs of strength/ramp and strength/softening, with the
+//! same bounds. Values within each bound may still be unstable together with Runge–Kutta. Therefore
+//! the factor by which a step multiplies each mode is computed, too. Forces between strands are
+//! ignored: the guard limits their effect per step.
 
 use super::check::Checks;
 use super::parameters::{Integrator, Parameters};
 use super::schedule::Schedule;
 
-/// Number of modes of a chain that are examined, from the slowest to the fastest.
-const MODES: u32 = 32;
+/// Number of modes that are examined, from the slowest to the fastest.
+const EXAMINED_MODES: u32 = 32;
 
 impl Checks<'_> {
     /// Records every violation of the stability bounds.
     pub(super) fn stability(&mut self, p: &Parameters) {
-        let most = |s: &Schedule| s.range().1;
-        let (k, c) = (most(&p.spring.stiffness), most(&p.spring.damping));
-        let (kb, kf) = (most(&p.bending), most(&p.friction));
+        let max = |s: &Schedule| s.range().1;
+        let (k, c) = (max(&p.spring.stiffness), max(&p.spring.damping));
+        let (kb, kf) = (max(&p.bending), max(&p.friction));
         let frequency = (4.0 * k + 16.0 * kb).sqrt();
         self.require(frequency < 2.83, "/spring/stiffness", &["/spring/stiffness", "/bending"], || {
             format!(
@@ -27,8 +35,8 @@ impl Checks<'_> {
                  (stiffness {k}, bending {kb}) and must stay below 2.83"
             )
         });
-        let field = stiffness(&p.containment.strength, &p.containment.ramp_um)
-            + stiffness(&p.regulatory.strength, &p.regulatory.softening_um);
+        let field = max_gradient(&p.containment.strength, &p.containment.ramp_um)
+            + max_gradient(&p.regulatory.strength, &p.regulatory.softening_um);
         let pull = field.sqrt();
         let about =
             ["/containment/strength", "/containment/ramp_um", "/regulatory/strength", "/regulatory/softening_um"];
@@ -47,7 +55,7 @@ impl Checks<'_> {
         });
         let euler = p.solver.integrator == Integrator::Euler;
         if !euler && self.faults.is_empty() {
-            let (growth, mode) = fastest_growth(k, c, kb, kf, field);
+            let (growth, mode) = max_growth(k, c, kb, kf, field);
             let about = [
                 "/spring/stiffness",
                 "/spring/damping",
@@ -89,20 +97,22 @@ impl Checks<'_> {
     }
 }
 
-/// Greatest stiffness of a force that rises to this strength over this distance, 1/step².
-fn stiffness(strength: &Schedule, over: &Schedule) -> f64 {
+/// Maximum gradient of a force that rises to `strength` over the distance `over`, 1/step².
+fn max_gradient(strength: &Schedule, over: &Schedule) -> f64 {
     strength.range().1 / over.range().0
 }
 
-/// The greatest factor by which a step of classical Runge–Kutta multiplies a mode of the chain, and the name of that mode.
+/// Maximum factor by which a step of classical Runge–Kutta multiplies a mode of the chain, and the
+/// name of that mode.
 ///
-/// A mode with the frequency ω and the damping γ follows x″ = −ω²x − γx′; a step multiplies each of its two parts by
-/// R(λ) = 1 + λ + λ²/2 + λ³/6 + λ⁴/24, λ a root of λ² + γλ + ω². With s from 0 (all together) to 1 (neighbours against each
-/// other), stretching has ω² = 4ks + field, γ = kf + 4cs; bending ω² = 16kb·s² + field, γ = kf; if the loop is folded
-/// sharply, the two mix.
-fn fastest_growth(k: f64, c: f64, kb: f64, kf: f64, field: f64) -> (f64, &'static str) {
+/// A mode with the frequency ω and the damping γ obeys x″ = −ω²x − γx′. A step multiplies each of
+/// its two parts by R(λ) = 1 + λ + λ²/2 + λ³/6 + λ⁴/24, where λ is a root of λ² + γλ + ω². Let s
+/// run from 0 (particles move together) to 1 (neighbours move against each other). Stretching has
+/// ω² = 4ks + field and γ = kf + 4cs, bending has ω² = 16kb·s² + field and γ = kf. In a sharply
+/// folded loop the two mix.
+fn max_growth(k: f64, c: f64, kb: f64, kf: f64, field: f64) -> (f64, &'static str) {
     let mode = |i: u32| {
-        let s = f64::from(i) / f64::from(MODES);
+        let s = f64::from(i) / f64::from(EXAMINED_MODES);
         let (stretch, bend, damping) = (4.0 * k * s, 16.0 * kb * s * s, 4.0 * c * s);
         [
             (runge_kutta_growth(stretch + field, kf + damping), "stretching"),
@@ -110,10 +120,10 @@ fn fastest_growth(k: f64, c: f64, kb: f64, kf: f64, field: f64) -> (f64, &'stati
             (runge_kutta_growth(stretch + bend + field, kf + damping), "stretching with bending"),
         ]
     };
-    (0..=MODES).flat_map(mode).max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((1.0, "nothing"))
+    (0..=EXAMINED_MODES).flat_map(mode).max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((1.0, "nothing"))
 }
 
-/// max |R(λ)| over the roots λ of λ² + γλ + ω².
+/// Maximum of |R(λ)| over the roots λ of λ² + γλ + ω².
 fn runge_kutta_growth(frequency_squared: f64, damping: f64) -> f64 {
     let discriminant = 0.25 * damping * damping - frequency_squared;
     let root = discriminant.abs().sqrt();
@@ -143,7 +153,7 @@ mod tests {
         assert!(heavy(2.78) <= 1.0 && heavy(2.79) > 1.0);
     }
 
-    /// The factor measured in a run of the oscillator.
+    /// The factor, measured in a run of the oscillator.
     fn shown(frequency_squared: f64, damping: f64) -> f64 {
         let slope = |[x, v]: [f64; 2]| [v, -frequency_squared * x - damping * v];
         let along = |a: [f64; 2], h: f64, b: [f64; 2]| [a[0] + h * b[0], a[1] + h * b[1]];
@@ -174,7 +184,7 @@ mod tests {
 
     #[test]
     fn values_that_are_stable_alone_may_not_be_so_together() {
-        let growth = |k: f64, c: f64| fastest_growth(k, c, 0.0, 0.3, 0.0).0;
+        let growth = |k: f64, c: f64| max_growth(k, c, 0.0, 0.3, 0.0).0;
         assert!(growth(2.0, 0.1) <= 1.0 && growth(0.5, 0.6) <= 1.0);
         assert!(growth(2.0, 0.5) > 1.15, "{}", growth(2.0, 0.5));
     }

@@ -1,27 +1,28 @@
-//! Types and macros of the parameter table. A group of parameters is declared once, with titles, units, bounds
-//! and documentation; its struct, reader, canonical JSON and JSON Schema are generated from that.
+//! Types and macros of the parameter table. A group of parameters is declared once, with titles,
+//! units, bounds and documentation; its struct, reader, canonical JSON and JSON Schema are
+//! generated.
 
 use super::bounds::{Count, Range};
 use super::fault::child;
 use super::reader::{Reader, Site};
 use serde_json::Value;
 
-/// A parameter, or a group of them, as the table describes it.
+/// A parameter or a group of parameters in the table.
 #[derive(Clone, Debug)]
 pub(super) struct Field {
     /// Name in JSON.
     pub(super) name: &'static str,
-    /// Name for people.
+    /// Name for display.
     pub(super) title: &'static str,
     /// Unit; empty if there is none.
     pub(super) unit: &'static str,
-    /// Description: the documentation of the struct's field.
+    /// Description, from the doc comment of the field.
     pub(super) doc: &'static str,
-    /// Which values it takes.
+    /// Type and bounds of the value.
     pub(super) kind: Kind,
 }
 
-/// Which values a parameter takes.
+/// Type and bounds of a value.
 #[derive(Clone, Debug)]
 pub(super) enum Kind {
     /// An object of parameters.
@@ -32,28 +33,28 @@ pub(super) enum Kind {
     Number(Range),
     /// An integer.
     Integer(Count),
-    /// One of a few names, each with its documentation.
+    /// One of several names. Each is paired with its documentation.
     Choice(&'static [(&'static str, &'static str)]),
     /// A Boolean.
     Bool,
-    /// A list of points with so many coordinates, and the bounds of these.
+    /// A list of points: number of coordinates, and their bounds.
     Points(usize, Range),
-    /// Rows of as many numbers as there are rows, with their bounds.
+    /// A square grid of numbers, as rows, with their bounds.
     Grid(Range),
 }
 
 /// A type that can be the value of a parameter.
 pub(super) trait Parameter: Sized {
-    /// The last column of its row in the table, such as bounds.
+    /// Type of the last column in the table, such as bounds.
     type Rule: Copy;
-    /// Whether it is a group of parameters.
+    /// True if the type is a group of parameters.
     const GROUP: bool = false;
 
-    /// Its description for the table.
+    /// Describes the type for the table.
     fn kind(rule: Self::Rule) -> Kind;
-    /// Reads it and records all faults; `None` exactly if there was one.
+    /// Reads a value and records all faults. Returns `None` exactly if there is a fault.
     fn read(reader: &mut Reader, site: Site<'_>, value: &Value, rule: Self::Rule) -> Option<Self>;
-    /// Its canonical JSON.
+    /// Canonical JSON of the value.
     fn write(&self) -> Value;
 }
 
@@ -77,7 +78,8 @@ pub(super) fn member<T: Parameter>(
     read
 }
 
-/// Declares a group of parameters: `name: Type = "Title" ["unit"] rule;`, documented as usual.
+/// Declares a group of parameters. A field is `name: Type = "Title" ["unit"] rule;` with a doc
+/// comment.
 macro_rules! group {
     (
         $(#[doc = $about:literal])+
@@ -127,7 +129,7 @@ macro_rules! group {
     };
 }
 
-/// Declares a choice between names: `Variant = "name",`, documented as usual.
+/// Declares a choice between names. A variant is `Variant = "name",` with a doc comment.
 macro_rules! choice {
     (
         $(#[doc = $about:literal])+
@@ -146,7 +148,7 @@ macro_rules! choice {
             pub(super) const NAMES: &'static [(&'static str, &'static str)] =
                 &[ $( ($name, concat!($($doc),+).trim_ascii()) ),+ ];
 
-            /// Its name in JSON.
+            /// Name in JSON.
             #[must_use]
             pub const fn name(self) -> &'static str {
                 match self { $( Self::$Variant => $name, )+ }

@@ -1,4 +1,4 @@
-//! Tests of the whole module: resolving, faults, canonical form, presets, schema.
+//! Tests of specifications: resolving, faults, canonical form, presets, schema.
 
 mod properties;
 mod tube;
@@ -19,12 +19,12 @@ fn resolved(patch: &Value) -> ModelSpec {
     resolve(patch).unwrap_or_else(|faults| panic!("{patch}: {faults:?}"))
 }
 
-/// The pointers of the faults of a patch.
+/// Pointers of the faults of a patch.
 fn pointers(patch: &Value) -> Vec<String> {
     resolve(patch).map_or_else(|faults| faults.into_iter().map(|f| f.pointer).collect(), |_| Vec::new())
 }
 
-/// The one fault of a patch.
+/// The only fault of a patch.
 fn fault(patch: &Value) -> Fault {
     let faults = resolve(patch).expect_err(&patch.to_string());
     assert_eq!(faults.len(), 1, "{patch}: {faults:?}");
@@ -117,13 +117,13 @@ fn null_puts_back_the_value_of_the_preset() {
 
 #[test]
 fn a_patch_of_a_schedule_replaces_it_or_changes_members() {
-    // A number replaces keys.
+    // A number replaces the keys.
     let spec = resolved(&json!({ "collision": { "gap_um": 40 } }));
     assert_eq!(spec.collision.gap_um, Schedule::constant(40.0));
-    // Members onto keys: the rest stays.
+    // An object on keys replaces only its members.
     let spec = resolved(&json!({ "collision": { "gap_um": { "keys": [[0, 50], [1, 20]] } } }));
     assert_eq!((spec.collision.gap_um.at(0.25), spec.collision.gap_um.ease), (50.0 - 30.0 * 0.156_25, Ease::Smooth));
-    // Members onto a number: it counts as two keys.
+    // A number counts as two keys when an object is applied to it.
     let wave = Some(Fluctuation { amplitude: 0.1, period: 90.0 });
     let spec = resolved(&json!({ "friction": { "fluctuation": { "amplitude": 0.1, "period": 90 } } }));
     assert_eq!(spec.friction, Schedule { fluctuation: wave, ..Schedule::constant(0.3) });
@@ -131,7 +131,7 @@ fn a_patch_of_a_schedule_replaces_it_or_changes_members() {
         spec.to_json()["friction"],
         json!({ "keys": [[0, 0.3], [1, 0.3]], "ease": "linear", "fluctuation": { "amplitude": 0.1, "period": 90 } })
     );
-    // Members of a fluctuation are merged too, and amplitude 0 takes it away.
+    // Members of a fluctuation are merged, too, and amplitude 0 removes it.
     let mut waving = pig().clone();
     waving.spec = spec.to_json();
     let longer = ModelSpec::resolve(&waving, &json!({ "friction": { "fluctuation": { "period": 70 } } })).unwrap();
@@ -366,7 +366,8 @@ fn every_fault_comes_in_one_answer() {
 
 #[test]
 fn values_that_could_not_be_read_cause_no_further_faults() {
-    // With the preset's bending this stiffness would be refused, but the bending that the caller wanted is unknown.
+    // The preset's bending would make this stiffness a fault, but the bending that the caller
+    // wanted could not be read.
     assert_eq!(pointers(&json!({ "bending": "x", "spring": { "stiffness": 1.9 } })), ["/bending"]);
 }
 

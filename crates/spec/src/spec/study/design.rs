@@ -1,28 +1,29 @@
-//! Designs: which level of each parameter every point takes.
+//! Designs: the level of each parameter at every point of a study.
 
 use crate::random::{Stream, unit_f64, words};
 
-/// Greatest seed of a Latin hypercube: 2^53 − 1, as of a model.
+/// Maximum seed of a Latin hypercube: 2^53 − 1, exact in JSON.
 pub(super) const SEED_MAX: u64 = (1 << 53) - 1;
 
-/// How the values of several parameters are combined.
+/// Method of combining the values of several parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Design {
-    /// Every combination.
+    /// All combinations.
     Grid,
-    /// The first values of all, the second values of all, and so on.
+    /// The first values of all parameters, the second values of all, and so on.
     Zip,
-    /// A Latin hypercube: with n samples, each parameter takes one value from each of n parts of equal probability.
+    /// A Latin hypercube: with n samples, each parameter takes one value from each of n intervals
+    /// of equal probability.
     LatinHypercube,
 }
 
 impl Design {
-    /// The designs by their names in JSON.
+    /// Designs by their names in JSON.
     pub(super) const NAMES: [(&'static str, Self); 3] =
         [("grid", Self::Grid), ("zip", Self::Zip), ("lhs", Self::LatinHypercube)];
 }
 
-/// Every combination of `lengths` levels, the last parameter varying fastest.
+/// All combinations of `lengths` levels; the last parameter varies fastest.
 pub(super) fn grid(lengths: &[usize]) -> Vec<Vec<usize>> {
     lengths.iter().fold(vec![Vec::new()], |points, &length| {
         let longer = |point: &Vec<usize>, level| point.iter().copied().chain([level]).collect();
@@ -30,8 +31,8 @@ pub(super) fn grid(lengths: &[usize]) -> Vec<Vec<usize>> {
     })
 }
 
-/// Quantiles of one dimension of a Latin hypercube, strictly between 0 and 1: one at a random place in each of `samples`
-/// parts of equal size, in random order.
+/// Quantiles of one dimension of a Latin hypercube, strictly between 0 and 1: a random one in each
+/// of `samples` equal intervals, in random order.
 pub(super) fn latin_hypercube(samples: usize, seed: u64, dimension: u32) -> Vec<f64> {
     #[expect(clippy::cast_possible_truncation, reason = "a batch has fewer than 2^32 models")]
     let random = |sample: usize| words(seed, Stream::Study, sample as u32, dimension);
@@ -89,7 +90,7 @@ mod tests {
         }
     }
 
-    /// Stored studies are repeated by their seed; this must never change.
+    /// Stored studies are repeated from their seed, so these numbers must never change.
     #[test]
     fn the_same_seed_gives_the_same_points() {
         let units = latin_hypercube(4, 4, 0);

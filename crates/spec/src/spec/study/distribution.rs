@@ -1,60 +1,61 @@
-//! Distributions by their quantiles (inverse cumulative distribution functions).
+//! Quantiles (inverse cumulative distribution functions) of distributions.
 //!
-//! Computed with libm alone, so that a study has the same points on every platform.
+//! Only libm is used, so a study has the same points on every platform.
 
 use std::f64::consts::SQRT_2;
 
-/// Least probability that truncation may leave.
-const LEAST_MASS: f64 = 1e-6;
+/// Minimum probability of the interval to which a distribution is truncated.
+const MIN_MASS: f64 = 1e-6;
 
 /// A distribution of real numbers with valid parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Distribution {
-    /// All numbers of an interval are equally likely.
+    /// Uniform between two numbers.
     Uniform { from: f64, to: f64 },
     /// The logarithm is uniform.
     LogUniform { from: f64, to: f64 },
-    /// Density rising linearly from 0 at `from` to its greatest value at `mode`, and falling to 0 at `to`.
+    /// The density rises linearly from 0 at `from` to its maximum at `mode` and falls linearly to 0
+    /// at `to`.
     Triangular { from: f64, mode: f64, to: f64 },
-    /// A normal distribution, truncated to an interval.
+    /// Normal, truncated to an interval.
     Normal(Normal),
     /// The natural logarithm is normal.
     LogNormal(Normal),
 }
 
-/// A normal distribution, truncated to the interval from `min` to `max`, which may be infinite.
+/// A normal distribution, truncated to an interval that may be infinite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Normal {
     /// Mean before truncation.
     pub(super) mean: f64,
     /// Standard deviation before truncation.
     pub(super) sd: f64,
-    /// Lower end.
+    /// Lower end of the interval.
     pub(super) min: f64,
-    /// Upper end.
+    /// Upper end of the interval.
     pub(super) max: f64,
 }
 
 impl Normal {
-    /// The probabilities below `min` and below `max`, before truncation.
-    fn ends(self) -> [f64; 2] {
-        [self.min, self.max].map(|end| below((end - self.mean) / self.sd))
+    /// Probabilities below `min` and below `max`, before truncation.
+    fn end_probabilities(self) -> [f64; 2] {
+        [self.min, self.max].map(|end| standard_cumulative((end - self.mean) / self.sd))
     }
 
-    /// Whether the interval has a probability that can be computed with.
+    /// True if the probability of the interval is large enough for accurate quantiles.
     pub(super) fn has_mass(self) -> bool {
-        let [low, high] = self.ends();
-        high - low >= LEAST_MASS
+        let [low, high] = self.end_probabilities();
+        high - low >= MIN_MASS
     }
 
     fn quantile(self, u: f64) -> f64 {
-        let [low, high] = self.ends();
+        let [low, high] = self.end_probabilities();
         (self.mean + self.sd * standard_quantile(low + u * (high - low))).clamp(self.min, self.max)
     }
 }
 
 impl Distribution {
-    /// The number below which a fraction `u` of the distribution lies; 0 < `u` < 1.
+    /// Number below which the fraction `u` of the distribution lies; 0 < `u` < 1.
     pub(super) fn quantile(self, u: f64) -> f64 {
         match self {
             Self::Uniform { from, to } => (from + u * (to - from)).clamp(from, to),
@@ -78,18 +79,18 @@ impl Distribution {
     }
 }
 
-/// The probability that a standard normal variable is below `z`.
-fn below(z: f64) -> f64 {
+/// Probability that a standard normal variable is below `z`.
+fn standard_cumulative(z: f64) -> f64 {
     0.5 * libm::erfc(-z / SQRT_2)
 }
 
-/// The inverse of [`below`], by bisection.
+/// Inverse of [`standard_cumulative`], by bisection.
 fn standard_quantile(p: f64) -> f64 {
-    // Beyond 9 standard deviations, probabilities are not distinguished from 0 and 1.
+    // Beyond 9 standard deviations, probabilities round to 0 or 1.
     let (mut low, mut high) = (-9.0, 9.0);
     for _ in 0..64 {
         let middle = 0.5 * (low + high);
-        if below(middle) < p {
+        if standard_cumulative(middle) < p {
             low = middle;
         } else {
             high = middle;
@@ -104,7 +105,7 @@ mod tests {
 
     const INFINITE: f64 = f64::INFINITY;
 
-    /// Mean and standard deviation from 20,000 quantiles.
+    /// Mean and standard deviation of 20,000 quantiles.
     fn moments(distribution: Distribution) -> (f64, f64) {
         let n = 20_000;
         let values: Vec<f64> = (0..n).map(|i| distribution.quantile((f64::from(i) + 0.5) / f64::from(n))).collect();
@@ -117,7 +118,7 @@ mod tests {
     #[test]
     fn moments_are_those_of_the_formulas() {
         let free = |mean, sd| Normal { mean, sd, min: -INFINITE, max: INFINITE };
-        // Cut one standard deviation off each side, and a half normal distribution.
+        // Truncated by one standard deviation on each side, then a half-normal distribution.
         let cut = Normal { min: 5.0, max: 15.0, ..free(10.0, 5.0) };
         let half = Normal { min: 10.0, ..free(10.0, 5.0) };
         let e = std::f64::consts::E;

@@ -4,9 +4,10 @@ use super::design::{Design, SEED_MAX};
 use super::source::DISTRIBUTIONS;
 use serde_json::{Map, Value, json};
 
-/// The schema of a study of at most `most` points. Its discriminator names components of an OpenAPI description.
+/// Schema of a study of at most `max_points` points. Its discriminator names components of an
+/// OpenAPI description.
 #[must_use]
-pub fn schema(most: usize) -> Value {
+pub fn schema(max_points: usize) -> Value {
     json!({
         "type": "object",
         "description": "A parameter study: values of parameters, and how they are combined to points. Each point is grown with each seed.",
@@ -15,14 +16,14 @@ pub fn schema(most: usize) -> Value {
         "properties": {
             "design": { "type": "string", "enum": Design::NAMES.map(|(name, _)| name),
                 "description": "`grid`: every combination, the last pointer varying fastest. `zip`: the first values of all, the second of all, and so on. `lhs`: a Latin hypercube." },
-            "samples": { "type": "integer", "minimum": 1, "maximum": most, "description": "Number of points; design `lhs` only." },
+            "samples": { "type": "integer", "minimum": 1, "maximum": max_points, "description": "Number of points; design `lhs` only." },
             // No `default`: a generated client would send it, and other designs refuse it.
             "seed": { "type": "integer", "minimum": 0, "maximum": SEED_MAX,
                 "description": "The same seed gives the same points; design `lhs` only. If it is absent, 0." },
             "values": { "type": "object", "minProperties": 1, "description": "The values of each parameter by its JSON pointer in the spec.",
                 "additionalProperties": { "$ref": "#/$defs/VariedValues" } },
         },
-        "$defs": definitions(most),
+        "$defs": definitions(max_points),
         "examples": [
             { "design": "lhs", "samples": 50, "seed": 4, "values": {
                 "/collision/gap_um": { "from": 25, "to": 50 },
@@ -33,12 +34,12 @@ pub fn schema(most: usize) -> Value {
     })
 }
 
-/// The values of one parameter. Distributions come before the range, whose members some of them have too: a reader that
-/// takes the first alternative that fits finds the right one.
-fn definitions(most: usize) -> Value {
+/// Schemas of the values of one parameter. Distributions precede the range, because some have the
+/// same members: a reader that takes the first matching alternative then takes the right one.
+fn definitions(max_points: usize) -> Value {
     let mut definitions = crate::spec::schema::definitions();
     let own = |name: &str| json!({ "$ref": format!("#/$defs/{name}") });
-    let count = json!({ "type": "integer", "minimum": 1, "maximum": most,
+    let count = json!({ "type": "integer", "minimum": 1, "maximum": max_points,
         "description": "Number of values; required in the designs `grid` and `zip`, not allowed in `lhs`." });
     definitions["ParameterValue"] = json!({
         "description": "A value of a parameter or of a part of a schedule; null leaves that of `spec`.",
@@ -49,7 +50,7 @@ fn definitions(most: usize) -> Value {
                 "items": { "type": "array", "items": { "type": "number" } } },
         ],
     });
-    definitions["ValueList"] = json!({ "title": "List", "type": "array", "minItems": 1, "maxItems": most,
+    definitions["ValueList"] = json!({ "title": "List", "type": "array", "minItems": 1, "maxItems": max_points,
         "items": own("ParameterValue"), "description": "These values; in a Latin hypercube all are equally likely." });
     definitions["ValueRange"] = json!({ "title": "Range", "type": "object", "additionalProperties": false,
         "required": ["from", "to"],
@@ -80,7 +81,7 @@ fn definitions(most: usize) -> Value {
     definitions
 }
 
-/// Name of the definition of a distribution.
+/// Component name of a distribution.
 fn component(distribution: &str) -> String {
     distribution.split('-').map(|word| word[..1].to_uppercase() + &word[1..]).collect()
 }
@@ -89,7 +90,7 @@ fn number(description: &str) -> Value {
     json!({ "type": "number", "description": description })
 }
 
-/// The meaning of a member of a distribution.
+/// Description of a member of a distribution.
 fn meaning(member: &str) -> &'static str {
     match member {
         "from" => "Least value.",

@@ -1,4 +1,4 @@
-//! The values that one parameter takes: a list, a range or a distribution.
+//! The values of one parameter: a list, a range or a distribution.
 
 use super::distribution::{Distribution, Normal};
 use super::target::Target;
@@ -7,7 +7,7 @@ use crate::spec::fault::{child, describe};
 use crate::spec::reader::Reader;
 use serde_json::{Map, Value};
 
-/// The distributions by their names in JSON, and the members of each.
+/// Distributions by their names in JSON, with the members of each.
 pub(super) const DISTRIBUTIONS: [(&str, &[&str]); 5] = [
     ("uniform", &["from", "to"]),
     ("log-uniform", &["from", "to"]),
@@ -16,40 +16,48 @@ pub(super) const DISTRIBUTIONS: [(&str, &[&str]); 5] = [
     ("log-normal", &["median", "sd_log", "min", "max"]),
 ];
 
-/// Where the values of a parameter come from.
+/// Source of the values of a parameter.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Source {
-    /// These values.
+    /// Values listed in the request.
     List(Vec<Value>),
-    /// Equal steps from one number to another; `count` is absent in a Latin hypercube.
+    /// Equal steps between two numbers. A Latin hypercube has no `count`.
     Range { from: f64, to: f64, count: Option<usize>, integer: bool },
     /// Quantiles of a distribution.
-    Drawn { distribution: Distribution, count: Option<usize>, integer: bool },
+    Quantiles { distribution: Distribution, count: Option<usize>, integer: bool },
 }
 
-/// What the values are needed for.
+/// Requirements of the design on the values of a parameter.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Need {
-    /// Greatest number of values.
-    pub(super) most: usize,
-    /// Whether ranges and distributions must tell how many values they give. If not, they must not tell.
-    pub(super) counted: bool,
+pub(super) struct Requirements {
+    /// Maximum number of values.
+    pub(super) max_values: usize,
+    /// True if ranges and distributions must have a `count`, false if they must not.
+    pub(super) requires_count: bool,
 }
 
 impl Source {
-    /// Reads the values for `target`; `at` is the pointer of `value`.
-    pub(super) fn read(reader: &mut Reader, at: &str, value: &Value, target: Target, need: Need) -> Option<Self> {
+    /// Reads the values for `target`. `at` is the pointer of `value`.
+    pub(super) fn read(
+        reader: &mut Reader,
+        at: &str,
+        value: &Value,
+        target: Target,
+        requirements: Requirements,
+    ) -> Option<Self> {
         match value {
-            Value::Array(items) if (1..=need.most).contains(&items.len()) => Some(Self::List(items.clone())),
+            Value::Array(items) if (1..=requirements.max_values).contains(&items.len()) => {
+                Some(Self::List(items.clone()))
+            }
             Value::Array(items) => {
-                reader.fault(at, format!("must have 1 to {} values, not {}", need.most, items.len()))
+                reader.fault(at, format!("must have 1 to {} values, not {}", requirements.max_values, items.len()))
             }
             Value::Object(_) if !target.is_number() => reader.fault(at, "takes no numbers; give a list of its values"),
             Value::Object(members) => {
-                let mut form = Form { reader, at, members, target, need };
+                let mut source = SourceReader { reader, at, members, target, requirements };
                 match members.get("distribution") {
-                    None => form.range(),
-                    Some(name) => form.drawn(name),
+                    None => source.range(),
+                    Some(name) => source.quantiles(name),
                 }
             }
             other => {
@@ -59,13 +67,13 @@ impl Source {
         }
     }
 
-    /// Whether its values stand in the request.
+    /// True if the request lists the values.
     pub(super) fn is_list(&self) -> bool {
         matches!(self, Self::List(_))
     }
 
-    /// Its values in order, for a grid or a zip. Those of a distribution are its quantiles in the middle of parts of equal
-    /// probability.
+    /// Values in order, for a grid or a zip. A distribution contributes the median of each of
+    /// `count` intervals of equal probability.
     #[expect(clippy::cast_precision_loss, reason = "a batch has fewer than 2^53 models")]
     pub(super) fn levels(&self) -> Vec<Value> {
         match self {
@@ -73,11 +81,11 @@ impl Source {
             Self::Range { from, to, count, integer } => {
                 let count = count.unwrap_or_default();
                 let step = |i: usize| i as f64 / (count - 1) as f64;
-                // Rounding must not lead beyond an end.
+                // Rounding must not exceed an end.
                 let value = |i: usize| if i + 1 == count { *to } else { from + (to - from) * step(i) };
                 (0..count).map(|i| whole(value(i), *integer)).collect()
             }
-            Self::Drawn { distribution, count, integer } => {
+            Self::Quantiles { distribution, count, integer } => {
                 let count = count.unwrap_or_default();
                 let middle = |i: usize| (i as f64 + 0.5) / count as f64;
                 (0..count).map(|i| whole(distribution.quantile(middle(i)), *integer)).collect()
@@ -85,8 +93,8 @@ impl Source {
         }
     }
 
-    /// Its values at these quantiles, and which of them each quantile has.
-    pub(super) fn at(&self, quantiles: &[f64]) -> (Vec<Value>, Vec<usize>) {
+    /// Values at these quantiles, and for each quantile the index of its value.
+    pub(super) fn values_at(&self, quantiles: &[f64]) -> (Vec<Value>, Vec<usize>) {
         let each = (0..quantiles.len()).collect();
         match self {
             Self::List(items) => {
@@ -100,36 +108,37 @@ impl Source {
                 (items.clone(), quantiles.iter().map(item).collect())
             }
             Self::Range { from, to, integer, .. } => {
-                // Each integer is equally likely, the two ends too.
+                // Half a unit more on each side makes all integers equally likely, including both
+                // ends.
                 let wide = if *integer { 0.5 } else { 0.0 };
                 let uniform = Distribution::Uniform { from: from - wide, to: to + wide };
                 let value = |u: &f64| whole(uniform.quantile(*u), *integer).as_f64().unwrap_or(*from).clamp(*from, *to);
                 (quantiles.iter().map(|u| number(value(u))).collect(), each)
             }
-            Self::Drawn { distribution, integer, .. } => {
+            Self::Quantiles { distribution, integer, .. } => {
                 (quantiles.iter().map(|u| whole(distribution.quantile(*u), *integer)).collect(), each)
             }
         }
     }
 }
 
-/// The number as JSON, rounded if it must be an integer. A distribution may be so wide that its quantiles overflow; the
-/// greatest number is then refused by the parameter.
+/// The number as JSON, rounded if it must be an integer. Quantiles of a very wide distribution may
+/// overflow; they become the largest number, which is out of bounds.
 fn whole(value: f64, integer: bool) -> Value {
     let value = value.clamp(f64::MIN, f64::MAX);
     number(if integer { value.round() } else { value })
 }
 
-/// A range or a distribution that is being read.
-struct Form<'a> {
+/// State of reading a range or a distribution.
+struct SourceReader<'a> {
     reader: &'a mut Reader,
     at: &'a str,
     members: &'a Map<String, Value>,
     target: Target,
-    need: Need,
+    requirements: Requirements,
 }
 
-impl Form<'_> {
+impl SourceReader<'_> {
     fn range(&mut self) -> Option<Source> {
         let known = self.reader.only(self.at, self.members, &["distribution", "from", "to", "count"]);
         // Both ends are values, so there are at least two.
@@ -138,7 +147,7 @@ impl Form<'_> {
         known.then_some(Source::Range { from, to, count, integer: self.target.integer })
     }
 
-    fn drawn(&mut self, name: &Value) -> Option<Source> {
+    fn quantiles(&mut self, name: &Value) -> Option<Source> {
         let Some((name, own)) = DISTRIBUTIONS.iter().find(|(known, _)| name.as_str() == Some(known)) else {
             let names = DISTRIBUTIONS.map(|(name, _)| name);
             return self.reader.not_a_choice_of(&child(self.at, "distribution"), name, &names);
@@ -146,7 +155,7 @@ impl Form<'_> {
         let known = self.reader.only(self.at, self.members, &[&["distribution", "count"], *own].concat());
         let (distribution, count) = (self.distribution(name), self.count(1));
         let (distribution, count) = (distribution?, count?);
-        known.then_some(Source::Drawn { distribution, count, integer: self.target.integer })
+        known.then_some(Source::Quantiles { distribution, count, integer: self.target.integer })
     }
 
     fn distribution(&mut self, name: &str) -> Option<Distribution> {
@@ -170,19 +179,19 @@ impl Form<'_> {
                 let (mean, sd) = (self.required("mean"), self.positive("sd"));
                 let [min, max] = self.truncation();
                 let normal = Normal { mean: mean?, sd: sd?, min: min?, max: max? };
-                self.enough(normal).map(Distribution::Normal)
+                self.check_mass(normal).map(Distribution::Normal)
             }
             _ => {
                 let (median, sd) = (self.positive("median"), self.positive("sd_log"));
                 let [min, max] = self.truncation();
                 let log = |end: f64| if end > 0.0 { libm::log(end) } else { f64::NEG_INFINITY };
                 let normal = Normal { mean: libm::log(median?), sd: sd?, min: log(min?), max: log(max?) };
-                self.enough(normal).map(Distribution::LogNormal)
+                self.check_mass(normal).map(Distribution::LogNormal)
             }
         }
     }
 
-    /// The members `from` and `to`.
+    /// Reads the members `from` and `to`.
     fn ends(&mut self) -> Option<(f64, f64)> {
         let (from, to) = (self.bounded("from"), self.bounded("to"));
         let (from, to) = (from?, to?);
@@ -208,7 +217,7 @@ impl Form<'_> {
         Some(value)
     }
 
-    /// A value that the parameter takes.
+    /// Reads a number that is valid for the parameter.
     fn bounded(&mut self, name: &str) -> Option<f64> {
         let value = self.required(name)?;
         if let Some(detail) = self.target.refuses(value) {
@@ -220,30 +229,33 @@ impl Form<'_> {
         Some(value)
     }
 
-    /// The members `min` and `max`; infinite if they are absent.
+    /// Reads the members `min` and `max`; infinite if absent.
     fn truncation(&mut self) -> [Option<f64>; 2] {
         let (min, max) = (f64::NEG_INFINITY, f64::INFINITY);
         [("min", min), ("max", max)]
             .map(|(name, none)| if self.members.contains_key(name) { self.bounded(name) } else { Some(none) })
     }
 
-    fn enough(&mut self, normal: Normal) -> Option<Normal> {
+    fn check_mass(&mut self, normal: Normal) -> Option<Normal> {
         self.require(normal.min < normal.max, "max", || "must be above min".to_owned())?;
         let end = if self.members.contains_key("min") { "min" } else { "max" };
-        self.require(normal.has_mass(), end, || "leaves almost nothing of the distribution".to_owned())?;
+        self.require(normal.has_mass(), end, || {
+            "leaves less than a millionth of the distribution; choose a wider interval".to_owned()
+        })?;
         Some(normal)
     }
 
-    /// The member `count`, at least `least`; `Some(None)` if it is absent and not needed.
+    /// Reads the member `count`, at least `least`. Returns `Some(None)` if it is absent and not
+    /// required.
     fn count(&mut self, least: usize) -> Option<Option<usize>> {
         let at = child(self.at, "count");
         match self.members.get("count") {
-            None if self.need.counted => self.reader.fault(at, "is missing; it says how many values there are"),
+            None if self.requirements.requires_count => self.reader.fault(at, "is missing; give the number of values"),
             None => Some(None),
-            Some(_) if !self.need.counted => {
-                self.reader.fault(at, "does not belong to a Latin hypercube, which has samples")
+            Some(_) if !self.requirements.requires_count => {
+                self.reader.fault(at, "is not valid in the design lhs; use samples")
             }
-            Some(value) => self.reader.size(&at, value, least, self.need.most).map(Some),
+            Some(value) => self.reader.size(&at, value, least, self.requirements.max_values).map(Some),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! What the pointers of a study address.
+//! Values of the specification that the pointers of a study address.
 
 use crate::spec::bounds::{Range, out_of};
 use crate::spec::merge::hint;
@@ -6,13 +6,13 @@ use crate::spec::parameters::table;
 use crate::spec::read::PERIOD;
 use crate::spec::table::{Field, Kind};
 
-/// A value of the specification that can be varied.
+/// A value of the specification that a study can vary.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Target {
-    /// Bounds, if it takes numbers.
+    /// Bounds, if the value is a number.
     range: Option<Range>,
     unit: &'static str,
-    /// Whether it takes integers only.
+    /// True if only integers are valid.
     pub(super) integer: bool,
 }
 
@@ -21,26 +21,26 @@ impl Target {
         Self { range: Some(range), unit, integer: false }
     }
 
-    /// Whether it takes numbers.
+    /// True if the value is a number.
     pub(super) fn is_number(self) -> bool {
         self.range.is_some()
     }
 
-    /// The least and the greatest number that it takes.
+    /// Minimum and maximum, if the value is a number.
     pub(super) fn bounds(self) -> Option<[f64; 2]> {
         self.range.map(|range| [range.min, range.max])
     }
 
-    /// Why it does not take `value`, if it does not.
+    /// Describes why `value` is out of bounds. `None` if it is valid.
     pub(super) fn refuses(self, value: f64) -> Option<String> {
         self.range.and_then(|range| out_of(value, range, self.unit))
     }
 }
 
-/// What the JSON pointer addresses: a parameter, or a part of a schedule.
+/// Finds the value that a JSON pointer addresses: a parameter, or a part of a schedule.
 ///
 /// # Errors
-/// A sentence on what is wrong.
+/// Returns a sentence that says why the pointer addresses no such value.
 pub(super) fn target(pointer: &str) -> Result<Target, String> {
     let Some(path) = pointer.strip_prefix('/') else {
         return Err("must be a JSON pointer to a parameter, such as /collision/gap_um".to_owned());
@@ -61,11 +61,11 @@ pub(super) fn target(pointer: &str) -> Result<Target, String> {
             _ => break field,
         }
     };
-    part(field, &names.collect::<Vec<_>>())
+    value_within(field, &names.collect::<Vec<_>>())
 }
 
-/// The value at `path` within a parameter.
-fn part(field: &Field, path: &[&str]) -> Result<Target, String> {
+/// Finds the value at `path` within a parameter.
+fn value_within(field: &Field, path: &[&str]) -> Result<Target, String> {
     let other = Target { range: None, unit: "", integer: false };
     match (&field.kind, path) {
         (Kind::Schedule(range) | Kind::Number(range), []) => Ok(Target::number(*range, field.unit)),

@@ -1,4 +1,4 @@
-//! Studies from JSON to points.
+//! Tests of studies, from JSON to points.
 
 use super::*;
 use crate::spec::{ModelSpec, preset};
@@ -123,7 +123,7 @@ fn all_faults_come_at_once() {
     assert_eq!(places(&unlikely), ["/values/~1friction/min"]);
 }
 
-/// JSON has no infinity, and null would leave the parameter as it is.
+/// JSON has no infinity, and null would leave the parameter unchanged.
 #[test]
 fn quantiles_that_overflow_are_numbers() {
     for distribution in [

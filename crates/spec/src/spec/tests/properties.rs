@@ -1,11 +1,12 @@
-//! Properties of resolving: it never panics, names places, and its result resolves to itself.
+//! Properties of resolving: it never panics, every fault has a pointer, and its result resolves to
+//! itself.
 
 use super::super::bounds::Range;
 use super::super::table::Kind;
 use super::*;
 use proptest::prelude::*;
 
-/// Any JSON.
+/// Any JSON value.
 fn any_json() -> impl Strategy<Value = Value> {
     let leaf = prop_oneof![
         Just(Value::Null),
@@ -28,7 +29,7 @@ fn any_json() -> impl Strategy<Value = Value> {
     })
 }
 
-/// A value for a parameter that keeps within its own bounds, though not always with the others.
+/// A value within the bounds of a parameter, but not always consistent with other parameters.
 fn within(kind: &Kind, draw: [f64; 4], form: u32) -> Value {
     let on = |range: &Range, x: f64| range.min + (range.max - range.min) * x;
     match kind {
@@ -65,7 +66,7 @@ fn within(kind: &Kind, draw: [f64; 4], form: u32) -> Value {
     }
 }
 
-/// Puts a value at a pointer of a patch, making the objects on the way.
+/// Sets the value at a pointer of a patch and creates the objects on the way.
 fn put(patch: &mut Value, pointer: &str, value: Value) {
     let mut at = patch;
     for name in pointer.split('/').skip(1) {
@@ -121,7 +122,7 @@ proptest! {
                 let text = serde_json::from_str::<Value>(&canonical_json(&json)).unwrap();
                 prop_assert_eq!(resolve(&text), Ok(spec));
             }
-            // Each value is within its own bounds: only what holds between them can be wrong.
+            // Each value is within its bounds, so only rules between parameters can be violated.
             Err(faults) => {
                 for fault in faults {
                     prop_assert!(!fault.detail.contains("allowed"), "{}", fault);
