@@ -126,7 +126,7 @@ fn changes_are_in_the_log() {
     let at = folder();
     let mut command = oviduct(at.path());
     command.args(["serve", "--addr", "127.0.0.1:0", "--cpu-workers", "0", "--gpu", "off"]);
-    command.args(["--log", "warn,oviduct::audit=info"]);
+    command.args(["--log", "error,oviduct::audit=info"]);
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it starts");
     let mut url = String::new();
     BufReader::new(child.stdout.take().expect("piped")).read_line(&mut url).expect("it prints its address");

@@ -1,7 +1,7 @@
 //! Known shapes, and rules of connection.
 
 use super::*;
-use crate::geometry::polygon::{Place, locate, signed_area};
+use crate::geometry::polygon::{Containment, locate, signed_area};
 use proptest::prelude::*;
 use std::f32::consts::TAU;
 
@@ -153,10 +153,10 @@ fn the_first_of_the_largest_pieces_is_measured() {
 /// The smooth contours in pixels: 1 inside of the lumen, by the sum of turns.
 fn turns(contours: &[Points], at: [f32; 2]) -> i32 {
     let turn = |contour: &Points| match locate(contour, at) {
-        Place::Inside if signed_area(contour) > 0.0 => 1,
-        Place::Inside => -1,
-        Place::Boundary => panic!("a contour passes the middle of a pixel"),
-        Place::Outside => 0,
+        Containment::Inside if signed_area(contour) > 0.0 => 1,
+        Containment::Inside => -1,
+        Containment::Boundary => panic!("a contour passes the middle of a pixel"),
+        Containment::Outside => 0,
     };
     contours.iter().map(turn).sum()
 }
