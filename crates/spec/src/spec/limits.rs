@@ -48,8 +48,8 @@ fn advice(quantity: &str) -> &'static str {
     match quantity {
         "memory" => {
             "reduce /steps or /particles/total, change /solver/record_every, make a shorter /piece, or, for an even surface, raise \
-             /mesh/resolution_um and /mesh/tolerance_um, or, for output labels, raise /labels/voxel_um; or ask for no output that \
-             needs the whole surface (lod, labels, lumen, regions, strips, an even surface), without a lean (/lean/strength_um 0)"
+             /mesh/resolution_um and /mesh/tolerance_um, or, for output labels, raise /labels/voxel_um, or ask for \
+             fewer outputs (lod, labels, lumen and regions take more memory)"
         }
         "glb" => {
             "ask for gltf (which has its data in a file of its own), vtp, ply, stl or obj instead of glb, reduce /steps or \
@@ -137,7 +137,7 @@ mod tests {
         let quantities: Vec<&str> = over.iter().map(|o| o.quantity.as_str()).collect();
         assert_eq!(quantities, ["seconds", "memory", "output"]);
         assert_eq!(over[1].predicted, cost.memory_bytes as f64);
-        assert!(over[1].to_string().contains("bytes (memory); the limit is 1; "), "{}", over[1]);
+        assert!(over[1].to_string().contains("above the limit of 1 bytes; "), "{}", over[1]);
         assert!(over.iter().all(|o| o.to_string().contains("/solver/record_every")), "{over:?}");
     }
 
