@@ -38,6 +38,7 @@ pub struct ServeArgs {
     /// with 503, so that load balancers remove this process first
     #[arg(long, value_name = "TIME", value_parser = units::duration, default_value = "0s")]
     pub(in crate::cli) drain_delay: Duration,
+    #[allow(rustdoc::bare_urls, reason = "the help shows this text unchanged")]
     /// Origin whose pages may call the service, such as https://lab.example:8443; may be repeated.
     /// `*` allows every origin, which is safe only if the service has API keys or nothing to hide
     /// [default: no other origin]

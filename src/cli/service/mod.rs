@@ -222,7 +222,7 @@ impl Service {
     /// and metrics on `probes`.
     ///
     /// # Errors
-    /// As [`Runtime::start`].
+    /// [`Failure::Usage`] for invalid options; [`Failure::Failed`] if something cannot be opened.
     pub async fn start(args: &ServeArgs, listener: TcpListener, probes: Option<TcpListener>) -> Result<Self, Failure> {
         let address = listener.local_addr().context("the listening socket has no address")?;
         let gpus = Gpus::find(&args.process, WorkerRequirement::Optional).await?;
@@ -267,7 +267,7 @@ impl Service {
 
     /// Stops in this order: `/readyz` fails and workers stop claiming; after `--drain-delay` no
     /// more connections are accepted and event streams end; running models and open downloads get
-    /// `--grace` to finish; the store is closed. `failed` is the result of [`Service::failed`], if
+    /// `--grace` to finish; the store is closed. `failed` is the result of `Service::failed`, if
     /// it returned.
     ///
     /// # Errors

@@ -74,7 +74,7 @@ pub fn run_batch(device: &GpuDevice, plans: &[Plan], sink: &mut dyn BatchSink) -
 }
 
 /// Sections of every step after `checkpoint` up to and including the next recorded one, which is the last of them:
-/// the history that [`crate::mesh::Lofter::advance`] takes. On the same device the bits are those of the batch. Other batches
+/// the history that `mesh::Lofter::advance` takes. On the same device the bits are those of the batch. Other batches
 /// may run meanwhile.
 ///
 /// # Errors

@@ -66,7 +66,8 @@ fn demanded(mut certificate: Certificate, body: BodyKind) -> Certificate {
 }
 
 impl Certificate {
-    /// Sums area and volume again as [`batches::sums`] does.
+    /// Sums area and volume again, in batches of slabs: the order in which engine 0.3.0 added them when it
+    /// certified straight surfaces while they grew, so that the last digits of reports stay the same.
     pub fn sum_in_batches(&mut self, mesh: &Mesh, unit: LengthUnit, sections: &[Section]) {
         if let [body] = &mut self.bodies[..] {
             let (positions, unit_mm) = (unit.of_metres(&mesh.positions), unit.metres() * METRE_UM / 1e3);
