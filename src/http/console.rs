@@ -4,8 +4,8 @@
 //! content, so they may be cached forever; the page itself is asked for each time.
 
 use super::AppState;
-use super::conditional::ETag;
-use super::problem::{Kind, Problem};
+use super::wire::conditional::ETag;
+use super::wire::problem::{Kind, Problem};
 use axum::Router;
 use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::{IntoResponse, Response};

@@ -1,12 +1,12 @@
 //! Bodies of responses. Members that do not apply are null, never absent.
 
-use super::detail::Detail;
-use super::links::At;
-use super::problem::TYPE_PREFIX;
-use super::responses::SpecPatch;
-pub use super::shapes::ModelWarning;
-use super::shapes::Summary;
-use super::study::BatchStudy;
+use super::batches::study::BatchStudy;
+use super::models::detail::Detail;
+use super::models::links::At;
+pub use super::openapi::shapes::ModelWarning;
+use super::openapi::shapes::Summary;
+use super::wire::problem::TYPE_PREFIX;
+use super::wire::responses::SpecPatch;
 use crate::generate::{Output, Progress, Stage};
 use crate::jobs::{BackendReport, Job, JobProgress, LiveSection, Priority, Status, WorkerInfo, WorkerState};
 use crate::model::{BodyKind, LengthUnit};

@@ -2,17 +2,17 @@
 
 use super::AppState;
 use super::access::Caller;
-use super::detail::Detail;
-use super::extract::{ModelId, Parameters, no_model};
-use super::faults::Faults;
-use super::headers::last_event_id;
 use super::interest::Interest;
 use super::many::Many;
-use super::problem::{Kind, Problem};
-use super::responses::{BadParameters, ModelMissing, ServerSentEvent, StreamAway};
-use super::select;
+use super::models::detail::Detail;
+use super::models::select;
 use super::stream::{Source, Stream};
 use super::view::{Name, View};
+use super::wire::extract::{ModelId, Parameters, no_model};
+use super::wire::faults::Faults;
+use super::wire::headers::last_event_id;
+use super::wire::problem::{Kind, Problem};
+use super::wire::responses::{BadParameters, ModelMissing, ServerSentEvent, StreamAway};
 use crate::jobs::Status;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};

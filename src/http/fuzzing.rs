@@ -1,13 +1,13 @@
 //! Targets of the fuzzers: bodies of requests, headers, queries and ids.
 
-use super::conditional::ETag;
-use super::extract::{Parameters, parse_id};
-use super::faults::Faults;
-use super::headers::{IDEMPOTENCY_KEY, PREFER, accept, idempotency_key, last_event_id, wait};
-use super::json::{canonical, parse};
-use super::problem::Problem;
-use super::range::{Selection, select};
-use super::request::ModelRequest;
+use super::models::request::ModelRequest;
+use super::wire::conditional::ETag;
+use super::wire::extract::{Parameters, parse_id};
+use super::wire::faults::Faults;
+use super::wire::headers::{IDEMPOTENCY_KEY, PREFER, accept, idempotency_key, last_event_id, wait};
+use super::wire::json::{canonical, parse};
+use super::wire::problem::Problem;
+use super::wire::range::{Selection, select};
 use crate::spec::{ModelSpec, preset};
 use axum::extract::Query;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Uri, header};
@@ -56,7 +56,7 @@ pub(super) fn resolved(request: &ModelRequest, mut faults: Faults) -> Option<Mod
     let spec = preset(&request.preset)?;
     let spec = ModelSpec::resolve(spec, &request.spec);
     if let Err(wrong) = &spec {
-        faults.extend(wrong.iter().map(|f| super::faults::Fault::at(format!("/spec{}", f.pointer), &f.detail)));
+        faults.extend(wrong.iter().map(|f| super::wire::faults::Fault::at(format!("/spec{}", f.pointer), &f.detail)));
     }
     if faults.is_empty() {
         return spec.ok();

@@ -1,8 +1,8 @@
 //! `GET /healthz` and `GET /readyz`: whether the process works, and whether it takes work.
 
 use super::AppState;
-use super::problem::{Kind, Problem};
-use super::responses::{Unhealthy, Unready};
+use super::wire::problem::{Kind, Problem};
+use super::wire::responses::{Unhealthy, Unready};
 use crate::jobs::{StoreError, with_causes};
 use crate::status::Condition;
 use axum::Json;

@@ -3,9 +3,9 @@
 //! It begins with the present state of models: a reader of all with those that the feed knows, one of some models with pages
 //! of the job store. Then it gets each state that is published. A reader of a finite set of models ends with the last of them.
 
-use super::detail::Detail;
 use super::feed::{AllReader, Next};
 use super::interest::{Interest, Part, Traits};
+use super::models::detail::Detail;
 use super::view::View;
 use crate::jobs::{Job, JobId, StoreError};
 use bytes::Bytes;

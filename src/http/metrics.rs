@@ -1,7 +1,7 @@
 //! `GET /metrics`: what this process counts, and gauges read from the stores, as OpenMetrics text for Prometheus.
 
 use super::AppState;
-use super::headers::PREFERENCE_APPLIED;
+use super::wire::headers::PREFERENCE_APPLIED;
 use crate::clock::Stopwatch;
 use crate::generate::Backend;
 use crate::jobs::{Counts, PoolUse, StoreError, WorkerState};

@@ -5,79 +5,45 @@
 
 mod access;
 mod batches;
-mod blocking;
-mod bodies;
-mod bulk;
-mod compress;
-mod conditional;
 mod console;
-mod cors;
-mod course;
-mod create;
-mod cut;
-mod detail;
-mod docs;
-mod draw;
 mod dto;
-mod envelope;
 mod events;
-mod extract;
-mod faults;
 mod feed;
-mod files;
 mod fits;
 mod follower;
 #[cfg(feature = "fuzzing")]
 #[doc(hidden)]
 pub mod fuzzing;
-mod headers;
 mod health;
-mod host;
 mod interest;
-mod json;
-mod links;
-mod manifest;
 mod many;
 mod metrics;
 mod models;
 mod openapi;
 mod pictures;
 mod presets;
-mod preview;
-pub mod problem;
-mod range;
-mod report_page;
-mod request;
-mod responses;
-mod retry;
 mod router;
 #[cfg(test)]
 mod samples;
-mod sections;
-mod select;
-mod shapes;
-mod slides;
 mod stream;
-mod study;
-mod surfaces;
-mod tickets;
 mod track;
 mod view;
+mod wire;
 mod workers;
 
 pub use access::{AccessOptions, WithoutKeys};
 #[cfg(feature = "fuzzing")]
 #[doc(hidden)]
 pub use batches::fuzzing as batch_fuzzing;
-pub use cors::{NoOrigin, Origin};
+pub use batches::study::{BatchStudy, StudyModel};
 pub use dto::{
     Batch, BatchCounts, BatchList, Model, ModelEvent, ModelFile, ModelList, ModelProblem, ModelWarning, Pause, Queue,
     Worker, WorkerList,
 };
-pub use headers::REQUEST_ID;
-pub use request::SEED_MAX;
+pub use models::request::SEED_MAX;
 pub use router::{openapi_yaml, router, watch_router};
-pub use study::{BatchStudy, StudyModel};
+pub use wire::cors::{NoOrigin, Origin};
+pub use wire::headers::REQUEST_ID;
 
 use crate::availability::Availability;
 use crate::jobs::Store;
@@ -85,9 +51,9 @@ use crate::jobs::artifacts::Artifacts;
 use crate::metrics::Metrics;
 use crate::status::Status;
 use access::Access;
-use bodies::Bodies;
 use feed::{Feed, Pace};
-use pictures::Pictures;
+use pictures::bodies::Bodies;
+use pictures::queue::Pictures;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::Semaphore;

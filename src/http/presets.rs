@@ -1,9 +1,9 @@
 //! `GET /presets`, `GET /presets/{name}`, `GET /schema`: presets and the parameters of a spec.
 
-use super::extract::PathTexts;
-use super::problem::{Kind, Problem};
-use super::responses::{JsonSchema, PresetMissing};
-use super::shapes::{Preset, PresetSummary};
+use super::openapi::shapes::{Preset, PresetSummary};
+use super::wire::extract::PathTexts;
+use super::wire::problem::{Kind, Problem};
+use super::wire::responses::{JsonSchema, PresetMissing};
 use crate::spec::{preset, presets, schema};
 use axum::Json;
 use axum::http::{HeaderValue, header};

@@ -1,13 +1,14 @@
 //! All routes, by what a key must allow for them.
 
 use super::access::Rule;
-use super::compress::compress;
-use super::envelope::enclose;
+use super::access::tickets;
+use super::models::{bulk, files, manifest, retry};
 use super::openapi::Description;
-use super::{
-    AppState, batches, bulk, console, course, create, cut, docs, events, files, fits, health, manifest, metrics,
-    models, openapi, presets, preview, report_page, retry, sections, tickets, workers,
-};
+use super::openapi::docs;
+use super::pictures::{course, cut, preview, report_page, sections};
+use super::wire::compress::compress;
+use super::wire::envelope::enclose;
+use super::{AppState, batches, console, events, fits, health, metrics, models, openapi, presets, workers};
 use axum::{Extension, Router};
 use serde_json::Value;
 use std::sync::{Arc, LazyLock};
@@ -25,9 +26,9 @@ fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(presets::spec_schema))
         .routes(routes!(openapi::document));
     let read = OpenApiRouter::new()
-        .routes(routes!(models::list))
-        .routes(routes!(models::get))
-        .routes(routes!(create::validate))
+        .routes(routes!(models::read::list))
+        .routes(routes!(models::read::get))
+        .routes(routes!(models::create::validate))
         .routes(routes!(batches::create::validate))
         .routes(routes!(batches::read::list))
         .routes(routes!(batches::read::get))
@@ -50,9 +51,9 @@ fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(workers::list))
         .routes(routes!(tickets::create));
     let submit = OpenApiRouter::new()
-        .routes(routes!(create::create))
-        .routes(routes!(models::delete))
-        .routes(routes!(models::cancel))
+        .routes(routes!(models::create::create))
+        .routes(routes!(models::read::delete))
+        .routes(routes!(models::read::cancel))
         .routes(routes!(retry::retry))
         .routes(routes!(bulk::cancel))
         .routes(routes!(bulk::delete))

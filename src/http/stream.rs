@@ -6,10 +6,10 @@
 
 use super::AppState;
 use super::access::{Access, Caller};
-use super::detail::Detail;
 use super::feed::ModelReader;
 use super::fits::reader::FitReader;
 use super::many::{Many, Step};
+use super::models::detail::Detail;
 use crate::clock::Stopwatch;
 use crate::jobs::StoreError;
 use axum::body::Body;

@@ -3,10 +3,10 @@
 //! A state is serialised once, and the spec of a model once for all its states. All readers share these bytes; what differs
 //! between them is only the lines with the event's name and id, and whether the spec is sent.
 
-use super::detail::Detail;
 use super::dto::{Deleted, DeletedEvent, Model};
 use super::interest::Traits;
-use super::links::At;
+use super::models::detail::Detail;
+use super::models::links::At;
 use crate::jobs::{Job, JobId, Status};
 use bytes::Bytes;
 use serde::Serialize;

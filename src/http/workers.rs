@@ -3,9 +3,9 @@
 use super::AppState;
 use super::access::{Caller, audited};
 use super::dto::{Worker, WorkerList};
-use super::extract::PathTexts;
-use super::problem::{Kind, Problem};
-use super::responses::{StoreAway, WorkerMissing};
+use super::wire::extract::PathTexts;
+use super::wire::problem::{Kind, Problem};
+use super::wire::responses::{StoreAway, WorkerMissing};
 use crate::jobs::{Instruction, JobId};
 use axum::Json;
 use axum::extract::State;

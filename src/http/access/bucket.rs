@@ -1,7 +1,7 @@
 //! Token buckets: requests a second of each key, with bursts. Each process counts for itself.
 
 use crate::clock::Stopwatch;
-use crate::http::problem::{RATE_LIMIT, RATE_LIMIT_POLICY};
+use crate::http::wire::problem::{RATE_LIMIT, RATE_LIMIT_POLICY};
 use axum::http::{HeaderName, HeaderValue};
 use std::collections::HashMap;
 use std::sync::{Mutex, PoisonError};

@@ -1,6 +1,6 @@
 //! Who sends a request.
 
-use crate::http::problem::{Kind, Problem};
+use crate::http::wire::problem::{Kind, Problem};
 use crate::jobs::keys::{Key, KeyLimits, Scope};
 use crate::jobs::{Batch, Job, JobKind, Quota};
 use axum::extract::FromRequestParts;

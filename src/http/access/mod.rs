@@ -9,13 +9,14 @@ mod caller;
 mod keyring;
 mod origin;
 mod rule;
+pub(in crate::http) mod tickets;
 
 pub(super) use audit::{audit, audited, run_to_completion};
 pub(super) use caller::Caller;
 pub(super) use rule::Rule;
 
-use super::cors::Origin;
-use super::problem::{Kind, Problem};
+use crate::http::wire::cors::Origin;
+use crate::http::wire::problem::{Kind, Problem};
 use crate::jobs::Store;
 use crate::jobs::keys::{Key, KeyLimits, Secret, TicketSecret};
 use axum::extract::Query;

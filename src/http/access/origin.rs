@@ -1,8 +1,8 @@
 //! Checks of a service without keys: that pages of other sites cannot use it through the browser of somebody who can reach
 //! it. With keys there is no need, because a browser adds no key by itself.
 
-use crate::http::cors::Origin;
-use crate::http::problem::{Kind, Problem};
+use crate::http::wire::cors::Origin;
+use crate::http::wire::problem::{Kind, Problem};
 use axum::http::uri::Authority;
 use axum::http::{HeaderMap, Method, Uri, header};
 use std::net::IpAddr;

@@ -2,8 +2,8 @@
 
 use super::bucket::add_headers;
 use super::{Access, BEARER, Caller, TICKET};
-use crate::http::problem::{Kind, Problem};
-use crate::http::responses::add_problems;
+use crate::http::wire::problem::{Kind, Problem};
+use crate::http::wire::responses::add_problems;
 use crate::jobs::keys::Scope;
 use axum::extract::Request;
 use axum::http::{HeaderValue, header};

@@ -6,14 +6,14 @@
 
 use super::models::each_model;
 use super::pack::{Entry, Packer};
+use super::study::StoredStudy;
 use crate::http::AppState;
 use crate::http::access::Caller;
-use crate::http::extract::{BatchId, Parameters, no_batch};
-use crate::http::faults::Fault;
-use crate::http::files::permit;
-use crate::http::problem::Problem;
-use crate::http::responses::{BadParameters, BatchMissing, DownloadAway};
-use crate::http::study::StoredStudy;
+use crate::http::models::files::permit;
+use crate::http::wire::extract::{BatchId, Parameters, no_batch};
+use crate::http::wire::faults::Fault;
+use crate::http::wire::problem::Problem;
+use crate::http::wire::responses::{BadParameters, BatchMissing, DownloadAway};
 use crate::jobs::artifacts::{Artifacts, Download};
 use crate::jobs::{Batch, File, Job};
 use axum::body::Body;

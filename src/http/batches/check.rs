@@ -2,11 +2,11 @@
 
 use super::request::{BatchRequest, Seeds};
 use crate::http::AppState;
-use crate::http::blocking::blocking;
-use crate::http::create::{self, check_backend, cost, find_preset, too_much};
-use crate::http::faults::{Fault, Faults};
-use crate::http::problem::Problem;
-use crate::http::request::ModelRequest;
+use crate::http::models::create::{self, check_backend, cost, find_preset, too_much};
+use crate::http::models::request::ModelRequest;
+use crate::http::wire::blocking::blocking;
+use crate::http::wire::faults::{Fault, Faults};
+use crate::http::wire::problem::Problem;
 use crate::spec::study::Study;
 use crate::spec::{self, Cost, ModelSpec, Preset};
 use serde_json::Value;

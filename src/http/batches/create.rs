@@ -3,17 +3,17 @@
 use super::check::{AcceptedBatch, Point, check_body};
 use super::read::answer;
 use super::request::Seeds;
+use super::study::StoredStudy;
 use crate::http::AppState;
 use crate::http::access::{Caller, audit, run_to_completion};
-use crate::http::blocking::blocking;
-use crate::http::create::{draw_seed, key_of, new_job, set_location};
 use crate::http::dto::Batch;
-use crate::http::json::JsonBody;
-use crate::http::problem::Problem;
-use crate::http::responses::{
+use crate::http::models::create::{draw_seed, key_of, new_job, set_location};
+use crate::http::wire::blocking::blocking;
+use crate::http::wire::json::JsonBody;
+use crate::http::wire::problem::Problem;
+use crate::http::wire::responses::{
     BatchRequest as BatchRequestDoc, BodyProblems, ParameterValue, QueueFull, StoreAwayOrOpening,
 };
-use crate::http::study::StoredStudy;
 use crate::jobs::reuse::exclude_missing_files;
 use crate::jobs::{self, NewBatch, NewJob, StoreError, SubmittedBatch};
 use crate::spec::Cost;
@@ -130,7 +130,7 @@ pub(in crate::http) struct BatchValidation {
 
 /// A point of a study.
 #[derive(Debug, Serialize, ToSchema)]
-pub(in crate::http) struct PointValidation {
+pub(super) struct PointValidation {
     /// The varied values by their pointers.
     #[schema(value_type = BTreeMap<String, ParameterValue>)]
     values: Map<String, Value>,
@@ -140,7 +140,7 @@ pub(in crate::http) struct PointValidation {
 
 /// Predicted cost of a batch.
 #[derive(Debug, Default, Serialize, ToSchema)]
-pub(in crate::http) struct BatchCost {
+pub(super) struct BatchCost {
     /// Seconds to grow all models one after the other, by backend.
     seconds: BTreeMap<String, f64>,
     /// Bytes of all files.

@@ -1,8 +1,8 @@
 //! Target of the fuzzers: the body of `POST /batches`, with the study that it may have.
 
 use super::request::{BatchRequest, Seeds};
-use crate::http::faults::Faults;
 use crate::http::fuzzing::{document, members, resolved};
+use crate::http::wire::faults::Faults;
 use serde_json::json;
 
 /// Models of a batch, as by default.

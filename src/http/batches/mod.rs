@@ -21,6 +21,7 @@ mod models;
 mod pack;
 pub(super) mod read;
 mod request;
+pub(in crate::http) mod study;
 pub(super) mod table;
 
 pub(super) use request::BatchRequest;

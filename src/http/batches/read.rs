@@ -3,10 +3,10 @@
 use crate::http::AppState;
 use crate::http::access::{Caller, audited};
 use crate::http::dto::{Batch, BatchList};
-use crate::http::extract::{BatchId, Parameters, no_batch};
-use crate::http::problem::Problem;
-use crate::http::responses::{BadParameters, BatchMissing, StoreAway};
-use crate::http::select;
+use crate::http::models::select;
+use crate::http::wire::extract::{BatchId, Parameters, no_batch};
+use crate::http::wire::problem::Problem;
+use crate::http::wire::responses::{BadParameters, BatchMissing, StoreAway};
 use crate::jobs::{self, BatchFilter, JobId, ListFilter};
 use axum::Json;
 use axum::extract::State;

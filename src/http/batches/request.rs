@@ -1,7 +1,7 @@
 //! Bodies of requests for batches: from JSON to a [`BatchRequest`], with all faults in one response.
 
-use crate::http::faults::{Fault, Faults};
-use crate::http::request::{ModelRequest, SEED_MAX, describe, seed};
+use crate::http::models::request::{ModelRequest, SEED_MAX, describe, seed};
+use crate::http::wire::faults::{Fault, Faults};
 use crate::spec::study::Study;
 use serde_json::{Value, json};
 

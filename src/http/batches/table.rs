@@ -5,14 +5,14 @@
 
 use super::figures;
 use super::models::each_model;
+use super::study::StoredStudy;
 use crate::http::AppState;
 use crate::http::access::Caller;
-use crate::http::extract::{BatchId, Parameters, no_batch};
-use crate::http::faults::Fault;
-use crate::http::headers::accept;
-use crate::http::problem::{Kind, Problem, TYPE_PREFIX};
-use crate::http::responses::{BadParameters, BatchMissing, Inacceptable, ParameterValue, StoreAway};
-use crate::http::study::StoredStudy;
+use crate::http::wire::extract::{BatchId, Parameters, no_batch};
+use crate::http::wire::faults::Fault;
+use crate::http::wire::headers::accept;
+use crate::http::wire::problem::{Kind, Problem, TYPE_PREFIX};
+use crate::http::wire::responses::{BadParameters, BatchMissing, Inacceptable, ParameterValue, StoreAway};
 use crate::jobs::Job;
 use axum::Json;
 use axum::extract::State;

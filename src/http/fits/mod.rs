@@ -15,8 +15,8 @@ pub(super) mod reader;
 mod request;
 mod shape;
 
-use super::extract::{PathTexts, parse_id};
-use super::problem::{Kind, Problem};
+use crate::http::wire::extract::{PathTexts, parse_id};
+use crate::http::wire::problem::{Kind, Problem};
 use crate::jobs::JobId;
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;

@@ -1,9 +1,9 @@
 //! The body of a request for a fit.
 
 use crate::fit::{FitSpec, read_images};
-use crate::http::faults::{Fault, Faults};
-use crate::http::request::{labels, priority};
-use crate::http::responses::SpecPatch;
+use crate::http::models::request::{labels, priority};
+use crate::http::wire::faults::{Fault, Faults};
+use crate::http::wire::responses::SpecPatch;
 use crate::jobs::Priority;
 use serde::Deserialize;
 use serde_json::Value;

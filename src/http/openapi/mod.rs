@@ -10,15 +10,17 @@
 //! | `spec` | the patch of a spec as components |
 //! | `examples` | examples of requests and responses |
 
+pub(in crate::http) mod docs;
 mod examples;
 mod operations;
 mod schemas;
+pub(in crate::http) mod shapes;
 mod spec;
 
 use super::dto::{DeletedEvent, ModelEvent};
-use super::faults::Fault;
-use super::problem::ProblemBody;
 use crate::generate::{Backend, Output};
+use crate::http::wire::faults::Fault;
+use crate::http::wire::problem::ProblemBody;
 use crate::measure::Certificate;
 use crate::model::{BodyKind, LengthUnit};
 use axum::Extension;
@@ -30,7 +32,7 @@ use utoipa::OpenApi;
 
 #[derive(OpenApi)]
 #[openapi(
-    components(schemas(super::detail::Detail, ProblemBody, Fault, Backend, Output, BodyKind, LengthUnit, super::sections::Format, super::slides::Stain, crate::render::NamedView, super::batches::table::TableFormat,
+    components(schemas(crate::http::models::detail::Detail, ProblemBody, Fault, Backend, Output, BodyKind, LengthUnit, crate::http::pictures::sections::Format, crate::http::pictures::slides::Stain, crate::render::NamedView, super::batches::table::TableFormat,
         super::batches::archive::ArchiveFormat, ModelEvent, DeletedEvent, Certificate)),
     tags(
         (name = "models", description = "Request, find, cancel and delete models"),

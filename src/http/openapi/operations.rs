@@ -1,8 +1,8 @@
 //! What operations have in common: problems, headers, security; and the media types of bodies that are not JSON.
 
 use crate::http::access::{BEARER, TICKET};
-use crate::http::problem::Kind;
-use crate::http::responses::problem_responses;
+use crate::http::wire::problem::Kind;
+use crate::http::wire::responses::problem_responses;
 use serde_json::{Map, Value, json};
 
 /// Completes all operations.

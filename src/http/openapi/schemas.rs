@@ -3,8 +3,8 @@
 use super::spec;
 use crate::http::Limits;
 use crate::http::batches::BatchRequest;
-use crate::http::problem::{Kind, TYPE_PREFIX};
-use crate::http::request::ModelRequest;
+use crate::http::models::request::ModelRequest;
+use crate::http::wire::problem::{Kind, TYPE_PREFIX};
 use serde_json::{Value, json};
 
 /// Completes the components that utoipa has derived.

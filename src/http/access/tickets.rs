@@ -1,0 +1,104 @@
+//! `POST /tickets`: a ticket for one `GET` by a browser that cannot send a key: an `EventSource`, a link, an image.
+
+use crate::http::AppState;
+use crate::http::access::{Caller, unauthorized};
+use crate::http::models::request::escape;
+use crate::http::wire::faults::{Fault, Faults};
+use crate::http::wire::json::JsonBody;
+use crate::http::wire::problem::Problem;
+use crate::http::wire::responses::{StoreAway, TicketProblems};
+use crate::jobs::keys::{NewTicket, TicketSecret};
+use axum::Json;
+use axum::extract::State;
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::time::Duration;
+use utoipa::ToSchema;
+
+/// How long a ticket is good.
+const LIFE: Duration = Duration::from_secs(60);
+/// Longest path, in bytes.
+const PATH_MAX: usize = 512;
+
+/// A request for a ticket.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[expect(dead_code, reason = "describes the body; `path_of` reads it and collects its faults")]
+pub(in crate::http) struct TicketRequest {
+    /// Path that the ticket is good for, without a query, such as `/models/{id}/events`.
+    #[schema(pattern = "^/[!\"$->@-~]*$", max_length = 512)]
+    path: String,
+}
+
+/// A ticket.
+#[derive(Debug, Serialize, ToSchema)]
+pub(in crate::http) struct Ticket {
+    /// Value for the parameter `ticket` of one `GET` of the path.
+    ticket: String,
+    /// The path.
+    path: String,
+    /// When it expires; null on a service without keys, where any value will do.
+    #[schema(value_type = Option<String>, format = DateTime)]
+    expires_at: Option<Timestamp>,
+}
+
+/// Get a ticket.
+///
+/// It is good for one `GET` of one path within 60 seconds, as `?ticket=…`, with the rights of the key: for an `EventSource`
+/// or a link, which cannot send `Authorization`. For each reconnection get another.
+#[utoipa::path(
+    post, path = "/tickets", operation_id = "create_ticket", tag = "access",
+    request_body(content = TicketRequest, content_type = "application/json"),
+    responses((status = 201, description = "The ticket", body = Ticket), TicketProblems, StoreAway)
+)]
+pub(in crate::http) async fn create(
+    State(state): State<AppState>,
+    caller: Caller,
+    JsonBody(body): JsonBody,
+) -> Result<Response, Problem> {
+    let path = path_of(&body)?;
+    let secret = TicketSecret::generate();
+    let expires_at = match &caller {
+        Caller::Anyone => None,
+        Caller::Key(key) if state.access.still_works(&caller).await => {
+            let ticket = NewTicket { hash: secret.hash(), key: key.prefix.clone(), path: path.clone(), life: LIFE };
+            Some(state.store.add_ticket(ticket).await?)
+        }
+        Caller::Key(_) => return Err(unauthorized("The key was revoked a moment ago.")),
+    };
+    let ticket = Ticket { ticket: secret.reveal().to_owned(), path, expires_at };
+    let cache = [(header::CACHE_CONTROL, HeaderValue::from_static("no-store"))];
+    Ok((StatusCode::CREATED, cache, Json(ticket)).into_response())
+}
+
+/// The path in a request for a ticket.
+fn path_of(body: &Value) -> Result<String, Problem> {
+    let mut faults = Faults::default();
+    let Some(members) = body.as_object() else {
+        return Err(Problem::invalid(Fault::at("", "must be an object")));
+    };
+    for name in members.keys().filter(|name| *name != "path") {
+        faults.push(Fault::at(format!("/{}", escape(name)), "is unknown; the member is path"));
+    }
+    let path = match members.get("path") {
+        None => Err("is missing"),
+        Some(Value::String(path)) if path.len() > PATH_MAX => Err("must have at most 512 characters"),
+        Some(Value::String(path)) if !path.starts_with('/') || !path.bytes().all(|b| b.is_ascii_graphic()) => {
+            Err("must be a path: a slash and visible ASCII characters, others percent-encoded")
+        }
+        Some(Value::String(path)) if path.contains(['?', '#']) => Err("must not have a query or a fragment"),
+        Some(Value::String(path)) => Ok(path.clone()),
+        Some(_) => Err("must be a string"),
+    };
+    match path {
+        Ok(path) if faults.is_empty() => Ok(path),
+        Ok(_) => Err(Problem::invalid(faults)),
+        Err(detail) => {
+            faults.push(Fault::at("/path", detail));
+            Err(Problem::invalid(faults))
+        }
+    }
+}

@@ -1,0 +1,276 @@
+//! `GET /models/{id}/files/{name}`: the stored bytes. `GET /models/{id}/report`: the stored report, and what computed it.
+//!
+//! A name is looked up among the files of the model's record; it never becomes part of a path. Files never change,
+//! so their entity tag is their SHA-256, and they may be cached forever.
+
+use crate::http::AppState;
+use crate::http::access::Caller;
+use crate::http::openapi::shapes::StoredReport;
+use crate::http::wire::conditional::ETag;
+use crate::http::wire::extract::{ModelId, PathTexts, no_model};
+use crate::http::wire::headers::refuses_redirect;
+use crate::http::wire::problem::{Kind, Problem};
+use crate::http::wire::range::{Selection, select};
+use crate::http::wire::responses::{DownloadAway, FileMissing, RangeOutside};
+use crate::jobs::artifacts::ArtifactError;
+use crate::jobs::{BackendReport, File, Job, JobId};
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use bytes::Bytes;
+use futures_util::{StreamExt, TryStreamExt};
+use serde_json::{Map, Value};
+use sha2::{Digest, Sha256};
+use std::time::Duration;
+use tokio::sync::OwnedSemaphorePermit;
+
+/// `Cache-Control` of responses that never change.
+pub(in crate::http) const IMMUTABLE: HeaderValue = HeaderValue::from_static("private, max-age=31536000, immutable");
+
+/// Time for which a signed address is valid.
+const SIGNED_FOR: Duration = Duration::from_secs(300);
+
+/// Download a file.
+///
+/// Its name and media type are among the `files` of the model. Files never change; ranges resume a download.
+#[utoipa::path(
+    get, path = "/models/{id}/files/{name}", operation_id = "download_file", tag = "files",
+    params(
+        ("id" = Uuid, Path, description = "Id of the model"),
+        ("name" = String, Path, description = "Name of one of the model's files, such as `model.glb`"),
+        ("range" = Option<String>, Header, description = "One range of bytes"),
+        ("if-range" = Option<String>, Header, description = "Entity tag of the file that the range is of"),
+        ("if-none-match" = Option<String>, Header, description = "Entity tags that the client has"),
+        ("prefer" = Option<String>, Header, description = "`redirect=no`: the file itself, where a download is redirected otherwise"),
+    ),
+    responses(
+        (status = 200, description = "The file", headers(
+            ("etag" = String, description = "SHA-256 of the file"),
+            ("accept-ranges" = String, description = "`bytes`"),
+            ("content-disposition" = String, description = "File name to save it under"))),
+        (status = 206, description = "The range", headers(
+            ("content-range" = String, description = "The range, and the size of the file"))),
+        (status = 304, description = "The client has this file"),
+        (status = 307, description = "Download it from the artifact store, at this address, within five minutes. Only if the service is set up so", headers(
+            ("location" = String, description = "Signed address of the file"))),
+        FileMissing, RangeOutside, DownloadAway,
+    )
+)]
+pub(in crate::http) async fn download(
+    State(state): State<AppState>,
+    caller: Caller,
+    ModelId(id): ModelId,
+    path: PathTexts,
+    method: Method,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let (job, file) = find(&state, &caller, id, path.get("name")).await?;
+    let disposition = format!("attachment; filename=\"{}-{}-{}\"", job.preset, job.seed, file.name);
+    if let Some(redirect) = redirect(&state, &job, &file, &method, &headers).await? {
+        return Ok(redirect);
+    }
+    let mut response = send(&state, &file, &method, &headers).await?;
+    if let Ok(value) = HeaderValue::try_from(disposition) {
+        response.headers_mut().insert(header::CONTENT_DISPOSITION, value);
+    }
+    Ok(response)
+}
+
+/// Redirects a download to the artifact store, if that is set and the store can sign addresses. Ranges work too: a client
+/// repeats its headers there. The console asks not to be redirected, because its policy lets it read from this origin only.
+async fn redirect(
+    state: &AppState,
+    job: &Job,
+    file: &File,
+    method: &Method,
+    headers: &HeaderMap,
+) -> Result<Option<Response>, Problem> {
+    let known = ETag::strong(&file.sha256).matches_none(headers);
+    if !state.limits.redirect_downloads || method != Method::GET || known || refuses_redirect(headers) {
+        return Ok(None);
+    }
+    let name = format!("{}-{}-{}", job.preset, job.seed, file.name);
+    let Some(url) = state.artifacts.signed_url(&file.key, &name, &file.media_type, SIGNED_FOR).await? else {
+        return Ok(None);
+    };
+    let location = HeaderValue::try_from(url).map_err(|error| {
+        tracing::error!(%error, "a signed address is no valid header value");
+        Problem::new(Kind::Internal, "The download could not be redirected.")
+    })?;
+    state.metrics.bytes_out(file.bytes);
+    let headers = [(header::LOCATION, location), (header::CACHE_CONTROL, HeaderValue::from_static("no-store"))];
+    Ok(Some((StatusCode::TEMPORARY_REDIRECT, headers).into_response()))
+}
+
+/// The report of a model: what `report.json` holds, and what computed it.
+#[derive(serde::Serialize, utoipa::ToSchema)]
+pub(super) struct Report {
+    /// What computed the model. Not in the file, whose bytes are the same on any machine.
+    backend: BackendReport,
+    /// SHA-256 of the canonical spec (without `solver.search`), the seed and the engine version, as in the model.
+    digest: String,
+    /// Preset that the spec was resolved on.
+    preset: String,
+    /// Seed.
+    #[schema(minimum = 0, maximum = 9007199254740991i64)]
+    seed: u64,
+    /// The members of `report.json`.
+    #[serde(flatten)]
+    #[schema(value_type = StoredReport)]
+    stored: Map<String, Value>,
+}
+
+/// Read the report of a model: its certificate, its summary, and what computed it.
+///
+/// It holds what `report.json` holds.
+#[utoipa::path(
+    get, path = "/models/{id}/report", operation_id = "get_report", tag = "files",
+    params(
+        ("id" = Uuid, Path, description = "Id of the model"),
+        ("if-none-match" = Option<String>, Header, description = "Entity tags that the client has"),
+    ),
+    responses(
+        (status = 200, description = "The report", body = Report, headers(
+            ("etag" = String, description = "SHA-256 of the report"))),
+        (status = 304, description = "The client has this file"),
+        FileMissing, DownloadAway,
+    )
+)]
+pub(in crate::http) async fn report(
+    State(state): State<AppState>,
+    caller: Caller,
+    ModelId(id): ModelId,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let (job, file) = find(&state, &caller, id, "report.json").await?;
+    let _permit = permit(&state)?;
+    let mut stored: Map<String, Value> = serde_json::from_slice(&whole(&state, &file).await?).map_err(|error| {
+        tracing::error!(%error, "a stored report is damaged");
+        Problem::new(Kind::Internal, "The stored report is damaged.")
+    })?;
+    for own in ["backend", "digest", "preset", "seed"] {
+        stored.remove(own);
+    }
+    let report = Report { backend: job.backend, digest: job.digest, preset: job.preset, seed: job.seed, stored };
+    let body = serde_json::to_vec(&report).expect("a report has string keys only");
+    let tag = ETag::strong(hex::encode(Sha256::digest(&body)));
+    if tag.matches_none(&headers) {
+        return tag.not_modified(IMMUTABLE);
+    }
+    let kind = HeaderValue::from_static("application/json");
+    let headers = [(header::CONTENT_TYPE, kind), (header::ETAG, tag.header()?), (header::CACHE_CONTROL, IMMUTABLE)];
+    Ok((headers, body).into_response())
+}
+
+/// A file in memory.
+pub(in crate::http) async fn whole(state: &AppState, file: &File) -> Result<Bytes, Problem> {
+    let chunks: Vec<Bytes> = state.artifacts.get_range(&file.key, None).await?.stream.try_collect().await?;
+    Ok(chunks.concat().into())
+}
+
+/// Room for one more reader of the artifact store.
+pub(in crate::http) fn permit(state: &AppState) -> Result<OwnedSemaphorePermit, Problem> {
+    state.downloads.clone().try_acquire_owned().map_err(|_| {
+        let detail = format!("{} downloads are running, which is the limit. Try again later.", state.limits.downloads);
+        Problem::new(Kind::TooManyDownloads, detail).with_header(header::RETRY_AFTER, HeaderValue::from_static("5"))
+    })
+}
+
+/// A model.
+pub(in crate::http) async fn find_model(state: &AppState, caller: &Caller, id: JobId) -> Result<Job, Problem> {
+    caller.model(state.store.get(id).await?).ok_or_else(|| no_model(id))
+}
+
+/// A model and its file of this name.
+pub(in crate::http) async fn find(
+    state: &AppState,
+    caller: &Caller,
+    id: JobId,
+    name: &str,
+) -> Result<(Job, File), Problem> {
+    let job = find_model(state, caller, id).await?;
+    let file = file_of(&job, name)?;
+    Ok((job, file))
+}
+
+/// The file of this name of a model.
+pub(in crate::http) fn file_of(job: &Job, name: &str) -> Result<File, Problem> {
+    job.files.iter().find(|file| file.name == name).cloned().ok_or_else(|| {
+        let detail = if job.status.is_ended() {
+            let names: Vec<_> = job.files.iter().map(|file| file.name.as_str()).collect();
+            format!("The model has the files [{}].", names.join(", "))
+        } else {
+            "The model has not ended. Its files are available after its end.".to_owned()
+        };
+        Problem::new(Kind::FileNotFound, detail)
+    })
+}
+
+async fn send(state: &AppState, file: &File, method: &Method, headers: &HeaderMap) -> Result<Response, Problem> {
+    let tag = ETag::strong(&file.sha256);
+    if tag.matches_none(headers) {
+        return tag.not_modified(IMMUTABLE);
+    }
+    // Ranges are defined for GET only (RFC 9110, section 14.2).
+    let asked = headers.get(header::RANGE).and_then(|v| v.to_str().ok());
+    let asked = asked.filter(|_| method == Method::GET && tag.matches_range(headers));
+    let (status, range) = match select(asked, file.bytes) {
+        Selection::Whole => (StatusCode::OK, 0..file.bytes),
+        Selection::Part(range) => (StatusCode::PARTIAL_CONTENT, range),
+        Selection::Outside => {
+            let problem = Problem::new(Kind::RangeNotSatisfiable, format!("The file has {} bytes.", file.bytes));
+            return Err(match HeaderValue::try_from(format!("bytes */{}", file.bytes)) {
+                Ok(value) => problem.with_header(header::CONTENT_RANGE, value),
+                Err(_) => problem,
+            });
+        }
+    };
+    let body = if method == Method::HEAD {
+        Body::empty()
+    } else {
+        let part = (status == StatusCode::PARTIAL_CONTENT).then(|| range.clone());
+        let permit = permit(state)?;
+        let stream = state.artifacts.get_range(&file.key, part).await?.stream;
+        state.metrics.bytes_out(range.end - range.start);
+        // The permit goes with the last byte, or with the connection.
+        Body::from_stream(stream.inspect(move |_| {
+            let _ = &permit;
+        }))
+    };
+    let mut response = (status, body).into_response();
+    let out = response.headers_mut();
+    out.insert(header::CONTENT_TYPE, media_type(file));
+    out.insert(header::CONTENT_LENGTH, HeaderValue::from(range.end - range.start));
+    out.insert(header::ETAG, tag.header()?);
+    out.insert(header::ACCEPT_RANGES, HeaderValue::from_static("bytes"));
+    out.insert(header::CACHE_CONTROL, IMMUTABLE);
+    if status == StatusCode::PARTIAL_CONTENT
+        && let Ok(value) = HeaderValue::try_from(format!("bytes {}-{}/{}", range.start, range.end - 1, file.bytes))
+    {
+        out.insert(header::CONTENT_RANGE, value);
+    }
+    Ok(response)
+}
+
+fn media_type(file: &File) -> HeaderValue {
+    HeaderValue::try_from(&file.media_type).unwrap_or(HeaderValue::from_static("application/octet-stream"))
+}
+
+/// A file that a record names exists, unless the model was deleted a moment ago or the store is unavailable.
+impl From<ArtifactError> for Problem {
+    fn from(error: ArtifactError) -> Self {
+        match error {
+            ArtifactError::NotFound { .. } => {
+                tracing::warn!(%error, "a file is missing");
+                Self::new(Kind::FileNotFound, "The file is missing. The model may have been deleted a moment ago.")
+            }
+            ArtifactError::Jobs(error) => error.into(),
+            other => {
+                tracing::error!(error = %other, "the artifact store failed");
+                Self::new(Kind::StorageUnavailable, "The artifact store is unavailable. Try again later.")
+                    .with_header(header::RETRY_AFTER, HeaderValue::from_static("5"))
+            }
+        }
+    }
+}

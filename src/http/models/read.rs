@@ -1,0 +1,159 @@
+//! `GET /models`, `GET`, `DELETE /models/{id}`, `POST /models/{id}/cancel`: list, read, delete and cancel models.
+
+use super::detail::Detail;
+use super::links::At;
+use super::select::{self, Conditions};
+use crate::http::AppState;
+use crate::http::access::{Caller, audited};
+use crate::http::dto::{Model, ModelList};
+use crate::http::wire::conditional::ETag;
+use crate::http::wire::extract::{ModelId, Parameters, no_model};
+use crate::http::wire::problem::Problem;
+use crate::http::wire::responses::{BadParameters, ModelMissing, StoreAway};
+use crate::jobs::{Job, JobProgress, ListFilter};
+use axum::Json;
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+
+/// The tag of a model's state: its version, and its position in the queue, which changes without a new version.
+pub(in crate::http) fn tag(job: &Job) -> ETag {
+    match job.queue_position {
+        None | Some(0) => ETag::strong(job.version),
+        Some(place) => ETag::strong(format_args!("{}-{place}", job.version)),
+    }
+}
+
+/// The model as a response.
+pub(in crate::http) fn answer(
+    state: &AppState,
+    status: StatusCode,
+    job: &Job,
+    detail: Detail,
+    at: At,
+) -> Result<Response, Problem> {
+    let model = Model::of(job, state.limits.keep, detail, at);
+    Ok((status, [(header::ETAG, tag(job).header()?)], Json(model)).into_response())
+}
+
+/// When to ask again for a model that has not ended: after the time that it will take, between 1 and 30 seconds.
+pub(in crate::http) fn retry_after(job: &Job) -> HeaderValue {
+    let eta = job.progress.and_then(JobProgress::eta_seconds).unwrap_or(1.0);
+    HeaderValue::from(eta.ceil().clamp(1.0, 30.0) as u32)
+}
+
+/// List models, newest first.
+///
+/// The conditions narrow the list; a model must match all of them. `next` is the `cursor` of the next page.
+#[utoipa::path(
+    get, path = "/models", operation_id = "list_models", tag = "models",
+    params(
+        Conditions,
+        ("view" = Option<Detail>, Query, description = "`summary` leaves out the specs; `full` by default"),
+        ("limit" = Option<u32>, Query, minimum = 1, maximum = 100, description = "Most models on the page; 20 by default"),
+        ("cursor" = Option<String>, Query, format = Uuid, description = "`next` of the previous page"),
+    ),
+    responses((status = 200, description = "A page of models", body = ModelList), BadParameters, StoreAway)
+)]
+pub(in crate::http) async fn list(
+    State(state): State<AppState>,
+    caller: Caller,
+    parameters: Parameters,
+) -> Result<Json<ModelList>, Problem> {
+    let mut faults = parameters.faults(&[&select::CONDITIONS[..], &["view", "limit", "cursor"]].concat(), &["label"]);
+    let detail = Detail::read(&parameters, Detail::Full, &mut faults);
+    let filter = select::read(&parameters, &caller, &mut faults);
+    let (limit, before) = select::page(&parameters, &mut faults);
+    Problem::check(faults)?;
+    let page = state.store.list(&ListFilter { limit, before, ..filter }).await?;
+    let models = page.jobs.iter().map(|job| Model::of(job, state.limits.keep, detail, At::Root)).collect();
+    Ok(Json(ModelList { models, next: page.next.map(|id| id.to_string()) }))
+}
+
+/// Read a model.
+///
+/// A model that has ended never changes, but for its removal.
+#[utoipa::path(
+    get, path = "/models/{id}", operation_id = "get_model", tag = "models",
+    params(
+        ("id" = Uuid, Path, description = "Id of the model"),
+        ("view" = Option<Detail>, Query, description = "`summary` leaves out the spec; `full` by default"),
+        ("if-none-match" = Option<String>, Header, description = "Entity tags that the client has"),
+    ),
+    responses(
+        (status = 200, description = "The model", body = Model, headers(
+            ("etag" = String, description = "The version, followed by the position in the queue if that is not 0"),
+            ("retry-after" = Option<u32>, description = "Seconds to wait before the next request; absent once it has ended"))),
+        (status = 304, description = "The model has not changed"),
+        ModelMissing, BadParameters, StoreAway,
+    )
+)]
+pub(in crate::http) async fn get(
+    State(state): State<AppState>,
+    caller: Caller,
+    ModelId(id): ModelId,
+    parameters: Parameters,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let mut faults = parameters.faults(&["view"], &[]);
+    let detail = Detail::read(&parameters, Detail::Full, &mut faults);
+    Problem::check(faults)?;
+    let job = caller.model(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
+    let cache = HeaderValue::from_static("no-cache");
+    let mut response = if tag(&job).matches_none(&headers) {
+        tag(&job).not_modified(cache)?
+    } else {
+        let mut response = answer(&state, StatusCode::OK, &job, detail, At::Models)?;
+        response.headers_mut().insert(header::CACHE_CONTROL, cache);
+        response
+    };
+    if !job.status.is_ended() {
+        response.headers_mut().insert(header::RETRY_AFTER, retry_after(&job));
+    }
+    Ok(response)
+}
+
+/// Cancel a model.
+///
+/// A queued model ends at once, a running one within a second. An ended model does not change.
+#[utoipa::path(
+    post, path = "/models/{id}/cancel", operation_id = "cancel_model", tag = "models",
+    params(("id" = Uuid, Path, description = "Id of the model")),
+    responses((status = 200, description = "The model", body = Model), ModelMissing, StoreAway)
+)]
+pub(in crate::http) async fn cancel(
+    State(state): State<AppState>,
+    caller: Caller,
+    ModelId(id): ModelId,
+) -> Result<Response, Problem> {
+    // The owner of a job never changes.
+    caller.model(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
+    let store = state.store.clone();
+    let cancelled = audited(&caller, "model cancelled", id, async move { store.cancel(id).await });
+    let job = cancelled.await?.ok_or_else(|| no_model(id))?;
+    if let Some(checkpoint) = job.checkpoint.clone().filter(|_| job.status.is_ended()) {
+        state.forget(vec![checkpoint]).await;
+    }
+    answer(&state, StatusCode::OK, &job, Detail::Full, At::Model)
+}
+
+/// Delete a model and its files. It is cancelled if it has not ended.
+///
+/// Files that another model shares are kept.
+#[utoipa::path(
+    delete, path = "/models/{id}", operation_id = "delete_model", tag = "models",
+    params(("id" = Uuid, Path, description = "Id of the model")),
+    responses((status = 204, description = "The model was deleted"), ModelMissing, StoreAway)
+)]
+pub(in crate::http) async fn delete(
+    State(state): State<AppState>,
+    caller: Caller,
+    ModelId(id): ModelId,
+) -> Result<StatusCode, Problem> {
+    caller.model(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
+    let store = state.store.clone();
+    let deleted = audited(&caller, "model deleted", id, async move { store.delete(id).await });
+    let keys = deleted.await?.ok_or_else(|| no_model(id))?;
+    state.forget(keys).await;
+    Ok(StatusCode::NO_CONTENT)
+}

@@ -1,0 +1,211 @@
+//! `GET /models/{id}/cut`: the stored surface of a model cut by a plane, as JSON, as a drawing, or as a stained or labelled
+//! picture.
+
+use super::draw::turn;
+use super::sections::{Format, Png, SVG, representation};
+use super::slides::{PARAMETERS, Place, Stain, Style, respond};
+use super::surfaces;
+use crate::export::cut::CutDocument;
+use crate::export::svg::cut_svg;
+use crate::geometry::cut::Body;
+use crate::http::AppState;
+use crate::http::access::Caller;
+use crate::http::models::files::{IMMUTABLE, find_model};
+use crate::http::wire::blocking::blocking;
+use crate::http::wire::conditional::ETag;
+use crate::http::wire::extract::{ModelId, Parameters};
+use crate::http::wire::faults::{Fault, Faults};
+use crate::http::wire::problem::{Kind, Problem};
+use crate::http::wire::responses::{CutMissing, CutProblems, Inacceptable, PictureAway};
+use crate::jobs::Job;
+use crate::model::{Border, Plane};
+use crate::spec::{Across, ModelSpec};
+use axum::Json;
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderValue, Method, header};
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+use utoipa::ToSchema;
+use uuid::Uuid;
+
+/// A planar cut of a model's surface.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct CutAnswer {
+    /// Id of the model.
+    model: Uuid,
+    /// The file that was cut.
+    file: String,
+    #[serde(flatten)]
+    cut: CutDocument,
+}
+
+/// Cut a finished model with a plane.
+///
+/// The stored surface of the tissue is cut exactly as it is, across the tube (`z_um`) or along any plane (`origin_um` and
+/// `normal`). Rings are nested and told apart: `tissue`; its largest hole, `lumen`; `island`, tissue that is not connected to the
+/// wall in this plane; `pocket`, lumen that is not connected to the rest in this plane. The cross sections of
+/// `/models/{id}/sections/{k}` are those of the simulation, before the surface leans, and have no islands. A plane across a bent tube
+/// cuts the part around its centre line there, and no other.
+///
+/// Pictures show the same tissues as those of sections. A longer picture of a plane along the tube has larger pixels.
+#[utoipa::path(
+    get, path = "/models/{id}/cut", operation_id = "cut_model", tag = "files",
+    params(
+        ("id" = Uuid, Path, description = "Id of the model"),
+        ("z_um" = Option<f64>, Query, minimum = -1e12, maximum = 1e12, description = "Place along the tube of a plane across it, µm: along its centre line, if it is bent; u and v are x and y of the cross section there"),
+        ("origin_um" = Option<String>, Query, pattern = "^[-+0-9.eE ]+(,[-+0-9.eE ]+){2}$", description = "A point of the plane, µm: `x,y,z`; with `normal`, instead of `z_um`", example = "0,0,30000"),
+        ("normal" = Option<String>, Query, pattern = "^[-+0-9.eE ]+(,[-+0-9.eE ]+){2}$", description = "Normal of the plane, of any length: `x,y,z`", example = "0,1,0"),
+        ("format" = Option<Format>, Query, description = "`json`, `svg` or `png`; takes precedence over `Accept`. `size`, `stain` and `labels` ask for `png`"),
+        ("size" = Option<u32>, Query, minimum = 32, maximum = 2048, description = "Longer side of a PNG picture, pixels; 1024 by default"),
+        ("stain" = Option<Stain>, Query, description = "Stain of a PNG picture: `he`, haematoxylin and eosin, the default"),
+        ("labels" = Option<bool>, Query, description = "`true`: the tissue of each pixel as an 8-bit grey value, without a scale bar, instead of a stain"),
+        ("if-none-match" = Option<String>, Header, description = "Entity tags that the client has"),
+    ),
+    responses(
+        (status = 200, description = "The cut", content(
+            (CutAnswer = "application/json"),
+            (String = "image/svg+xml"),
+            (Png = "image/png")), headers(
+            ("etag" = String, description = "Entity tag of this representation"),
+            ("um-per-pixel" = f64, description = "Of a PNG picture: side of a pixel, µm. Its `pHYs` chunk has the pixels per metre"))),
+        (status = 304, description = "The client has this cut"),
+        CutMissing, Inacceptable, CutProblems, PictureAway,
+    )
+)]
+pub(in crate::http) async fn cut(
+    State(state): State<AppState>,
+    caller: Caller,
+    ModelId(id): ModelId,
+    parameters: Parameters,
+    method: Method,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let job = find_model(&state, &caller, id).await?;
+    let (across, format, style) = asked(&parameters, &headers)?;
+    let (file, kind) = surfaces::file(&job)?;
+    let plane = across.plane(&job).await?;
+    let key = format!("{}-{:x}", file.sha256, plane.digest());
+    let vary = (header::VARY, HeaderValue::from_static("accept"));
+    if format == Format::Png {
+        let place = Place { job: &job, key: &key, index: plane.digest() as u32 };
+        let read = async {
+            let body = surfaces::read(&state, &file, kind).await?;
+            blocking("Making the cut", move || borders(&body, &plane)).await?
+        };
+        let mut response = respond(&state, &caller, place, style, &method, &headers, read).await?;
+        response.headers_mut().insert(vary.0, vary.1);
+        return Ok(response);
+    }
+    let tag = ETag::strong(format_args!("{key}-{}", if format == Format::Svg { "svg" } else { "json" }));
+    if tag.matches_none(&headers) {
+        return Ok(([vary], tag.not_modified(IMMUTABLE)?).into_response());
+    }
+    let turn = turn(&state, &caller).await?;
+    let body = surfaces::read(&state, &file, kind).await?;
+    let made = blocking("Making the cut", move || {
+        let _turn = turn;
+        let cut = body.cut(&plane);
+        if cut.rings.is_empty() { Err(missed(&body, &plane)) } else { Ok(cut) }
+    });
+    let cut = made.await??;
+    let headers = [(header::ETAG, tag.header()?), (header::CACHE_CONTROL, IMMUTABLE), vary];
+    if format == Format::Svg {
+        let kind = (header::CONTENT_TYPE, HeaderValue::from_static(SVG));
+        return Ok((headers, [kind], cut_svg(&cut)).into_response());
+    }
+    Ok((headers, Json(CutAnswer { model: id.0, file: file.name, cut: cut.into() })).into_response())
+}
+
+/// Which plane is asked for.
+#[derive(Clone, Copy)]
+enum Asked {
+    /// Across the tube, at a place along it.
+    Across(f64),
+    Through(Plane),
+}
+
+impl Asked {
+    /// The plane in the files of a model, which may be bent.
+    async fn plane(self, job: &Job) -> Result<Plane, Problem> {
+        let z_um = match self {
+            Self::Through(plane) => return Ok(plane),
+            Self::Across(z_um) => z_um,
+        };
+        let spec = job.spec.clone();
+        let made = blocking("Making the cut", move || {
+            let Some(across) = ModelSpec::from_stored(&spec).map(|spec| Across::of(&spec)) else {
+                return Ok(Plane::across(z_um));
+            };
+            across.at(z_um).ok_or_else(|| {
+                let [first, last] = across.ends_um();
+                let detail = format!(
+                    "Along its centre line the model reaches from {first:.1} to {last:.1} µm; the plane is at {z_um:.1} µm."
+                );
+                Problem::new(Kind::CutNotFound, detail)
+            })
+        });
+        made.await?
+    }
+}
+
+fn missed(body: &Body<'_>, plane: &Plane) -> Problem {
+    let [low, high] = body.extent_um(plane);
+    let detail = format!(
+        "Along the normal of the plane the model reaches from {low:.1} to {high:.1} µm; the plane is at {:.1} µm.",
+        plane.height_um()
+    );
+    Problem::new(Kind::CutNotFound, detail)
+}
+
+/// Where the plane meets mucosa and outside.
+fn borders(body: &Body<'_>, plane: &Plane) -> Result<[Border; 2], Problem> {
+    let found = body.borders(plane).ok_or_else(|| {
+        tracing::error!("a stored surface has no patches");
+        Problem::new(Kind::Internal, "The surface of the model has no named patches.")
+    })?;
+    if found.iter().all(|border| border.lines.is_empty()) { Err(missed(body, plane)) } else { Ok(found) }
+}
+
+/// The plane, the representation, and what it shows if it is a picture.
+fn asked(parameters: &Parameters, headers: &HeaderMap) -> Result<(Asked, Format, Style), Problem> {
+    let [size, stain, labels] = PARAMETERS;
+    let mut faults = parameters.faults(&["z_um", "origin_um", "normal", "format", size, stain, labels], &[]);
+    let plane = plane(parameters, &mut faults);
+    let (format, style) = representation(parameters, headers, faults)?;
+    Ok((plane, format, style))
+}
+
+fn plane(parameters: &Parameters, faults: &mut Faults) -> Asked {
+    let anything = Asked::Across(0.0);
+    let mut fault = |name: &str, detail: &str| {
+        faults.push(Fault::parameter(name, detail));
+        anything
+    };
+    match [parameters.get("z_um"), parameters.get("origin_um"), parameters.get("normal")] {
+        [Some(z), None, None] => match number(z) {
+            Some(z) => Asked::Across(z),
+            None => fault("z_um", "must be a number of micrometres"),
+        },
+        [None, Some(origin), Some(normal)] => match (vector(origin), vector(normal)) {
+            (None, _) => fault("origin_um", "must be three numbers, x,y,z"),
+            (_, None) => fault("normal", "must be three numbers, x,y,z"),
+            (Some(origin), Some(normal)) => {
+                Plane::through(origin, normal).map_or_else(|| fault("normal", "must not be zero"), Asked::Through)
+            }
+        },
+        [None, None, None] => fault("z_um", "is required, or origin_um and normal"),
+        [None, Some(_), None] => fault("normal", "is required with origin_um"),
+        [None, None, Some(_)] => fault("origin_um", "is required with normal"),
+        [Some(_), _, _] => fault("z_um", "must be absent if origin_um or normal is given"),
+    }
+}
+
+/// A place, far from where squares overflow.
+fn number(text: &str) -> Option<f64> {
+    text.trim().parse().ok().filter(|x: &f64| x.abs() <= 1e12)
+}
+
+fn vector(text: &str) -> Option<[f64; 3]> {
+    let parts = text.split(',').map(number).collect::<Option<Vec<f64>>>()?;
+    parts.try_into().ok()
+}

@@ -1,0 +1,89 @@
+//! `GET /models/{id}/preview.png`: a picture of a model, drawn on request.
+//!
+//! [`super::draw`] says how requests for pictures share the threads.
+
+use super::draw::{A_DAY, SIZE, answer, picture, size};
+use super::sections;
+use crate::http::AppState;
+use crate::http::access::Caller;
+use crate::http::models::files::{find, permit};
+use crate::http::wire::conditional::ETag;
+use crate::http::wire::extract::{ModelId, Parameters};
+use crate::http::wire::faults::Fault;
+use crate::http::wire::problem::Problem;
+use crate::http::wire::responses::{BadParameters, FileMissing, PictureAway};
+use crate::jobs::File;
+use crate::model::Section;
+use crate::preview::{chosen, end, tube};
+use crate::render::{NamedView, mesh_png};
+use axum::extract::State;
+use axum::http::{HeaderMap, Method};
+use axum::response::Response;
+
+/// Draw a picture of a finished model.
+///
+/// PNG with a transparent background. From 256 pixels on it has a scale bar, which also names the factor by which a long tube
+/// is shortened. The same version of the service draws the same picture.
+#[utoipa::path(
+    get, path = "/models/{id}/preview.png", operation_id = "get_preview", tag = "files",
+    params(
+        ("id" = Uuid, Path, description = "Id of the model"),
+        ("view" = Option<NamedView>, Query, description = "`opened` (the default): the whole tube with a quarter cut away along it, or half of it if it is bent; `whole`: the tube from outside; `isthmus`, `ampulla`: one end, in true proportions"),
+        ("size" = Option<u32>, Query, minimum = 32, maximum = 2048, description = "Longest side, pixels; 1024 by default"),
+        ("if-none-match" = Option<String>, Header, description = "Entity tags that the client has"),
+    ),
+    responses(
+        (status = 200, description = "The picture", headers(
+            ("etag" = String, description = "Entity tag of the picture"))),
+        (status = 304, description = "The client has this picture"),
+        FileMissing, BadParameters, PictureAway,
+    )
+)]
+pub(in crate::http) async fn preview(
+    State(state): State<AppState>,
+    caller: Caller,
+    ModelId(id): ModelId,
+    parameters: Parameters,
+    method: Method,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let (view, size) = options(&parameters)?;
+    let (job, file) = find(&state, &caller, id, "sections.bin").await?;
+    let tag = ETag::strong(format_args!("{}-{}-{size}-{}", file.sha256, view.name(), env!("CARGO_PKG_VERSION")));
+    if tag.matches_none(&headers) {
+        return tag.not_modified(A_DAY);
+    }
+    let png = picture(&state, &caller, &tag, shown(&state, &file, view, size), move |sections| {
+        let mesh = tube(&sections, &job.spec)?;
+        drop(sections);
+        Ok(mesh_png(&mesh, &view.of(&mesh, size))?)
+    })
+    .await?;
+    answer(&state, &method, &tag, png)
+}
+
+fn options(parameters: &Parameters) -> Result<(NamedView, u32), Problem> {
+    let mut faults = parameters.faults(&["view", "size"], &[]);
+    let view = parameters.get("view").map_or(Ok(NamedView::default()), str::parse).unwrap_or_else(|error| {
+        faults.push(Fault::parameter("view", error.to_string()));
+        NamedView::default()
+    });
+    let size = size(parameters.get("size")).unwrap_or_else(|detail| {
+        faults.push(Fault::parameter("size", detail));
+        SIZE
+    });
+    Problem::check(faults)?;
+    Ok((view, size))
+}
+
+/// The sections in a picture; no others are read.
+pub(super) async fn shown(state: &AppState, file: &File, view: NamedView, size: u32) -> Result<Vec<Section>, Problem> {
+    let _download = permit(state)?;
+    let entries = sections::read_index(state, file).await?;
+    let end = match end(view, entries.len()) {
+        Some(k) => sections::read_entries(state, file, vec![entries[k]]).await?.pop(),
+        None => None,
+    };
+    let chosen = chosen(&entries, end.as_ref(), size).into_iter().map(|k| entries[k]).collect();
+    sections::read_entries(state, file, chosen).await
+}

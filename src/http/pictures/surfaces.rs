@@ -1,0 +1,70 @@
+//! Surfaces of models as they are cut, read from the artifact store.
+
+use crate::export::convert::Converted;
+use crate::export::read::{Format, ReadError, parse};
+use crate::geometry::cut::Body;
+use crate::http::AppState;
+use crate::http::models::files::{permit, whole};
+use crate::http::wire::blocking::blocking;
+use crate::http::wire::problem::{Kind, Problem};
+use crate::jobs::{File, Job};
+use std::sync::Arc;
+
+/// The files that can be cut, those that are read fastest first.
+const FILES: [(&str, Format); 5] = [
+    ("model.glb", Format::Gltf),
+    ("model.ply", Format::Ply),
+    ("model.vtp", Format::Vtp),
+    ("model.obj", Format::Obj),
+    ("model.stl", Format::Stl),
+];
+/// Largest file that is cut.
+const MOST_BYTES: u64 = 256 << 20;
+
+/// The file of the tissue's surface that is cut.
+pub(in crate::http) fn file(job: &Job) -> Result<(File, Format), Problem> {
+    let of = |(name, format)| job.files.iter().find(|file| file.name == name).map(|file| (file.clone(), format));
+    let found = FILES.into_iter().find_map(of).ok_or_else(|| {
+        let detail = if job.status.is_ended() {
+            let names = FILES.map(|(name, _)| name).join(", ");
+            format!("The model has no surface of the tissue that can be cut: none of the files {names}.")
+        } else {
+            "The model has not ended. It can be cut after its end.".to_owned()
+        };
+        Problem::new(Kind::FileNotFound, detail)
+    })?;
+    if found.0.bytes > MOST_BYTES {
+        let detail = format!(
+            "{} has {} bytes; the service cuts surfaces of at most {MOST_BYTES}. Download it and use `oviduct cut`.",
+            found.0.name, found.0.bytes
+        );
+        return Err(Problem::new(Kind::SurfaceTooLarge, detail));
+    }
+    Ok(found)
+}
+
+/// The surface in a file.
+pub(in crate::http) async fn read(
+    state: &AppState,
+    file: &File,
+    format: Format,
+) -> Result<Arc<Body<'static>>, Problem> {
+    if let Some(body) = state.bodies.kept(&file.sha256) {
+        return Ok(body);
+    }
+    let bytes = {
+        let _download = permit(state)?;
+        whole(state, file).await?
+    };
+    let read = blocking("Reading the surface", move || {
+        let surface = parse(&bytes, format, None)?;
+        drop(bytes);
+        Ok::<_, ReadError>(Arc::new(Converted::in_its_unit(&surface).into_body()))
+    });
+    let body = read.await?.map_err(|error| {
+        tracing::error!(%error, "a surface cannot be read");
+        Problem::new(Kind::Internal, "The surface of the model cannot be read.")
+    })?;
+    state.bodies.keep(&file.sha256, &body);
+    Ok(body)
+}

@@ -1,0 +1,274 @@
+//! JSON bodies: read within limits, parsed strictly.
+//!
+//! A body is UTF-8, one document, at most 128 levels deep, without repeated members. Each fault names line and column.
+
+use super::problem::{Kind, Problem};
+use crate::http::AppState;
+use axum::body::{Body, HttpBody};
+use axum::extract::{FromRequest, Request};
+use axum::http::{HeaderMap, header};
+use http_body_util::BodyExt;
+use serde::de::{self, Deserialize, Deserializer, MapAccess, SeqAccess, Visitor};
+use serde_json::{Map, Value};
+use std::time::Duration;
+
+/// How much of a body beyond the limit is read and discarded. A connection that is closed before the body has been read is
+/// reset, and a client or proxy that still sends may lose the answer.
+const READ_MAX: usize = 8 << 20;
+
+/// The JSON body of a request.
+pub(in crate::http) struct JsonBody(pub(in crate::http) Value);
+
+impl FromRequest<AppState> for JsonBody {
+    type Rejection = Problem;
+
+    async fn from_request(request: Request, state: &AppState) -> Result<Self, Problem> {
+        body(request, state, state.limits.body_bytes).await.map(Self)
+    }
+}
+
+/// The JSON body of a request that may have images.
+pub(in crate::http) struct LargeJsonBody(pub(in crate::http) Value);
+
+impl FromRequest<AppState> for LargeJsonBody {
+    type Rejection = Problem;
+
+    async fn from_request(request: Request, state: &AppState) -> Result<Self, Problem> {
+        body(request, state, state.limits.large_body_bytes).await.map(Self)
+    }
+}
+
+async fn body(request: Request, state: &AppState, limit: usize) -> Result<Value, Problem> {
+    check_media_type(request.headers())?;
+    let waits = request.headers().contains_key(header::EXPECT);
+    let bytes = read(request.into_body(), waits, limit, state.limits.body_time).await?;
+    parse(&bytes)
+}
+
+fn check_media_type(headers: &HeaderMap) -> Result<(), Problem> {
+    let refuse = |detail: String| Err(Problem::new(Kind::UnsupportedMediaType, detail));
+    let Some(value) = headers.get(header::CONTENT_TYPE) else {
+        return refuse("The body must be declared as Content-Type: application/json.".into());
+    };
+    let text = String::from_utf8_lossy(value.as_bytes());
+    let Ok(media) = text.parse::<mime::Mime>() else {
+        return refuse(format!("`{text}` is not a media type; send application/json."));
+    };
+    if media.essence_str() != "application/json" {
+        return refuse(format!("`{}` is not supported; send application/json.", media.essence_str()));
+    }
+    match media.get_param(mime::CHARSET) {
+        Some(charset) if charset != mime::UTF_8 => refuse(format!("JSON is UTF-8, not {charset}.")),
+        _ => Ok(()),
+    }
+}
+
+/// The bytes of a body. `waits`: the client sends it only when it is read (`Expect: 100-continue`).
+async fn read(mut body: Body, waits: bool, limit: usize, time: Duration) -> Result<Vec<u8>, Problem> {
+    let too_large =
+        || Problem::new(Kind::PayloadTooLarge, format!("A body may have at most {limit} bytes.")).with("limit", limit);
+    let stated = body.size_hint().lower();
+    if stated > limit as u64 && (waits || stated > READ_MAX as u64) {
+        return Err(too_large());
+    }
+    let all = async {
+        let (mut bytes, mut length) = (Vec::new(), 0);
+        while length <= READ_MAX
+            && let Some(frame) = body.frame().await
+        {
+            let data = frame?.into_data().unwrap_or_default();
+            length += data.len();
+            if length <= limit {
+                bytes.extend_from_slice(&data);
+            }
+        }
+        Ok::<_, axum::Error>((bytes, length))
+    };
+    match tokio::time::timeout(time, all).await {
+        Ok(Ok((_, length))) if length > limit => Err(too_large()),
+        Ok(Ok((bytes, _))) => Ok(bytes),
+        Ok(Err(_)) => Err(Problem::new(Kind::BadRequest, "The connection ended within the body.")),
+        Err(_) => Err(Problem::new(Kind::RequestTimeout, "The body did not arrive in time.")),
+    }
+}
+
+/// Parses one JSON document.
+pub(in crate::http) fn parse(bytes: &[u8]) -> Result<Value, Problem> {
+    let at = |line: usize, column: usize, detail: String| {
+        Problem::new(Kind::InvalidJson, detail).with("line", line).with("column", column)
+    };
+    let text = std::str::from_utf8(bytes).map_err(|error| {
+        let before = &bytes[..error.valid_up_to()];
+        let line = before.iter().filter(|&&b| b == b'\n').count() + 1;
+        let column = before.iter().rev().take_while(|&&b| b != b'\n').count() + 1;
+        at(line, column, format!("invalid UTF-8 at line {line} column {column}"))
+    })?;
+    serde_json::from_str::<Strict>(text).map(|s| s.0).map_err(|e| at(e.line(), e.column(), e.to_string()))
+}
+
+/// A JSON value without repeated members.
+struct Strict(Value);
+
+impl<'de> Deserialize<'de> for Strict {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(StrictVisitor).map(Self)
+    }
+}
+
+struct StrictVisitor;
+
+impl<'de> Visitor<'de> for StrictVisitor {
+    type Value = Value;
+
+    fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("a JSON value")
+    }
+
+    fn visit_unit<E>(self) -> Result<Value, E> {
+        Ok(Value::Null)
+    }
+
+    fn visit_bool<E>(self, value: bool) -> Result<Value, E> {
+        Ok(value.into())
+    }
+
+    fn visit_u64<E>(self, value: u64) -> Result<Value, E> {
+        Ok(value.into())
+    }
+
+    fn visit_i64<E>(self, value: i64) -> Result<Value, E> {
+        Ok(value.into())
+    }
+
+    fn visit_f64<E: de::Error>(self, value: f64) -> Result<Value, E> {
+        serde_json::Number::from_f64(value).map(Value::Number).ok_or_else(|| E::custom("a number is not finite"))
+    }
+
+    fn visit_str<E>(self, value: &str) -> Result<Value, E> {
+        Ok(value.into())
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Value, A::Error> {
+        let mut items = Vec::new();
+        while let Some(Strict(item)) = seq.next_element()? {
+            items.push(item);
+        }
+        Ok(Value::Array(items))
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut entries: A) -> Result<Value, A::Error> {
+        let mut map = Map::new();
+        while let Some(key) = entries.next_key::<String>()? {
+            if map.contains_key(&key) {
+                let name: String = key.chars().take(100).collect();
+                return Err(de::Error::custom(format_args!("the member {} is given twice", Value::from(name))));
+            }
+            let Strict(value) = entries.next_value()?;
+            map.insert(key, value);
+        }
+        Ok(Value::Object(map))
+    }
+}
+
+/// The canonical text of a value: members sorted, no spaces, whole numbers without a fraction. Equal requests have
+/// equal texts, whatever their layout; idempotency keys are compared with a hash of it.
+pub(in crate::http) fn canonical(value: &Value) -> String {
+    let mut out = String::new();
+    write_canonical(value, &mut out);
+    out
+}
+
+fn write_canonical(value: &Value, out: &mut String) {
+    match value {
+        Value::Array(items) => {
+            out.push('[');
+            for (i, item) in items.iter().enumerate() {
+                out.push_str(if i > 0 { "," } else { "" });
+                write_canonical(item, out);
+            }
+            out.push(']');
+        }
+        Value::Object(map) => {
+            let mut members: Vec<_> = map.iter().collect();
+            members.sort_by_key(|(key, _)| key.as_str());
+            out.push('{');
+            for (i, (key, item)) in members.into_iter().enumerate() {
+                out.push_str(if i > 0 { "," } else { "" });
+                out.push_str(&Value::from(key.as_str()).to_string());
+                out.push(':');
+                write_canonical(item, out);
+            }
+            out.push('}');
+        }
+        Value::Number(number) => match number.as_f64() {
+            Some(x) if number.is_f64() && x.fract() == 0.0 && x.abs() < 9e15 => out.push_str(&(x as i64).to_string()),
+            _ => out.push_str(&number.to_string()),
+        },
+        other => out.push_str(&other.to_string()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use serde_json::json;
+
+    fn place(bytes: &[u8]) -> (u64, u64) {
+        let problem = parse(bytes).unwrap_err();
+        assert_eq!(problem.kind(), Kind::InvalidJson);
+        let body = serde_json::to_value(problem.body("", "")).unwrap();
+        (body["line"].as_u64().unwrap(), body["column"].as_u64().unwrap())
+    }
+
+    #[test]
+    fn faults_name_line_and_column() {
+        assert_eq!(place(b"{\n  \"a\": x\n}"), (2, 8));
+        assert_eq!(place(b"").0, 1);
+        assert_eq!(place(b"{} x"), (1, 4));
+        assert_eq!(place(b"{\n\"a\xff\": 1}"), (2, 3));
+        assert_eq!(place(b"{\"a\": 1,\n \"a\": 2}").0, 2);
+        assert_eq!(place(b"[NaN]").0, 1);
+        assert_eq!(place(b"[1e999]").0, 1);
+        assert_eq!(place(b"[\"\\ud800\"]").0, 1);
+    }
+
+    #[test]
+    fn a_long_name_given_twice_is_not_repeated_in_full() {
+        let name = "n".repeat(100_000);
+        let body = parse(format!("{{\"{name}\":1,\"{name}\":2}}").as_bytes()).unwrap_err().body("", "");
+        assert!(body.detail.len() < 200, "{}", body.detail);
+    }
+
+    #[test]
+    fn deep_nesting_is_refused_and_moderate_nesting_is_not() {
+        let deep = |n: usize| [vec![b'['; n], vec![b']'; n]].concat();
+        assert!(parse(&deep(100)).is_ok());
+        place(&deep(129));
+        place(&vec![b'['; 500_000]);
+    }
+
+    #[test]
+    fn canonical_text_ignores_layout() {
+        let a = parse(br#"{"b": [1.0, 2.5], "a": {"y": null, "x": "\u0041"}}"#).unwrap();
+        assert_eq!(canonical(&a), r#"{"a":{"x":"A","y":null},"b":[1,2.5]}"#);
+        assert_ne!(canonical(&json!({"a": 1})), canonical(&json!({"a": "1"})));
+    }
+
+    proptest! {
+        #[test]
+        fn canonical_text_keeps_the_value(n in -9_000_000_000_000_000i64..9_000_000_000_000_000, s in ".*", f in -1e300..1e300f64) {
+            let value = json!({"n": n, s: [f, true]});
+            let back = parse(canonical(&value).as_bytes()).unwrap();
+            prop_assert_eq!(canonical(&back), canonical(&value));
+            prop_assert_eq!(&back["n"], &value["n"]);
+        }
+
+        #[test]
+        fn any_bytes_are_a_value_or_a_problem(bytes in prop::collection::vec(any::<u8>(), 0..64)) {
+            let ours = parse(&bytes).is_ok();
+            let theirs = serde_json::from_slice::<Value>(&bytes).is_ok();
+            prop_assert!(!ours || theirs);
+        }
+    }
+}

@@ -1,0 +1,132 @@
+//! What descriptions of routes have in common: their error answers, and the schemas of request bodies and events, which
+//! `openapi/schemas.rs` fills in.
+
+use super::problem::Kind;
+use std::collections::BTreeMap;
+use utoipa::openapi::content::ContentBuilder;
+use utoipa::openapi::{Ref, RefOr, Response, ResponseBuilder, Schema};
+use utoipa::{IntoResponses, PartialSchema, ToSchema};
+
+macro_rules! placeholders {
+    ($($(#[$doc:meta])* $name:ident;)*) => {$(
+        $(#[$doc])*
+        pub(in crate::http) struct $name;
+
+        impl PartialSchema for $name {
+            fn schema() -> RefOr<Schema> {
+                utoipa::openapi::Object::new().into()
+            }
+        }
+
+        impl ToSchema for $name {}
+    )*};
+}
+
+placeholders! {
+    /// Stands for the request for a model. Its schema says more than utoipa's types can.
+    ModelRequest;
+    /// Stands for the request for a batch.
+    BatchRequest;
+    /// Stands for one event of a stream; utoipa has no `contentSchema`.
+    ServerSentEvent;
+    /// Stands for `vary`, the study of a batch.
+    Vary;
+    /// Stands for any value of a parameter.
+    ParameterValue;
+    /// Stands for a patch of a spec, and for a spec that is complete.
+    SpecPatch;
+    /// Stands for the schema of a spec.
+    JsonSchema;
+    /// Stands for a certificate without its lists.
+    CertificateFigures;
+}
+
+macro_rules! problems {
+    ($($(#[$doc:meta])* $name:ident: $($kind:ident),+;)*) => {$(
+        $(#[$doc])*
+        pub(in crate::http) struct $name;
+
+        impl IntoResponses for $name {
+            fn responses() -> BTreeMap<String, RefOr<Response>> {
+                problem_responses(&[$(Kind::$kind),+])
+            }
+        }
+    )*};
+}
+
+problems! {
+    /// No model has this id.
+    ModelMissing: ModelNotFound;
+    /// No batch has this id.
+    BatchMissing: BatchNotFound;
+    /// No fit has this id.
+    FitMissing: FitNotFound;
+    /// No model has this id, or it has no such file.
+    FileMissing: ModelNotFound, FileNotFound;
+    /// No model has this id, or it has no such section.
+    SectionMissing: ModelNotFound, FileNotFound, SectionNotFound;
+    /// No model has this id, it has no surface, or the plane does not meet it.
+    CutMissing: ModelNotFound, FileNotFound, CutNotFound;
+    /// A query parameter is invalid, or the surface is too large.
+    CutProblems: BadRequest, InvalidRequest, SurfaceTooLarge;
+    /// No preset has this name.
+    PresetMissing: PresetNotFound;
+    /// No worker has this name.
+    WorkerMissing: WorkerNotFound;
+    /// The range lies outside the file.
+    RangeOutside: RangeNotSatisfiable;
+    /// No representation matches `Accept`.
+    Inacceptable: NotAcceptable;
+    /// A query parameter is invalid.
+    BadParameters: BadRequest, InvalidRequest;
+    /// The body or a header is invalid.
+    BodyProblems: BadRequest, InvalidJson, RequestTimeout, PayloadTooLarge, UnsupportedMediaType, InvalidRequest, CostLimit, GpuUnavailable, IdempotencyConflict;
+    /// The body of a request for a fit is invalid, or many images are being traced.
+    FitProblems: BadRequest, InvalidJson, RequestTimeout, PayloadTooLarge, UnsupportedMediaType, InvalidRequest, CostLimit, IdempotencyConflict, TooManyPictures;
+    /// The body of a request for a ticket is invalid.
+    TicketProblems: BadRequest, InvalidJson, RequestTimeout, PayloadTooLarge, UnsupportedMediaType, InvalidRequest;
+    /// The model has not failed.
+    NotFailed: NotFailed;
+    /// The model cannot be grown any more, or a header is invalid.
+    RetryProblems: InvalidRequest, CostLimit, GpuUnavailable, IdempotencyConflict;
+    /// The queue is full, or the quota of the key is used up.
+    QueueFull: QueueFull, QuotaExceeded;
+    /// One of the stores is unavailable.
+    StoreAway: StoreUnavailable, StorageUnavailable;
+    /// A store is unavailable, or GPU workers are still opening their devices.
+    StoreAwayOrOpening: StoreUnavailable, StorageUnavailable, NotReady;
+    /// The artifact store is unavailable, or too many downloads are running.
+    DownloadAway: StoreUnavailable, StorageUnavailable, TooManyDownloads;
+    /// A store is unavailable, or too many downloads are running or pictures being drawn.
+    PictureAway: StoreUnavailable, StorageUnavailable, TooManyDownloads, TooManyPictures;
+    /// The job store is unavailable, or too many streams are open.
+    StreamAway: StoreUnavailable, TooManyStreams;
+    /// The process does not take work now.
+    Unready: StoreUnavailable, StorageUnavailable, NotReady;
+    /// A worker of this process is stuck.
+    Unhealthy: WorkersStuck;
+}
+
+/// One response for each status among `kinds`.
+pub(in crate::http) fn problem_responses(kinds: &[Kind]) -> BTreeMap<String, RefOr<Response>> {
+    let mut responses = BTreeMap::new();
+    add_problems(&mut responses, kinds);
+    responses
+}
+
+/// Adds problems to the responses of an operation, also to those of a status that it has already.
+pub(in crate::http) fn add_problems(responses: &mut BTreeMap<String, RefOr<Response>>, kinds: &[Kind]) {
+    for kind in kinds {
+        let line = format!("{} (`{}`)", kind.title(), kind.slug());
+        match responses.get_mut(kind.status().as_str()) {
+            Some(RefOr::T(known)) if known.description.split("; ").any(|known| known == line) => {}
+            Some(RefOr::T(known)) => known.description = format!("{}; {line}", known.description),
+            Some(RefOr::Ref(_)) => {}
+            None => {
+                let schema = ContentBuilder::new().schema(Some(Ref::from_schema_name("Problem"))).build();
+                let response = ResponseBuilder::new().description(line).content("application/problem+json", schema);
+                responses.insert(kind.status().as_str().to_owned(), response.build().into());
+            }
+        }
+    }
+}
