@@ -8,26 +8,17 @@ mod batches;
 mod console;
 mod dto;
 mod events;
-mod feed;
 mod fits;
-mod follower;
 #[cfg(feature = "fuzzing")]
 #[doc(hidden)]
 pub mod fuzzing;
 mod health;
-mod interest;
-mod many;
 mod metrics;
 mod models;
 mod openapi;
 mod pictures;
 mod presets;
 mod router;
-#[cfg(test)]
-mod samples;
-mod stream;
-mod track;
-mod view;
 mod wire;
 mod workers;
 
@@ -51,7 +42,7 @@ use crate::jobs::artifacts::Artifacts;
 use crate::metrics::Metrics;
 use crate::status::Status;
 use access::Access;
-use feed::{Feed, Pace};
+use events::{Feed, FeedTiming};
 use pictures::bodies::Bodies;
 use pictures::queue::Pictures;
 use std::sync::Arc;
@@ -157,8 +148,8 @@ impl AppState {
     /// follows the store's changes until `shutdown`.
     #[must_use]
     pub fn new(store: Store, artifacts: Artifacts, limits: Limits, shutdown: CancellationToken) -> Self {
-        let pace = Pace { interval: limits.event_interval, poll: limits.event_poll, keep: limits.keep };
-        let feed = follower::start(store.clone(), pace, shutdown.clone());
+        let timing = FeedTiming { interval: limits.event_interval, poll: limits.event_poll, keep: limits.keep };
+        let feed = Feed::start(store.clone(), timing, shutdown.clone());
         let [streams, held, downloads] =
             [limits.streams, limits.held, limits.downloads].map(|most| Arc::new(Semaphore::new(most)));
         let access = Arc::new(Access::new(store.clone(), AccessOptions::default(), limits.cors_origins.clone()));

@@ -5,24 +5,23 @@
 //! | `request` | the body of a request |
 //! | `create` | `POST /fits`, `POST /fits/validate` |
 //! | `read` | list, read, cancel, delete |
-//! | `follow`, `reader` | events |
 //! | `shape` | bodies of answers |
 
 pub(super) mod create;
-pub(super) mod follow;
 pub(super) mod read;
-pub(super) mod reader;
 mod request;
 mod shape;
 
 use crate::http::wire::extract::{PathTexts, parse_id};
 use crate::http::wire::problem::{Kind, Problem};
+
 use crate::jobs::JobId;
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
+pub(super) use shape::{Fit, Parts as FitParts};
 
 /// The id in the path of a fit; 404 if it is no UUID.
-pub(super) struct FitId(JobId);
+pub(super) struct FitId(pub(super) JobId);
 
 impl<S: Send + Sync> FromRequestParts<S> for FitId {
     type Rejection = Problem;
@@ -35,6 +34,6 @@ impl<S: Send + Sync> FromRequestParts<S> for FitId {
 }
 
 /// 404 for a fit.
-fn no_fit(id: impl std::fmt::Display) -> Problem {
+pub(super) fn no_fit(id: impl std::fmt::Display) -> Problem {
     Problem::new(Kind::FitNotFound, format!("There is no fit {id}. It never existed, or it was deleted."))
 }

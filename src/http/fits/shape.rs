@@ -68,7 +68,7 @@ pub(in crate::http) struct Fit {
 
 /// How much of a fit an answer has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Parts {
+pub(in crate::http) enum Parts {
     /// Neither request nor result.
     Summary,
     /// The result.
@@ -79,7 +79,7 @@ pub(super) enum Parts {
 
 impl Fit {
     /// The fit of a job. Fits are removed `keep` after their end.
-    pub(super) fn of(job: &Job, keep: Option<Duration>, parts: Parts) -> Self {
+    pub(in crate::http) fn of(job: &Job, keep: Option<Duration>, parts: Parts) -> Self {
         Self {
             id: job.id.0,
             status: job.status,

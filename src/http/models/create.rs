@@ -10,6 +10,7 @@ use crate::generate::Backend;
 use crate::http::AppState;
 use crate::http::access::{Caller, audit, run_to_completion};
 use crate::http::dto::Model;
+use crate::http::events::Reader;
 use crate::http::health::not_ready;
 use crate::http::wire::faults::{Fault, Faults};
 use crate::http::wire::headers::{IDEMPOTENCY_REPLAYED, PREFERENCE_APPLIED, idempotency_key, wait};
@@ -280,11 +281,16 @@ async fn until_ended(state: &AppState, job: Job, time: Duration) -> Job {
     if job.status.is_ended() {
         return job;
     }
-    let mut reader = state.feed.watch(job.id);
-    // Its end may have been reported before it was watched.
-    state.feed.read_soon(job.id);
+    let mut reader = Reader::of_job(&state.feed, job.id);
+    let ended = async {
+        // Its end may have been reported before it was followed.
+        if let Ok(Some(now)) = state.store.get(job.id).await {
+            state.feed.offer(&now);
+        }
+        reader.ended().await;
+    };
     tokio::select! {
-        () = reader.ended() => {}
+        () = ended => {}
         () = tokio::time::sleep(time) => {}
         () = state.shutdown.cancelled() => {}
     }

@@ -1,31 +1,31 @@
-//! `GET /models/{id}/events` and `GET /events`: streams of server-sent events.
+//! `GET /models/{id}/events`, `GET /fits/{id}/events` and `GET /events`.
 
-use super::AppState;
-use super::access::Caller;
-use super::interest::Interest;
-use super::many::Many;
-use super::models::detail::Detail;
-use super::models::select;
-use super::stream::{Source, Stream};
-use super::view::{Name, View};
-use super::wire::extract::{ModelId, Parameters, no_model};
-use super::wire::faults::Faults;
-use super::wire::headers::last_event_id;
-use super::wire::problem::{Kind, Problem};
-use super::wire::responses::{BadParameters, ModelMissing, ServerSentEvent, StreamAway};
-use crate::jobs::Status;
+use super::reader::Reader;
+use super::snapshot::{Changes, Snapshot};
+use super::stream::EventStream;
+use super::subscription::Subscription;
+use crate::http::AppState;
+use crate::http::access::Caller;
+use crate::http::fits::{FitId, no_fit};
+use crate::http::models::detail::Detail;
+use crate::http::models::links::At;
+use crate::http::models::select;
+use crate::http::wire::extract::{ModelId, Parameters, no_model};
+use crate::http::wire::headers::last_event_id;
+use crate::http::wire::problem::{Kind, Problem};
+use crate::http::wire::responses::{BadParameters, FitMissing, ModelMissing, ServerSentEvent, StreamAway};
+use crate::jobs::{Job, JobId, Status};
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
-use std::sync::Arc;
 use tokio::sync::OwnedSemaphorePermit;
 
 /// Sent when a stream of many models opens, so that a client knows that it is open.
 const CONNECTED: Bytes = Bytes::from_static(b": connected\n\n");
 
-/// Room for one more stream.
-pub(super) fn permit(state: &AppState) -> Result<OwnedSemaphorePermit, Problem> {
+/// The right to open one more stream.
+fn permit(state: &AppState) -> Result<OwnedSemaphorePermit, Problem> {
     state.streams.clone().try_acquire_owned().map_err(|_| {
         let limit = state.limits.streams;
         let detail =
@@ -34,15 +34,11 @@ pub(super) fn permit(state: &AppState) -> Result<OwnedSemaphorePermit, Problem> 
     })
 }
 
-/// The id of the last event that the client has: the header, which a browser sends when it reconnects, or else the parameter.
-pub(super) fn last_seen<'a>(headers: &'a HeaderMap, parameters: &'a Parameters) -> Option<&'a str> {
+/// The id of the last event that the client has: from the header, which a browser sends when it
+/// reconnects, or else from the parameter.
+fn last_seen<'a>(headers: &'a HeaderMap, parameters: &'a Parameters) -> Option<&'a str> {
     let parameter = || parameters.get("last_event_id").map(str::trim).filter(|id| !id.is_empty());
     last_event_id(headers).or_else(parameter)
-}
-
-/// How much of each model the events hold.
-fn detail(parameters: &Parameters, faults: &mut Faults) -> Detail {
-    Detail::read(parameters, Detail::Summary, faults)
 }
 
 /// Follow one model: its state at once, then every change.
@@ -64,7 +60,7 @@ fn detail(parameters: &Parameters, faults: &mut Faults) -> Detail {
         ModelMissing, BadParameters, StreamAway,
     )
 )]
-pub(super) async fn of_model(
+pub(in crate::http) async fn of_model(
     State(state): State<AppState>,
     caller: Caller,
     ModelId(id): ModelId,
@@ -72,29 +68,70 @@ pub(super) async fn of_model(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let mut faults = parameters.faults(&["view", "last_event_id"], &[]);
-    let detail = detail(&parameters, &mut faults);
+    let detail = Detail::read(&parameters, Detail::Summary, &mut faults);
     Problem::check(faults)?;
-    let permit = permit(&state)?;
-    // Before the model is read, so that no change in between is missed.
-    let mut reader = state.feed.watch(id);
-    let job = caller.model(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
-    let known = last_seen(&headers, &parameters).and_then(|text| text.parse::<u64>().ok()) == Some(job.version);
-    if job.status.is_ended() {
-        if known {
-            return Ok(StatusCode::NO_CONTENT.into_response());
+    let seen = last_seen(&headers, &parameters);
+    of_job(&state, caller, id, seen, detail, |caller, job| caller.model(job).ok_or_else(|| no_model(id))).await
+}
+
+/// Follow a fit: its state at once, then every change.
+///
+/// Event names are `status`, `progress` and `end`. The id is the fit's version. The data is the fit without its request. The stream
+/// closes after `end`. If the fit is deleted, the data of `end` is `{"id", "status": "deleted"}`.
+#[utoipa::path(
+    get, path = "/fits/{id}/events", operation_id = "follow_fit", tag = "fits",
+    params(
+        ("id" = Uuid, Path, description = "Id of the fit"),
+        ("last-event-id" = Option<String>, Header, description = "Version that the client has. A newer one is sent at once"),
+        ("last_event_id" = Option<String>, Query, description = "The same for a new `EventSource`, which cannot send the header; the header takes precedence"),
+    ),
+    responses(
+        (status = 200, description = "Events", content_type = "text/event-stream", body = ServerSentEvent),
+        (status = 204, description = "The fit has ended, and `Last-Event-ID` is its last version: nothing will follow"),
+        FitMissing, BadParameters, StreamAway,
+    )
+)]
+pub(in crate::http) async fn of_fit(
+    State(state): State<AppState>,
+    caller: Caller,
+    FitId(id): FitId,
+    parameters: Parameters,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    Problem::check(parameters.faults(&["last_event_id"], &[]))?;
+    let seen = last_seen(&headers, &parameters);
+    of_job(&state, caller, id, seen, Detail::Summary, |caller, job| caller.fit(job).ok_or_else(|| no_fit(id))).await
+}
+
+/// The stream of one job, if `find` finds that the caller may follow it.
+async fn of_job(
+    state: &AppState,
+    caller: Caller,
+    id: JobId,
+    last_seen: Option<&str>,
+    detail: Detail,
+    find: impl FnOnce(&Caller, Option<Job>) -> Result<Job, Problem>,
+) -> Result<Response, Problem> {
+    let permit = permit(state)?;
+    // The job is read after this call, so that no change in between is missed.
+    let mut reader = Reader::of_job(&state.feed, id);
+    let job = find(&caller, state.store.get(id).await?)?;
+    let has_this_version = last_seen.and_then(|text| text.parse::<u64>().ok()) == Some(job.version);
+    if !job.status.is_ended() {
+        state.feed.offer(&job);
+        // The position in the queue changes without a new version, so a queued job is always sent.
+        if has_this_version && job.status != Status::Queued {
+            reader.skip(job.version);
         }
-        let keep = state.limits.keep;
-        let end = Arc::new(View::of(&job, keep, &[Name::End], 1, None)).of_one(&job, keep);
-        let pieces = end.events_after(0, &job.version.to_string(), detail);
-        return Ok(Stream::new(&state, caller, permit, detail, pieces, Source::Over).into_response());
+        return Ok(EventStream::respond(state, caller, permit, detail, Vec::new(), Some(reader)));
     }
-    state.feed.offer(&job);
-    // A place in the queue changes without a new version, so a queued model is sent in any case.
-    let known = known && job.status != Status::Queued;
-    // What was published since the job was read is still to be sent.
-    let seen = reader.view().filter(|view| known && view.version() <= job.version);
-    let number = seen.map_or(0, |view| view.number());
-    Ok(Stream::new(&state, caller, permit, detail, Vec::new(), Source::Model(reader, number)).into_response())
+    if has_this_version {
+        return Ok(StatusCode::NO_CONTENT.into_response());
+    }
+    let end =
+        Snapshot::new(&job, state.limits.keep, 1, Changes::default(), None).for_its_stream(&job, state.limits.keep);
+    let events = end.events_after(0, &job.version.to_string(), detail, At::Model);
+    Ok(EventStream::respond(state, caller, permit, detail, events, None))
 }
 
 /// Follow models: at once the state of each that runs and of the newest 100 that wait, then every change.
@@ -122,21 +159,20 @@ pub(super) async fn of_model(
         BadParameters, StreamAway,
     )
 )]
-pub(super) async fn of_all(
+pub(in crate::http) async fn of_all(
     State(state): State<AppState>,
     caller: Caller,
     parameters: Parameters,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let mut faults = parameters.faults(&["ids", "label", "batch", "view", "last_event_id"], &["label"]);
-    let detail = detail(&parameters, &mut faults);
+    let detail = Detail::read(&parameters, Detail::Summary, &mut faults);
     let filter = select::read(&parameters, &caller, &mut faults);
     Problem::check(faults)?;
     let permit = permit(&state)?;
-    let last = last_seen(&headers, &parameters);
-    let many = Many::new(state.feed.follow().await?, Interest::new(filter), last).await?;
-    if many.is_over() {
+    let last_seen = last_seen(&headers, &parameters);
+    let Some(reader) = Reader::of_models(&state.feed, Subscription::new(filter), last_seen).await? else {
         return Ok(StatusCode::NO_CONTENT.into_response());
-    }
-    Ok(Stream::new(&state, caller, permit, detail, vec![CONNECTED], Source::Many(Box::new(many))).into_response())
+    };
+    Ok(EventStream::respond(&state, caller, permit, detail, vec![CONNECTED], Some(reader)))
 }

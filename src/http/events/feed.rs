@@ -1,0 +1,139 @@
+//! Publication of the changes of jobs, once for all event streams of a process.
+//!
+//! The job store reports changes, and the feed reads each changed job that has readers once. A
+//! report may get lost: with the process that should have sent it, on a lost connection, or when
+//! the channel overflows. The feed therefore also reads followed jobs periodically, and searches
+//! for unknown models. The cost does not grow with the number of readers.
+
+use super::published::{FeedTiming, Published};
+use super::subscription::Subscription;
+use crate::clock::Stopwatch;
+use crate::jobs::{Change, Job, Store, StoreError};
+use crate::lock::{Mutex, MutexGuard};
+use std::sync::Arc;
+use tokio::sync::broadcast::{self, error::RecvError, error::TryRecvError};
+use tokio::sync::watch;
+use tokio_util::sync::CancellationToken;
+use uuid::Uuid;
+
+/// The published states of jobs, with the means to wait for new ones.
+pub(in crate::http) struct Feed {
+    /// Distinguishes the cursors of this process from those of others.
+    pub(super) name: String,
+    pub(super) store: Store,
+    pub(super) timing: FeedTiming,
+    age: Stopwatch,
+    published: Mutex<Published>,
+    /// Number of the last publication; the receivers are the readers of many models.
+    last: watch::Sender<u64>,
+    /// Reports that were not read. Locked while changes are published.
+    reports: tokio::sync::Mutex<broadcast::Receiver<Change>>,
+}
+
+impl Feed {
+    /// A feed whose task publishes changes until `shutdown` is cancelled.
+    pub(in crate::http) fn start(store: Store, timing: FeedTiming, shutdown: CancellationToken) -> Arc<Self> {
+        let published = Published::default();
+        let feed = Arc::new(Self {
+            name: Uuid::new_v4().simple().to_string()[..12].to_owned(),
+            reports: tokio::sync::Mutex::new(store.changes()),
+            store,
+            timing,
+            age: Stopwatch::start(),
+            last: watch::Sender::new(published.last()),
+            published: Mutex::new(published),
+        });
+        let follower = Arc::clone(&feed);
+        tokio::spawn(async move {
+            tokio::select! {
+                () = follower.follow() => {}
+                () = shutdown.cancelled() => {}
+            }
+        });
+        feed
+    }
+
+    pub(super) fn lock(&self) -> MutexGuard<'_, Published> {
+        self.published.lock()
+    }
+
+    /// Changes the published states. Wakes the readers of many models if there is a new snapshot.
+    fn update(&self, change: impl FnOnce(&mut Published)) {
+        let mut published = self.lock();
+        change(&mut published);
+        let last = published.last();
+        drop(published);
+        self.last.send_if_modified(|number| std::mem::replace(number, last) != last);
+    }
+
+    /// Publishes what is new in this state of a job, if the job has readers.
+    pub(in crate::http) fn offer(&self, job: &Job) {
+        self.update(|published| published.offer(job, self.age.elapsed(), &self.timing));
+    }
+
+    /// Follows all jobs from this call on, until the receiver is dropped and some time has passed.
+    pub(super) fn follow_all(&self) -> watch::Receiver<u64> {
+        let wake = self.last.subscribe();
+        self.lock().follow_all(self.age.elapsed());
+        wake
+    }
+
+    /// Publishes the changes that the job store has reported before this call. Gives up after the
+    /// time of a poll, because later events make up for it.
+    pub(super) async fn catch_up(&self) {
+        let published = tokio::time::timeout(self.timing.poll, self.publish_changes()).await;
+        if !matches!(published, Ok(Ok(()))) {
+            tracing::debug!("an event stream may begin with outdated states");
+        }
+    }
+
+    /// Publishes changes as they are reported.
+    async fn follow(&self) {
+        let mut wake = self.store.changes();
+        loop {
+            let pause = self.lock().pause(self.age.elapsed(), &self.timing);
+            tokio::select! {
+                report = wake.recv() => if let Err(RecvError::Closed) = report { return },
+                () = tokio::time::sleep(pause) => {}
+            }
+            // The reports so far are published together.
+            wake = wake.resubscribe();
+            if let Err(error) = self.publish_changes().await {
+                tracing::warn!(%error, "could not read the job store; event streams wait for the next attempt");
+                tokio::time::sleep(self.timing.poll).await;
+            }
+        }
+    }
+
+    /// Publishes the changes that were reported, held back or are found by polling.
+    async fn publish_changes(&self) -> Result<(), StoreError> {
+        let mut reports = self.reports.lock().await;
+        self.note(&mut reports);
+        if self.lock().poll(self.age.elapsed(), self.last.receiver_count(), &self.timing) {
+            let newest = Subscription::default().newest_ids(&self.store).await?;
+            self.lock().note_newest(&newest);
+        }
+        let next_due = || self.lock().next_due(self.age.elapsed());
+        while let Some(id) = next_due() {
+            let read = self.store.get(id).await;
+            if read.is_err() {
+                self.lock().postpone(id, self.age.elapsed() + 2 * self.timing.poll);
+            }
+            let job = read?;
+            self.update(|published| published.note_read(id, job.as_ref(), self.age.elapsed(), &self.timing));
+        }
+        Ok(())
+    }
+
+    /// Notes all reports that have arrived.
+    fn note(&self, reports: &mut broadcast::Receiver<Change>) {
+        loop {
+            match reports.try_recv() {
+                Ok(Change { id, version: None }) => self.update(|published| published.delete(id)),
+                Ok(Change { id, .. }) => self.lock().note_change(id),
+                Err(TryRecvError::Lagged(_)) => self.lock().note_loss(),
+                Err(TryRecvError::Empty | TryRecvError::Closed) => return,
+            }
+        }
+    }
+}
