@@ -1,4 +1,4 @@
-//! The service as a client sees it: the router in process, over a real store and real files.
+//! Tests of the HTTP API: the router in process, over a real job store and real files.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by it")]
 

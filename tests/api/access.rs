@@ -1,4 +1,4 @@
-//! Keys, tickets and quotas: who gets what.
+//! API keys, tickets and quotas: which callers may use which routes and see which resources.
 
 use super::app::{App, Reply, used};
 use axum::body::Body;
@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// What an operation needs, by its id in the description. A new route must be added here.
+/// Access rule of an operation, by its id in `openapi.yaml`. A new route must be added here.
 fn needs(operation: &str) -> Option<Needs> {
     Some(match operation {
         "get_health" | "get_readiness" | "get_docs" => Needs::Nothing,
@@ -40,7 +40,7 @@ enum Needs {
     Scope(Scope),
 }
 
-/// A route of the service, as its description lists it.
+/// A route of the service, as `openapi.yaml` lists it.
 #[derive(Debug)]
 struct Route {
     method: Method,
@@ -56,7 +56,7 @@ fn routes() -> Vec<Route> {
         for (method, operation) in item.as_object().unwrap() {
             let id = operation["operationId"].as_str().unwrap().to_owned();
             let needs = needs(&id).unwrap_or_else(|| panic!("{method} {path} ({id}) has no rule in this test"));
-            // What is described is what is enforced.
+            // The description states the rule that the service enforces.
             let keys = json!({ "bearer": [] });
             let security = match (needs, method.as_str()) {
                 (Needs::Nothing, _) => json!([]),
@@ -77,7 +77,7 @@ fn routes() -> Vec<Route> {
     routes
 }
 
-/// The things that one owner has.
+/// The resources of one owner.
 struct Things {
     finished: String,
     queued: String,
@@ -105,7 +105,7 @@ fn fit_request() -> Value {
     json!({ "targets": [{ "region": "whole", "quantity": "fill", "value": 0.7 }] })
 }
 
-/// A valid request to a route, about these things.
+/// A valid request to a route, about these resources.
 fn request(route: &Route, things: &Things, credential: Option<&str>) -> Request<Body> {
     let id = match route.operation.as_str() {
         _ if route.path.starts_with("/batches") => &things.batch,
@@ -153,7 +153,7 @@ async fn every_route_asks_for_the_key_that_it_needs() {
     let revoked = app.key("a", &all).await;
     app.store.revoke_key(&revoked["Bearer oviduct_".len()..][..8], Duration::ZERO).await.unwrap();
     let unknown = format!("Bearer {}", Secret::generate().reveal());
-    // The prefix of a key that works, with another secret.
+    // The prefix of a valid API key with a different secret.
     let forged = format!("{}{}", &mine[..mine.len() - 4], if mine.ends_with("0000") { "1111" } else { "0000" });
     let basic = format!("Basic {}", &mine["Bearer ".len()..]);
     let strangers =
@@ -176,7 +176,7 @@ async fn every_route_asks_for_the_key_that_it_needs() {
             }
         }
     }
-    // Nothing was changed by all that.
+    // The refused requests changed nothing.
     let models = app.get_with("/models", &[("authorization", &mine)]).await.json();
     assert_eq!(models["models"].as_array().unwrap().len(), 4);
 }
@@ -185,7 +185,7 @@ async fn every_route_asks_for_the_key_that_it_needs() {
 async fn a_key_allows_what_its_scopes_say() {
     for scope in Scope::ALL {
         for route in &routes() {
-            // Deletions spoil the things for the next route, so each gets its own.
+            // Deletions remove what the next route needs, so each route gets new resources.
             let app = guarded(App::new().await);
             let mine = app.key("a", &[Scope::Read, Scope::Submit]).await;
             let things = things(&app, &mine).await;
@@ -197,7 +197,7 @@ async fn a_key_allows_what_its_scopes_say() {
             };
             let status = reply.status();
             let what = format!("{} {} with {scope}: {status}", route.method, route.path);
-            // The finished model has no sections, and cannot be retried.
+            // The finished model has no sections and cannot be retried.
             let refused = [
                 ("get_section", 404),
                 ("cut_model", 422),
@@ -231,7 +231,7 @@ async fn what_another_owner_has_does_not_exist() {
         for id in [&things.finished, &things.queued, &things.batch, &things.fit] {
             assert!(!text.contains(id.as_str()) || route.path.contains("{id}"), "{what}: {text}");
         }
-        // Everything is still there.
+        // The refused request deleted nothing.
         for id in [&things.finished, &things.queued] {
             let model = app.get_with(&format!("/models/{id}"), &[("authorization", &mine)]).await;
             assert_eq!(model.status, 200, "{what}");
@@ -260,7 +260,7 @@ async fn lists_and_workers_show_ones_own_and_an_admin_everything() {
         list["workers"][0]["jobs"].as_array().unwrap().len()
     };
     assert_eq!((jobs(&a).await, jobs(&b).await, jobs(&admin).await), (1, 0, 1));
-    // The same idempotency key is another one for each owner.
+    // Each owner has a separate set of idempotency keys.
     for (key, status) in [(&a, 202), (&a, 202), (&b, 202)] {
         let headers = [("authorization", key.as_str()), ("idempotency-key", "same")];
         let reply = app.post_with("/models", &headers, &json!({ "seed": 77 })).await;
@@ -286,16 +286,16 @@ async fn a_ticket_serves_one_get_of_its_path() {
     assert_eq!(cancel.status, 401, "it is for GET");
     assert_eq!(app.get(&format!("{path}?ticket={good}")).await.status, 200);
     assert_eq!(app.get(&format!("{path}?ticket={good}")).await.status, 401, "it was used");
-    // Beside other parameters, which are checked as ever.
+    // A ticket may accompany other parameters; they are still validated.
     let list = ticket("/models").await;
     assert_eq!(app.get(&format!("/models?limit=1&ticket={list}")).await.status, 200);
-    // It has the rights of its key and no more: metrics are for admins.
+    // A ticket has only the rights of its API key. Metrics require the scope `admin`.
     let metrics = ticket("/metrics").await;
     assert_eq!(app.get(&format!("/metrics?ticket={metrics}")).await.status, 403);
     let late = ticket(&path).await;
     app.clock.advance(Duration::from_secs(61));
     assert_eq!(app.get(&format!("{path}?ticket={late}")).await.status, 401, "a minute has passed");
-    // With its key it ends too.
+    // Revoking the API key revokes its tickets.
     let orphan = ticket(&path).await;
     app.store.revoke_key(&mine["Bearer oviduct_".len()..][..8], Duration::ZERO).await.unwrap();
     assert_eq!(app.get(&format!("{path}?ticket={orphan}")).await.status, 401);
@@ -316,7 +316,7 @@ async fn a_ticket_serves_one_get_of_its_path() {
 #[tokio::test]
 async fn a_key_has_a_rate_and_a_quota() {
     let app = guarded(App::new().await);
-    // One request in a thousand seconds, with room for one.
+    // A rate of one request per thousand seconds, with a burst of one.
     let slow = KeyLimits { rate: Some(0.001), quota: Quota::default() };
     let slow = app.key_with("a", &[Scope::Read], slow, None).await;
     let first = app.get_with("/models", &[("authorization", &slow)]).await;
@@ -326,7 +326,7 @@ async fn a_key_has_a_rate_and_a_quota() {
     assert_eq!((second.status.as_u16(), second.slug().as_str()), (429, "rate-limited"));
     let wait: u64 = second.header(header::RETRY_AFTER).unwrap().parse().unwrap();
     assert!((990..=1000).contains(&wait), "{wait}");
-    // Probes do not count, and another key of the owner is not slowed down.
+    // Probes do not count towards the rate, and other API keys of the owner have separate rates.
     assert_eq!(app.get_with("/healthz", &[("authorization", &slow)]).await.status, 200);
     let two = KeyLimits { rate: None, quota: Quota { unfinished: Some(2), bytes: None } };
     let two = app.key_with("a", &[Scope::Read, Scope::Submit], two, None).await;
@@ -358,7 +358,7 @@ async fn an_admin_retries_by_rights_of_its_own() {
         let headers = headers.each_ref().map(|(name, value)| (*name, value.as_str()));
         app.post_with(&retry, &headers, &json!({})).await
     };
-    // Its own quota is full by then, and the key of idempotency is the owner's as well.
+    // The admin's own quota is full, and the owner uses the same idempotency key.
     assert_eq!(post(&app, "/models", &admin, &json!({ "seed": 1 })).await.status, 202);
     let mine = ask(&owner).await;
     assert!(mine.status.is_success(), "{mine:?}");
@@ -372,7 +372,7 @@ async fn an_admin_retries_by_rights_of_its_own() {
 #[tokio::test]
 async fn a_ticket_of_a_refused_request_stays_good() {
     let app = guarded(App::new().await);
-    // Two requests at once: for the ticket, and another.
+    // The burst admits two requests: one creates the ticket, the other uses up the rate.
     let limits = KeyLimits { rate: Some(0.21), quota: Quota::default() };
     let key = app.key_with("a", &[Scope::Read], limits, None).await;
     let ticket = post(&app, "/tickets", &key, &json!({ "path": "/models" })).await.json();
@@ -388,7 +388,7 @@ async fn a_ticket_of_a_refused_request_stays_good() {
     }
 }
 
-/// Reads of the keys take longer than a request waits for them.
+/// Makes every read of the API keys take longer than a request waits for it.
 struct Slow;
 
 impl Hook for Slow {
@@ -421,25 +421,25 @@ async fn without_keys_only_this_machine_is_served() {
     for host in ["localhost", "127.0.0.1:8080", "[::1]:8080"] {
         assert_eq!(app.get_with("/models", &[("host", host)]).await.status, 200, "{host}");
     }
-    // A name that resolves to loopback by the doing of its owner.
+    // DNS rebinding: a foreign host name that resolves to the loopback address.
     let rebound = app.get_with("/models", &[("host", "evil.example:8080")]).await;
     assert_eq!((rebound.status.as_u16(), rebound.slug().as_str()), (421, "unknown-host"));
-    // A page of another site.
+    // A request from a page of another origin.
     let headers = [("host", "localhost:8080"), ("origin", "https://evil.example")];
     let posted = app.post_with("/models", &headers, &json!({ "seed": 1 })).await;
     assert_eq!((posted.status.as_u16(), posted.slug().as_str()), (403, "forbidden-origin"));
     let headers = [("host", "localhost:8080"), ("origin", "http://localhost:8080")];
     assert_eq!(app.post_with("/models", &headers, &json!({ "seed": 1 })).await.status, 202);
-    // A ticket is not needed, but a page need not know that.
+    // Without API keys no ticket is required, but a page may request and use one anyway.
     let ticket = app.post_with("/tickets", &headers, &json!({ "path": "/models" })).await;
     assert_eq!((ticket.status.as_u16(), &ticket.json()["expires_at"]), (201, &Value::Null));
     let ticket = ticket.json()["ticket"].as_str().unwrap().to_owned();
     assert_eq!(app.get_with(&format!("/models?ticket={ticket}"), &[("host", "localhost")]).await.status, 200);
-    // As soon as there is a key, it is asked for, and the names no longer matter.
+    // The first API key makes authentication mandatory and ends the check of host names.
     let key = app.key("a", &[Scope::Read]).await;
     assert_eq!(app.get_with("/models", &[("host", "localhost")]).await.status, 401);
     assert_eq!(app.get_with("/models", &[("host", "lab.example"), ("authorization", &key)]).await.status, 200);
-    // Revoked keys do not open it again.
+    // Revoking the only API key does not restore access without keys.
     app.store.revoke_key(&key["Bearer oviduct_".len()..][..8], Duration::ZERO).await.unwrap();
     assert_eq!(app.get_with("/models", &[("host", "localhost")]).await.status, 401);
 }
@@ -459,7 +459,7 @@ async fn a_stream_of_all_models_has_only_ones_own() {
     let mine = post(&app, "/models", &a, &json!({ "seed": 1 })).await.json()["id"].as_str().unwrap().to_owned();
     let request = Request::get("/events").header(header::AUTHORIZATION, &b).body(Body::empty()).unwrap();
     let mut stream = app.start(request).await.into_body();
-    // A change of another's model, and one of its own after it.
+    // First another owner's model changes, then one of the caller's own.
     post(&app, &format!("/models/{mine}/cancel"), &a, &json!({})).await;
     let own = post(&app, "/models", &b, &json!({ "seed": 2 })).await.json()["id"].as_str().unwrap().to_owned();
     let mut text = String::new();

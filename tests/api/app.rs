@@ -1,7 +1,7 @@
-//! A service in process, with a worker that the test plays.
+//! A service in process; the test plays the worker.
 //!
-//! Every response is checked: an error must be a complete problem, a failure of the service must be expected. When the app
-//! is dropped, no stream may be open.
+//! The app checks every response: an error must be a complete problem, and a server error must be
+//! expected. When the app is dropped, no event stream may be open.
 
 use axum::Router;
 use axum::body::{Body, Bytes};
@@ -39,7 +39,7 @@ pub(super) struct App {
     faults_expected: AtomicBool,
 }
 
-/// A response with its whole body.
+/// A response with its complete body.
 #[derive(Debug)]
 pub(super) struct Reply {
     pub(super) status: StatusCode,
@@ -56,19 +56,19 @@ impl Reply {
         self.headers.get(name).map(|v| v.to_str().unwrap())
     }
 
-    /// The path of what `Location` names, for an answer to a request to a path of one segment.
+    /// The path that `Location` names, in a response to a request whose path has one segment.
     pub(super) fn location(&self) -> String {
         let reference = self.header(header::LOCATION).unwrap();
         assert!(!reference.starts_with(['/', '.']), "{reference}");
         format!("/{reference}")
     }
 
-    /// The last part of the problem's type.
+    /// Last part of the problem's type.
     pub(super) fn slug(&self) -> String {
         self.json()["type"].as_str().unwrap().strip_prefix("urn:oviduct:problem:").unwrap().to_owned()
     }
 
-    /// The pointers, parameters and headers that a problem names.
+    /// The pointers, parameters and headers that the problem names.
     pub(super) fn places(&self) -> Vec<String> {
         let json = self.json();
         let errors = json["errors"].as_array().unwrap().iter();
@@ -90,7 +90,7 @@ impl App {
         Self::over(store, clock, limits)
     }
 
-    /// Keeps files there.
+    /// Replaces the artifact store.
     pub(super) fn with_artifacts(mut self, artifacts: Artifacts) -> Self {
         self.state = AppState::new(self.store.clone(), artifacts.clone(), Limits::default(), self.shutdown.clone());
         self.router = router(self.state.clone());
@@ -98,14 +98,14 @@ impl App {
         self
     }
 
-    /// Reports this status at the probes.
+    /// Replaces the status that the probes report.
     pub(super) fn with_status(mut self, status: Status) -> Self {
         self.state = self.state.clone().with_status(status);
         self.router = router(self.state.clone());
         self
     }
 
-    /// Admits requests by these options.
+    /// Sets the access options.
     pub(super) fn with_access(mut self, without_keys: WithoutKeys, limits: KeyLimits) -> Self {
         let options = AccessOptions { without_keys, limits, refresh: Duration::ZERO };
         self.state = self.state.clone().with_access(options);
@@ -113,7 +113,7 @@ impl App {
         self
     }
 
-    /// Makes a key; returns the value of `Authorization`.
+    /// Creates an API key; returns the value for `Authorization`.
     pub(super) async fn key(&self, owner: &str, scopes: &[Scope]) -> String {
         self.key_with(owner, scopes, KeyLimits::default(), None).await
     }
@@ -147,7 +147,7 @@ impl App {
         Self { router, state, store, artifacts, clock, shutdown, dir, faults_expected: AtomicBool::new(false) }
     }
 
-    /// From here on the service may fail.
+    /// Permits server errors from this call on.
     pub(super) fn expect_faults(&self) {
         self.faults_expected.store(true, Ordering::Relaxed);
     }
@@ -156,7 +156,7 @@ impl App {
         self.state.open_streams()
     }
 
-    /// Sends a request; the body of the answer is still to be read.
+    /// Sends a request; the caller reads the body of the response.
     pub(super) async fn start(&self, request: Request<Body>) -> axum::response::Response {
         let response = self.router.clone().oneshot(with_host(request)).await.unwrap();
         assert!(response.headers().contains_key(REQUEST_ID));
@@ -199,7 +199,6 @@ impl App {
         self.send(request.body(body).unwrap()).await
     }
 
-    /// Posts JSON.
     pub(super) async fn post(&self, path: &str, body: &Value) -> Reply {
         self.post_with(path, &[], body).await
     }
@@ -213,14 +212,14 @@ impl App {
         self.request(Method::DELETE, path, &[], Body::empty()).await
     }
 
-    /// Asks for a model of this seed; returns its address.
+    /// Requests a model with this seed; returns its path.
     pub(super) async fn model(&self, seed: u64) -> String {
         let reply = self.post("/models", &json!({ "seed": seed, "reuse": false })).await;
         assert_eq!(reply.status, 202, "{reply:?}");
         reply.location()
     }
 
-    /// Takes the next model as a worker would.
+    /// Claims the next model, as a worker does.
     pub(super) async fn claim(&self) -> ClaimedJob {
         self.store.claim("w1", Backend::Cpu, LEASE, 1).await.unwrap().pop().expect("a model is queued")
     }
@@ -254,7 +253,7 @@ impl App {
             .unwrap();
     }
 
-    /// Asks for a model and ends it with these files; returns its address.
+    /// Requests a model and ends it with these files; returns its path.
     pub(super) async fn finished(&self, seed: u64, contents: &[(&str, &str, Vec<u8>)]) -> String {
         let model = self.model(seed).await;
         let job = self.claim().await;
@@ -278,7 +277,7 @@ impl App {
     }
 }
 
-/// The request as a client sends it over a connection: HTTP/1.1 requires a host.
+/// The request as a client sends it over a connection: HTTP/1.1 requires `Host`.
 fn with_host(mut request: Request<Body>) -> Request<Body> {
     request.headers_mut().entry(header::HOST).or_insert(header::HeaderValue::from_static("here"));
     request
@@ -289,7 +288,8 @@ impl Drop for App {
         if std::thread::panicking() {
             return;
         }
-        // Tests whose streams were open run on several threads, so their tasks can end while this one waits.
+        // Tests with open streams use a multi-threaded runtime, so the stream tasks can end while
+        // this thread waits.
         for _ in 0..6000 {
             if self.open_streams() == 0 {
                 return;
@@ -326,12 +326,12 @@ pub(super) fn contour(step: u32) -> LiveSection {
     LiveSection { index: step / 10, step, z_um: f64::from(step) * 30.0, inner: ring(100.0), outer: ring(250.5) }
 }
 
-/// The id in a model's address.
+/// The id in a model's path.
 pub(super) fn id(model: &str) -> JobId {
     JobId(model.strip_prefix("/models/").unwrap().parse().unwrap())
 }
 
-/// A moment as clients see it.
+/// The clock's time in the format of the API.
 pub(super) fn moment(clock: &Clock) -> String {
     let now: Timestamp = clock.now();
     now.to_string()

@@ -1,4 +1,4 @@
-//! Invalid requests: the response is a problem that names the place, and the service goes on.
+//! Invalid requests: the response is a problem that names the place, and the service keeps running.
 
 use super::app::{App, Reply};
 use axum::body::{Body, Bytes};
@@ -12,7 +12,7 @@ async fn raw(app: &App, body: impl Into<Body>) -> Reply {
     app.request(Method::POST, "/models", &[("content-type", "application/json")], body.into()).await
 }
 
-/// Takes out the request id.
+/// The problem with its request id replaced by a placeholder, for snapshots.
 fn steady(reply: &Reply) -> Value {
     let mut problem = reply.json();
     problem["request_id"] = "…".into();
@@ -144,7 +144,8 @@ async fn a_body_that_is_too_large_is_refused_with_and_without_its_length() {
     assert_eq!(raw(&app, fits).await.status, 202);
 }
 
-/// Or else the connection would be reset while the client sends, and the answer lost.
+/// If the service did not read the whole body, the connection would be reset while the client
+/// sends, and the client would lose the response.
 #[tokio::test]
 async fn a_body_that_is_too_large_is_read_to_its_end() {
     let app = App::new().await;
@@ -156,7 +157,7 @@ async fn a_body_that_is_too_large_is_read_to_its_end() {
     });
     let reply = raw(&app, Body::from_stream(futures_util::stream::iter(parts))).await;
     assert_eq!((reply.status.as_u16(), sent.load(Ordering::Relaxed)), (413, 1024));
-    // A client that asks first is answered at once.
+    // A client that sends `Expect: 100-continue` gets the refusal before it sends the body.
     let headers = [("content-type", "application/json"), ("expect", "100-continue")];
     assert_eq!(app.request(Method::POST, "/models", &headers, Body::from(vec![b' '; 4 << 20])).await.status, 413);
 }

@@ -1,4 +1,4 @@
-//! Batches, the counts of the service, and when models expire.
+//! Batches, counts of models, and the expiry of models.
 
 use super::app::App;
 use axum::http::header;
@@ -33,7 +33,7 @@ async fn a_batch_is_many_models_in_one_request() {
     let _running = app.claim().await;
     let now = app.get(&address).await;
     assert_eq!((now.status.as_u16(), &now.json()["counts"]), (200, &counts(1, 1, 1, 0, 0)));
-    // The finished model is reused, the others are queued.
+    // The finished model is reused; the other is queued.
     let again = app.post("/batches", &json!({ "seeds": [5, 8], "spec": { "steps": 900 }, "outputs": ["obj"] })).await;
     assert_eq!(again.json()["counts"], counts(1, 0, 1, 0, 0));
 

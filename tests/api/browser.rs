@@ -1,4 +1,4 @@
-//! What browsers need: pages of other origins, compression.
+//! Features for browsers: cross-origin requests and compression.
 
 use super::app::{App, Reply, id};
 use axum::body::Body;
@@ -23,7 +23,7 @@ async fn preflight(app: &App, path: &str, origin: &str) -> Reply {
     app.request(Method::OPTIONS, path, &headers, Body::empty()).await
 }
 
-/// The members of a list in a header, in lower case.
+/// The items of a comma-separated header, in lower case.
 fn listed(reply: &Reply, name: &str) -> Vec<String> {
     let values = reply.headers.get_all(name).iter().map(|value| value.to_str().unwrap().to_lowercase());
     values.flat_map(|value| value.split(',').map(|item| item.trim().to_owned()).collect::<Vec<_>>()).collect()
@@ -47,7 +47,7 @@ async fn pages_of_allowed_origins_may_call_and_others_may_not() {
     assert!(listed(&allowed, "vary").contains(&"origin".to_owned()));
     assert_eq!(preflight(&app, "/models", "https://evil.example").await.header("access-control-allow-origin"), None);
 
-    // Problems too can be read.
+    // Pages of an allowed origin can also read problems.
     for (path, status) in [("/models", 200), ("/nowhere", 404), ("/models?limit=0", 422)] {
         let reply = app.get_with(path, &[("origin", LAB)]).await;
         assert_eq!((reply.status.as_u16(), reply.header("access-control-allow-origin")), (status, Some(LAB)), "{path}");
@@ -58,7 +58,7 @@ async fn pages_of_allowed_origins_may_call_and_others_may_not() {
     }
     let other = app.get_with("/models", &[("origin", "https://evil.example")]).await;
     assert_eq!(other.header("access-control-allow-origin"), None);
-    // An OPTIONS request that is no preflight is answered as ever.
+    // An `OPTIONS` request that is not a preflight gets the ordinary response.
     let options = app.request(Method::OPTIONS, "/models", &[("origin", LAB)], Body::empty()).await;
     assert!(options.header("allow").is_some_and(|allow| allow.contains("POST")), "{options:?}");
 }
@@ -72,7 +72,7 @@ async fn no_other_origin_is_allowed_by_default_and_any_by_a_star() {
     assert_eq!(preflight(&open, "/models", LAB).await.header("access-control-allow-origin"), Some("*"));
 }
 
-/// The plain bytes of a compressed body.
+/// The decompressed body.
 fn plain(reply: &Reply) -> Vec<u8> {
     let mut bytes = Vec::new();
     match reply.header("content-encoding") {
@@ -101,7 +101,8 @@ async fn text_is_compressed_as_the_client_prefers() {
         assert!(reply.body.len() * 2 < whole.body.len(), "{} of {}", reply.body.len(), whole.body.len());
         assert_eq!(plain(&reply), whole.body, "{accepted}");
         assert_eq!(reply.header("vary"), Some("accept-encoding"));
-        // Its bytes are others, so its tag is weak; the client has the state all the same.
+        // The compressed bytes differ from the plain ones, so the tag is weak. A client that sends
+        // either tag still gets 304.
         let tag = reply.header("etag").unwrap();
         assert_eq!(tag, format!("W/{}", whole.header("etag").unwrap()));
         for tag in [tag, whole.header("etag").unwrap()] {
@@ -116,7 +117,7 @@ async fn text_is_compressed_as_the_client_prefers() {
     let head = app.request(Method::HEAD, &model, &[("accept-encoding", "gzip")], Body::empty()).await;
     assert_eq!((head.status.as_u16(), head.header("vary"), head.body.len()), (200, Some("accept-encoding"), 0));
     assert_eq!(head.header("content-length").map(str::parse), Some(Ok(whole.body.len())));
-    // A refused request has no effect, and one with an effect is not refused for its encoding.
+    // The handler runs before compression, so an unacceptable encoding does not lead to 406.
     let headers = [("accept-encoding", "identity;q=0")];
     assert_eq!(app.post_with("/models", &headers, &json!({ "seed": 5 })).await.status, 202);
     let small = app.get_with("/healthz", &[("accept-encoding", "gzip")]).await;
@@ -140,7 +141,8 @@ async fn files_are_compressed_if_they_are_text_and_ranges_never_are() {
     let weak = reply.header("etag").unwrap();
     assert!(weak.starts_with("W/\""));
     let strong = weak.strip_prefix("W/").unwrap();
-    // A range is of the plain file; a weak tag asks for the whole, which may be compressed.
+    // A range refers to the uncompressed file. A weak tag in `If-Range` yields the whole file,
+    // which may be compressed.
     let range = app.get_with(&path, &[gzip, ("range", "bytes=0-2047"), ("if-range", strong)]).await;
     assert_eq!((range.status.as_u16(), range.header("content-encoding")), (206, None));
     assert_eq!((&range.body[..], range.header("etag")), (&obj[..2048], Some(strong)));

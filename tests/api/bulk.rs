@@ -1,4 +1,4 @@
-//! Many models at once: by filter, by batch; retries; lists of batches.
+//! Bulk operations on models by filter and by batch; retries; lists of batches.
 
 use super::app::{App, used};
 use axum::body::Body;
@@ -156,7 +156,7 @@ async fn batches_are_listed() {
         assert_eq!(found["batches"].as_array().unwrap().len(), expected.len(), "{name}");
         assert_eq!(found["batches"].as_array().unwrap().last().unwrap()["id"], expected[0]["id"], "{name}");
     }
-    // The models of one, in any list of models.
+    // The list of models can be restricted to one batch.
     let of = app.get(&format!("/models?batch={}&view=summary", made[1]["id"].as_str().unwrap())).await.json();
     let ids: Vec<_> = of["models"].as_array().unwrap().iter().rev().map(|model| model["id"].clone()).collect();
     assert_eq!(json!(ids), made[1]["models"]);
@@ -164,7 +164,7 @@ async fn batches_are_listed() {
     assert_eq!(app.get("/batches?limit=0&label=a:b").await.places(), ["label", "limit"]);
 }
 
-/// Accepts a model of the study while others are being removed.
+/// Accepts another model of the study while a bulk deletion runs.
 struct Busy(Arc<App>);
 
 impl Hook for Busy {

@@ -1,10 +1,10 @@
-//! Models that follow a course: their centre line, and cuts across it.
+//! Models that follow a course: their centre line and their cuts across it.
 
 use super::app::App;
 use super::cut::stored;
 use serde_json::{Value, json};
 
-/// A model with this course, queued.
+/// Queues a model with this course; returns its path.
 async fn queued(app: &App, course: Value) -> String {
     let reply = app.post("/models", &json!({ "seed": 3, "spec": { "course": course } })).await;
     assert_eq!(reply.status, 202, "{}", reply.json());
@@ -53,7 +53,7 @@ async fn a_course_without_room_is_refused_with_its_place() {
 #[tokio::test]
 async fn a_model_is_cut_across_its_centre_line() {
     let app = App::new().await;
-    // Along x: x of the section is −z, y is y.
+    // The course runs along x. In its cross sections, x points along −z and y along y.
     let model = queued(&app, json!({ "shape": "points", "points_mm": [[0, 0, 0], [60, 0, 0]] })).await;
     let job = app.claim().await;
     let text = String::from_utf8(stored()).unwrap();

@@ -15,7 +15,7 @@ fn files() -> Vec<(&'static str, &'static str, Vec<u8>)> {
     GLB.iter().map(|(name, kind, bytes)| (*name, *kind, bytes.to_vec())).collect()
 }
 
-/// Removes members that differ from run to run, and the long spec.
+/// The model without the members that differ between runs and without the long spec.
 fn steady(mut model: Value) -> Value {
     let id = model["id"].as_str().unwrap().to_owned();
     assert!(model["spec"].as_object().is_some_and(|spec| spec.contains_key("length_mm")));
@@ -132,7 +132,7 @@ async fn models_of_higher_priority_are_started_first() {
     }
 }
 
-/// The priority decides when a model is grown, not what it is.
+/// The priority changes when a model is grown, but not its contents.
 #[tokio::test]
 async fn the_priority_is_no_part_of_the_digest_but_of_the_request() {
     let app = App::new().await;
@@ -152,7 +152,7 @@ async fn an_idempotency_key_gives_the_same_model() {
     let key = [("idempotency-key", "k-1")];
     let first = app.post_with("/models", &key, &json!({ "labels": { "a": "1", "b": "2" }, "preset": "pig" })).await;
     assert_eq!((first.status.as_u16(), first.header("idempotency-replayed")), (202, None));
-    // The same body in another layout.
+    // The same JSON value in another layout is the same request.
     let headers = [("content-type", "application/json"), key[0]];
     let again = r#"{ "preset" : "pig", "labels": {"b":"2", "a":"1"} }"#;
     let again = app.request(axum::http::Method::POST, "/models", &headers, again.into()).await;
@@ -166,7 +166,7 @@ async fn an_idempotency_key_gives_the_same_model() {
     let another = app.post_with("/models", &[("idempotency-key", "k-2")], &json!({ "preset": "pig" })).await;
     assert_ne!(another.json()["id"], first.json()["id"]);
 
-    // A key is valid as long as its model exists.
+    // An idempotency key is valid as long as its model exists.
     app.delete(&first.location()).await;
     let fresh = app.post_with("/models", &key, &json!({ "preset": "paper" })).await;
     assert_eq!((fresh.status.as_u16(), fresh.header("idempotency-replayed")), (202, None));
@@ -209,7 +209,7 @@ async fn a_finished_model_of_the_same_digest_is_reused() {
     assert_ne!(location, first);
     assert_eq!(model["files"][0]["href"], format!("{}/files/model.glb", &location[1..]));
 
-    // The files are kept as long as one of the two exists.
+    // The files exist until the last of the models that share them is deleted.
     assert_eq!(app.delete(&first).await.status, 204);
     assert_eq!(app.get(&format!("{location}/files/model.glb")).await.body, "glTF");
 
@@ -240,7 +240,7 @@ async fn equal_requests_in_flight_share_one_growth() {
     assert_eq!(app.get(&format!("{}/files/model.glb", held.location())).await.body, "glTF");
     let again = app.post_with("/models", &wait[1..], &body).await;
     assert_eq!((again.status.as_u16(), again.header("idempotency-replayed")), (200, Some("true")));
-    // Of the batch only the other seed is left.
+    // Of the two models of the batch, only the one with the other seed remained to be grown.
     assert_eq!(app.claim().await.job().seed, 8);
     assert_eq!(app.get("/models?status=queued").await.json()["models"], json!([]));
 }
@@ -258,7 +258,7 @@ async fn a_model_whose_file_is_missing_is_not_reused() {
     assert_eq!((reused.status.as_u16(), &reused.json()["reused_from"]), (201, &again.json()["id"]));
 }
 
-/// Its name is part of the files.
+/// The files contain the name of the preset.
 #[tokio::test]
 async fn a_model_of_another_preset_is_not_reused() {
     let app = App::new().await;
@@ -268,7 +268,7 @@ async fn a_model_of_another_preset_is_not_reused() {
     let pig = app.post("/models", &echoed).await;
     assert_eq!((pig.status.as_u16(), &pig.json()["digest"]), (202, &paper["digest"]));
     app.finish(app.claim().await, &files()).await;
-    // Now there is a model of each preset.
+    // Each preset has a finished model.
     let again = app.post("/models", &echoed).await;
     assert_eq!((again.status.as_u16(), &again.json()["reused_from"]), (201, &pig.json()["id"]));
     let again = app.post("/models", &json!({ "preset": "paper", "seed": 7 })).await;
@@ -355,7 +355,7 @@ async fn a_model_that_costs_too_much_is_refused_with_the_prediction() {
     }
 }
 
-/// For clusters whose GPU workers start once there is work for them.
+/// In a cluster with autoscaling, GPU workers start only after jobs are queued.
 #[tokio::test]
 async fn an_expected_gpu_is_waited_for_in_the_queue() {
     let app = App::with(Limits { gpu_expected: true, ..Limits::default() }, 10).await;
@@ -371,7 +371,7 @@ async fn a_request_for_a_gpu_waits_while_devices_are_opened() {
     let app = app.with_status(status.clone());
     app.expect_faults();
     let body = json!({ "backend": "gpu" });
-    // Whether there will be a GPU is not known yet.
+    // While devices are being opened, the service does not know whether it has a GPU.
     let reply = app.post("/models", &body).await;
     assert_eq!((reply.status.as_u16(), reply.slug().as_str()), (503, "not-ready"));
     assert_eq!(reply.json()["condition"], "opening-devices");

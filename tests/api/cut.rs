@@ -5,11 +5,12 @@ use axum::http::header;
 use serde_json::{Value, json};
 use std::fmt::Write;
 
-/// A square tube of 4 mm, outer side 2 mm, lumen 1.2 mm wide. From 1 to 2 mm a cube floats in the lumen, and the wall has a void.
+/// OBJ file of a square tube: 4 mm long, outer side 2 mm, lumen 1.2 mm wide. Between z = 1 mm and 2
+/// mm the file also contains a cube floating in the lumen and a void in the wall.
 pub(super) fn stored() -> Vec<u8> {
     let mut obj = String::new();
     let mut vertices = 0;
-    // A prism's corners, the lower four and the upper four, counter-clockwise.
+    // Corners of the prism: the lower four, then the upper four, each counter-clockwise.
     let mut prism = |obj: &mut String, half: f64, [x, y]: [f64; 2], [low, high]: [f64; 2]| {
         for z in [low, high] {
             for [u, v] in [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]] {
@@ -86,7 +87,7 @@ async fn a_cut_across_the_tube_tells_its_rings_apart() {
     assert_eq!(kinds, [("tissue", &Value::Null), ("lumen", &json!(0)), ("island", &json!(1)), ("pocket", &json!(0))]);
     near(&rings[2]["area_um2"], 0.04e6);
     near(&rings[2]["perimeter_um"], 800.0);
-    // Beyond the island there are two rings.
+    // Beyond the island the cut has two rings.
     assert_eq!(app.get(&format!("{model}/cut?z_um=3000")).await.json()["rings"].as_array().unwrap().len(), 2);
 }
 
@@ -95,11 +96,12 @@ async fn a_cut_along_the_tube_has_tissue_on_both_sides() {
     let (app, model) = app().await;
     let cut = app.get(&format!("{model}/cut?origin_um=0,0,0&normal=0,-2,0")).await.json();
     assert_eq!(cut["plane"]["normal"], json!([0.0, -1.0, 0.0]));
-    // Two strips of wall, one with a void, and the cube between them, which nothing surrounds.
+    // The tissue consists of two strips of the wall, one of them with a void, and the cube between
+    // them. No ring surrounds the cube.
     near(&cut["tissue_area_um2"], 2.0 * 400.0 * 4000.0 + 200.0 * 1000.0 - 100.0 * 1000.0);
     let kinds: Vec<&str> = cut["rings"].as_array().unwrap().iter().map(|ring| ring["kind"].as_str().unwrap()).collect();
     assert_eq!(kinds.iter().filter(|kind| **kind == "tissue").count(), 3, "{kinds:?}");
-    // Its labels show the lumen up to the ends.
+    // The label image marks the lumen up to the ends of the tube.
     let png = app.get(&format!("{model}/cut?origin_um=0,0,0&normal=0,-2,0&labels=true&size=400")).await;
     let (width, height, pixels) = decoded(&png.body);
     let middle = pixels[(height / 2 * width + width / 8) as usize];

@@ -1,4 +1,4 @@
-//! The examples of requests in the description are accepted.
+//! The service accepts the example requests in `openapi.yaml`.
 
 use super::app::App;
 use serde_json::Value;

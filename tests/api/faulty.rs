@@ -1,22 +1,21 @@
-//! Store that is unavailable, or hangs when it is checked, and panics in one call.
+//! A job store that is unavailable, panics in one call, and may hang in its health check.
 
 use futures_util::future::BoxFuture;
 use oviduct::jobs::{Hook, Store, StoreError, StoreOptions};
 use std::sync::Arc;
 
-/// Makes every call fail except `keys`; `list` panics.
+/// Makes every call except `keys` fail; `list` panics.
 pub(super) struct Faulty {
-    /// Makes the check of the store never end.
+    /// Makes the health check of the store hang forever.
     hangs: bool,
 }
 
 impl Faulty {
-    /// An unavailable store.
     pub(super) async fn store() -> Store {
         Self { hangs: false }.over_empty().await
     }
 
-    /// An unavailable store whose check never ends.
+    /// An unavailable store whose health check hangs forever.
     pub(super) async fn hanging_store() -> Store {
         Self { hangs: true }.over_empty().await
     }
@@ -30,7 +29,7 @@ impl Hook for Faulty {
     fn before<'a>(&'a self, call: &'static str) -> BoxFuture<'a, Result<(), StoreError>> {
         Box::pin(async move {
             match call {
-                // There are no keys, so every request is admitted.
+                // An empty list of API keys admits every request.
                 "keys" => return Ok(()),
                 "list" => panic!("a fault, on purpose, with a secret"),
                 "ready" if self.hangs => std::future::pending::<()>().await,

@@ -1,4 +1,4 @@
-//! Files and the report: bytes, ranges, tags.
+//! Downloads of files and the report: bytes, ranges, entity tags.
 
 use super::app::App;
 use axum::body::Body;
@@ -8,7 +8,7 @@ use proptest::prelude::*;
 use sha2::{Digest, Sha256};
 use std::time::Duration;
 
-/// Bytes that differ from place to place.
+/// Bytes without short repetitions, so that a shifted range is detected.
 fn content(len: usize) -> Vec<u8> {
     (0..len).map(|i| (i * 31 % 251) as u8).collect()
 }
@@ -163,7 +163,7 @@ async fn files_come_at_the_end_and_go_with_the_model() {
     assert_eq!(app.get(&format!("{model}/files/model.glb")).await.slug(), "model-not-found");
     let models = app.dir.path().join("files/models");
     let left = || std::fs::read_dir(&models).map_or(0, Iterator::count);
-    // The response does not wait for it.
+    // The service removes files after it has sent the response.
     for _ in 0..6000 {
         if left() == 0 {
             break;
@@ -199,7 +199,7 @@ async fn the_report_is_its_file_and_what_computed_it() {
     assert_eq!(app.get_with(&format!("{model}/report"), &[("if-none-match", tag)]).await.status, 304);
 }
 
-/// Each holds a descriptor of the process as long as the client reads.
+/// Each download uses a file descriptor of the process while the client reads.
 #[tokio::test]
 async fn there_is_a_limit_to_downloads() {
     let app = App::with(Limits { downloads: 1, ..Limits::default() }, 10).await;
@@ -210,7 +210,7 @@ async fn there_is_a_limit_to_downloads() {
     let refused = app.get(&path).await;
     assert_eq!((refused.status.as_u16(), refused.slug().as_str()), (503, "too-many-downloads"));
     assert!(refused.header(header::RETRY_AFTER).is_some());
-    // A request that needs no descriptor is answered.
+    // `HEAD` needs no file descriptor, so the limit does not apply.
     assert_eq!(app.request(Method::HEAD, &path, &[], Body::empty()).await.status, 200);
     drop(running);
     assert!(app.get(&path).await.body == content(1 << 20), "there is room again");

@@ -1,4 +1,4 @@
-//! Fits over HTTP: requests, lists, events, cancel, and that fits and models do not mix.
+//! Fits over HTTP: requests, lists, events, cancellation, and the separation of fits from models.
 
 use super::app::App;
 use axum::body::Body;
@@ -28,7 +28,7 @@ async fn a_fit_is_queued_read_and_deleted() {
     assert_eq!(address, format!("/fits/{}", fit["id"].as_str().unwrap()));
     assert_eq!((&fit["status"], &fit["preset"], &fit["priority"]), (&json!("queued"), &json!("pig"), &json!(3)));
     assert_eq!((&fit["result"], &fit["progress"], &fit["labels"]["study"]), (&Value::Null, &Value::Null, &json!("A")));
-    // What was left open is filled in.
+    // The service adds the defaults of omitted members.
     let filled = &fit["request"];
     assert_eq!((&filled["evaluations"], &filled["seeds"], &filled["models"]), (&json!(50), &json!(4), &json!(4)));
     assert_eq!((&filled["targets"][0]["low"], &filled["targets"][0]["high"]), (&json!(28.5), &json!(31.5)));
@@ -78,7 +78,7 @@ async fn fits_and_models_do_not_mix() {
     ] {
         assert_eq!(reply.slug(), "fit-not-found");
     }
-    // Neither does a request for all models reach it.
+    // A bulk request for all models does not affect the fit.
     let done = app.post("/models/cancel?status=queued", &json!({})).await.json();
     assert_eq!(done["count"], 1, "{done}");
     assert_eq!(app.get(&fit).await.json()["status"], "queued");
@@ -113,7 +113,7 @@ async fn an_idempotency_key_gives_the_same_fit() {
     assert_eq!(again.header("idempotency-replayed"), Some("true"));
     let other = app.post_with("/fits", &key, &json!({ "targets": [target()] })).await;
     assert_eq!((other.status.as_u16(), other.slug().as_str()), (422, "idempotency-key-reused"));
-    // Keys of models are others.
+    // Fits and models have separate idempotency keys.
     assert_eq!(app.post_with("/models", &key, &json!({ "seed": 1 })).await.status, 202);
 }
 
@@ -149,7 +149,8 @@ async fn invalid_requests_name_their_members() {
             assert_eq!((reply.status.as_u16(), reply.places()), (422, vec![place.to_owned()]), "{body}");
         }
     }
-    // What would take too long, or whose models would be too large, is refused before it is queued.
+    // The service refuses a fit before queueing it if it would take too long or grow too large
+    // models.
     for body in [
         json!({ "preset": "cow", "targets": [target()], "evaluations": 2000, "seeds": 16 }),
         json!({ "targets": [target()], "vary": [{ "parameter": "/particles/total", "to": 190_000 }] }),
@@ -238,12 +239,12 @@ async fn a_fit_is_followed_to_its_end() {
         ..progress
     };
     assert_eq!(end["progress"], json!(whole));
-    // Who has the last version gets nothing more.
+    // A client that has the last version receives no further event.
     let version = end["version"].to_string();
     assert_eq!(app.get_with(&format!("{fit}/events"), &[("last-event-id", &version)]).await.status, 204);
     let after = app.get(&format!("{fit}/events")).await;
     assert_eq!(self::events(std::str::from_utf8(&after.body).unwrap()).len(), 1);
-    // The stream of all models does not report it, nor its removal.
+    // The stream of all models reports neither the fit nor its removal.
     assert_eq!(app.delete(&fit).await.status, 204);
     app.model(5).await;
     let mut body = all.into_body();

@@ -1,4 +1,4 @@
-//! Requests with too much of everything: responses stay small, and say what they leave out.
+//! Oversized requests: responses stay short and state how many faults they omit.
 
 use super::app::{App, Reply};
 use axum::body::Body;
@@ -63,7 +63,7 @@ async fn a_search_that_a_database_would_refuse_is_refused() {
         let reply = app.get(&format!("/models?{query}")).await;
         assert_eq!((reply.status.as_u16(), reply.places()), (422, vec![place.to_owned()]), "{query}");
     }
-    // The longest request line.
+    // The longest request line that the HTTP server accepts.
     is_short(&app.get(&format!("/models?{}", labels(4000))).await);
     assert_eq!(app.get(&format!("/models?{}", labels(16))).await.json()["models"], json!([]));
     assert_eq!(app.post("/models", &json!({ "labels": { "a": "\0" } })).await.places(), ["/labels/a"]);

@@ -1,4 +1,4 @@
-//! Listing, reading, cancelling and deleting models.
+//! Lists of models; reading, cancelling and deleting a model.
 
 use super::app::{App, LEASE, contour, id, moment, used};
 use axum::body::Body;
@@ -7,7 +7,7 @@ use oviduct::jobs::{Directive, Problem};
 use serde_json::{Value, json};
 use std::time::Duration;
 
-/// Seeds of a page, and its cursor.
+/// Seeds on a page and the cursor of the next page.
 fn page(list: &Value) -> (Vec<u64>, Option<String>) {
     let seeds = list["models"].as_array().unwrap().iter().map(|m| m["seed"].as_u64().unwrap()).collect();
     (seeds, list["next"].as_str().map(str::to_owned))
@@ -26,7 +26,7 @@ async fn pages_follow_each_other_newest_first() {
         let (seeds, next) = page(&app.get(&path).await.json());
         assert!(seeds.len() <= 3);
         seen.extend(seeds);
-        // A model that comes in between does not shift the pages.
+        // A model submitted between two pages does not shift them.
         app.model(100).await;
         match next {
             Some(cursor) => path = format!("/models?limit=3&cursor={cursor}"),
@@ -83,7 +83,7 @@ async fn a_model_has_a_tag_that_changes_with_it() {
     assert_eq!((on.status.as_u16(), &on.json()["progress"]["step"]), (200, &json!(500)));
     assert_eq!(on.header(header::RETRY_AFTER), Some("15"), "as long as it will take");
 
-    // The position in the queue has changed, although the version has not.
+    // The position in the queue changed although the version did not, so the tag is different.
     let moved = app.get_with(&behind, &[("if-none-match", &tag(&waiting))]).await;
     assert_eq!((moved.status.as_u16(), &moved.json()["queue"]["position"]), (200, &json!(0)));
 

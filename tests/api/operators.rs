@@ -1,4 +1,4 @@
-//! What operators ask for: pauses, drains, and the metrics of the queue and of the workers.
+//! Operator requests: pauses, drains, and metrics of the queue and the workers.
 
 use super::app::{App, moment};
 use super::faulty::Faulty;
@@ -32,10 +32,10 @@ async fn all_workers_are_paused_and_resumed() {
     assert_eq!((&paused["pause"], &paused["workers"][0]["state"]), (&pause, &json!("active")));
     has_line(&app, "oviduct_claiming_paused 1").await;
     assert!(app.store.claim("w1", Backend::Cpu, super::app::LEASE, 1).await.unwrap().is_empty());
-    // The API takes work all the same.
+    // A pause of the workers does not stop the API from accepting models.
     app.model(2).await;
     assert_eq!(app.get("/readyz").await.status, 200);
-    // To ask again changes nothing.
+    // Repeating a request changes nothing.
     app.clock.advance(Duration::from_secs(1));
     assert_eq!(call(&app, "/workers/pause").await["pause"], pause);
     assert_eq!(call(&app, "/workers/resume").await, app.get("/workers").await.json());
@@ -60,7 +60,7 @@ async fn a_worker_is_paused_drained_and_resumed_by_its_name() {
     assert_eq!(app.get("/workers").await.json()["workers"][0]["state"], "drained");
     has_line(&app, "oviduct_workers{backend=\"cpu\",state=\"drained\"} 1").await;
     has_line(&app, "oviduct_workers{backend=\"cpu\",state=\"active\"} 0").await;
-    // The name is percent-encoded.
+    // The path may percent-encode the name of the worker.
     assert_eq!(call(&app, "/workers/%771/resume").await["state"], "active");
     for name in ["w2", "%00", "a%20b", "..%2F..", "*"] {
         for verb in ["pause", "resume", "drain"] {
@@ -69,7 +69,7 @@ async fn a_worker_is_paused_drained_and_resumed_by_its_name() {
         }
     }
     assert_eq!(app.get("/workers").await.json()["pause"], Value::Null, "no name is that of all workers");
-    // A worker that has not been seen for long is not there.
+    // A worker is unknown once its heartbeats have been missing for long.
     app.clock.advance(Duration::from_secs(600));
     let reply = app.request(Method::POST, "/workers/w1/drain", &[], Body::empty()).await;
     assert_eq!(reply.slug(), "worker-not-found");
@@ -95,10 +95,10 @@ async fn metrics_tell_the_age_of_the_queue_the_use_of_connections_and_the_times_
     ] {
         has_line(&app, line).await;
     }
-    // Without a heartbeat for ten intervals.
+    // The GPU worker has missed ten heartbeat intervals and is no longer alive.
     app.clock.advance(Duration::from_secs(6));
     has_line(&app, "oviduct_workers{backend=\"gpu\",state=\"active\"} 0").await;
-    // A held answer says nothing about the speed of the service.
+    // A response that the client asked to be held is excluded from the latencies.
     let held = app.post_with("/models", &[("prefer", "wait=1")], &json!({ "seed": 3 })).await;
     assert_eq!(held.header("preference-applied"), Some("wait=1"));
     has_line(&app, "oviduct_http_request_duration_seconds_count{method=\"POST\",route=\"/models\",status=\"2xx\"} 2")

@@ -1,4 +1,4 @@
-//! A path prefix that a proxy strips: every reference in an answer is relative to the URL of the request.
+//! A path prefix that a proxy strips: every reference in a response is relative to the request URL.
 
 use super::app::{App, id};
 use super::events::Stream;
@@ -7,13 +7,14 @@ use serde_json::{Value, json};
 
 const BASE: &str = "https://lab.example/tools/oviduct";
 
-/// What a client behind the proxy gets for a reference in an answer to this path: the path at the service.
+/// Resolves a reference in the response to `path`, as a client behind the proxy does; returns the
+/// path at the service.
 fn resolve(path: &str, reference: &str) -> String {
     let url = Url::parse(&format!("{BASE}{path}")).unwrap().join(reference).unwrap();
     url.as_str().strip_prefix(BASE).unwrap_or_else(|| panic!("{reference} in {path} leads to {url}")).to_owned()
 }
 
-/// Where the first file of a model in an answer to this path is.
+/// Path at the service of a model's first file, from a response to `path`.
 fn file(path: &str, model: &Value) -> String {
     resolve(path, model["files"][0]["href"].as_str().unwrap())
 }

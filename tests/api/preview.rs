@@ -1,4 +1,4 @@
-//! Pictures of models.
+//! Preview pictures of models.
 
 use super::app::App;
 use super::sections::stored;
@@ -125,6 +125,6 @@ async fn sections_that_are_no_tube_are_an_internal_problem() {
         let model = app.finished(seed, &[("sections.bin", MEDIA_TYPE, bytes)]).await;
         assert_eq!(app.get(&format!("{model}/preview.png?size=32")).await.slug(), "internal", "{seed}");
     }
-    // A turn that failed is over.
+    // The failed drawings released their permits.
     assert_eq!(app.get(&format!("{}/preview.png?size=32", model(&app).await)).await.status, 200);
 }

@@ -1,4 +1,4 @@
-//! Replayed idempotency keys: an accepted request is answered, whatever has changed since.
+//! Replays of idempotency keys: an accepted request keeps its response, whatever has changed since.
 
 use super::app::{App, id};
 use axum::http::header;
@@ -25,7 +25,7 @@ async fn a_gpu_worker_that_has_gone_does_not_refuse_a_replay() {
         assert_eq!((again.status.as_u16(), again.header("idempotency-replayed")), (202, Some("true")));
         assert_eq!((again.json(), again.header(header::LOCATION)), (taken.json(), taken.header(header::LOCATION)));
     }
-    // Another body is another request, and is refused.
+    // A different body under the same key is a new request and is refused.
     let other = app.post_with("/models", &KEY, &json!({ "backend": "gpu", "seed": 1 })).await;
     assert_eq!(other.slug(), "gpu-unavailable");
     let other = app.post_with("/models", &KEY, &json!({ "seed": 1 })).await;
@@ -51,7 +51,7 @@ async fn a_lowered_limit_does_not_refuse_a_replay() {
     }
 }
 
-/// There is nothing to wait for.
+/// A model that has ended needs no waiting, so the response is not 202.
 #[tokio::test]
 async fn a_replayed_model_that_has_ended_is_not_reported_as_accepted() {
     let app = App::new().await;

@@ -1,4 +1,4 @@
-//! The report of a model as a page.
+//! The HTML page of a model's report.
 
 use super::app::App;
 use super::sections;
@@ -6,7 +6,7 @@ use axum::http::header;
 use oviduct::export::sections_bin::MEDIA_TYPE;
 use serde_json::json;
 
-/// A `report.json` of an older model, without morphometry.
+/// A `report.json` of an older version, without morphometry.
 pub(super) fn stored() -> Vec<u8> {
     let spec = oviduct::spec::ModelSpec::resolve(oviduct::spec::preset("pig").unwrap(), &json!({})).unwrap();
     let report = json!({

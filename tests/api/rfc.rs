@@ -1,4 +1,5 @@
-//! RFC 9110 on all paths: `HEAD` is `GET` without its body, 405 lists the allowed methods; and on some of them.
+//! RFC 9110 on all paths: `HEAD` equals `GET` without the body, and 405 lists the allowed methods.
+//! Selected paths: conditional requests and ranges.
 
 use super::app::App;
 use super::{cut, report, sections};
@@ -8,7 +9,7 @@ use oviduct::export::sections_bin::MEDIA_TYPE;
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
-/// A service with a finished model, a batch and a fit, and all described paths with their methods.
+/// A service with a finished model, a batch and a fit; all described paths with their methods.
 async fn app() -> (App, Vec<(String, BTreeSet<String>)>) {
     let app = App::new().await;
     let gltf = ("model.gltf", "model/gltf+json", vec![7; 1000]);
@@ -53,7 +54,7 @@ async fn head_is_get_without_its_body() {
             continue;
         }
         let head = app.request(Method::HEAD, &path, &[], Body::empty()).await;
-        // Streams do not end, so the body is left.
+        // Event streams do not end, so the test does not read the body.
         let get = app.start(Request::get(&path).body(Body::empty()).unwrap()).await;
         assert_eq!((head.status, head.body.len()), (get.status(), 0), "{path}");
         assert_eq!(head.status, 200, "{path}");
@@ -61,7 +62,7 @@ async fn head_is_get_without_its_body() {
             assert_eq!(head.headers.get(&name), get.headers().get(&name), "{name} of {path}");
         }
         let length = |headers: &HeaderMap| headers.get(header::CONTENT_LENGTH).cloned();
-        // Metrics differ from one request to the next.
+        // The length of the metrics differs between requests.
         if let (Some(head), Some(get)) = (length(&head.headers), length(get.headers()))
             && path != "/metrics"
         {
@@ -113,9 +114,9 @@ async fn a_range_is_sent_only_of_the_same_file() {
             "{if_range}"
         );
     }
-    // Without a range, `If-Range` has no effect.
+    // Without `Range`, `If-Range` has no effect.
     assert_eq!(app.get_with(path, &[("if-range", "\"other\"")]).await.status, 200);
-    // A range outside the file is ignored if it is of another file.
+    // An unsatisfiable range is ignored if `If-Range` names another file.
     assert_eq!(app.get_with(path, &[("range", "bytes=5000-"), ("if-range", &weak)]).await.status, 200);
     for (range, status, bytes) in [
         ("bytes=-2000", 206, 1000),

@@ -1,4 +1,4 @@
-//! Cross sections, as JSON and as drawings.
+//! Cross sections as JSON and as drawings.
 
 use super::app::App;
 use axum::http::header;

@@ -1,4 +1,4 @@
-//! The service itself: health, readiness, presets, workers, the description, faults.
+//! The service as a whole: health, readiness, presets, workers, API description, failures.
 
 use super::app::{App, Reply, moment};
 use super::faulty::Faulty;
@@ -37,7 +37,7 @@ async fn a_process_that_is_not_ready_says_why() {
         assert_eq!(problem["condition"], condition.name());
         assert!(problem["detail"].as_str().unwrap().contains(detail), "{problem}");
         assert!(reply.header(header::RETRY_AFTER).is_some());
-        // It is healthy, and answers requests.
+        // The service is healthy and serves requests although it is not ready.
         assert_eq!((app.get("/healthz").await.status.as_u16(), app.get("/models").await.status.as_u16()), (200, 200));
     }
     status.clear(Condition::Draining);
@@ -58,7 +58,8 @@ async fn a_process_with_stuck_workers_is_not_healthy() {
     assert_eq!(app.get("/healthz").await.status, 200);
 }
 
-/// The first readiness probe that fails, within a minute: a slow check ends after the response of the probe that began it.
+/// Returns the first failing readiness probe, within one minute. A slow check ends after the
+/// response of the probe that started it.
 async fn until_not_ready(app: &App) -> Reply {
     for _ in 0..600 {
         let reply = app.get("/readyz").await;
@@ -74,7 +75,7 @@ async fn until_not_ready(app: &App) -> Reply {
 async fn an_artifact_store_that_takes_no_files_is_named() {
     let app = App::new().await;
     app.expect_faults();
-    // A file in the place of the folder: nothing can be written below it, whoever the test runs as.
+    // A file replaces the artifact folder. Nothing can be written below a file, even by root.
     let files = app.dir.path().join("files");
     std::fs::remove_dir_all(&files).unwrap();
     std::fs::write(&files, "").unwrap();
@@ -85,7 +86,8 @@ async fn an_artifact_store_that_takes_no_files_is_named() {
     assert!(!detail.contains(files.to_str().unwrap()), "{detail}");
 }
 
-/// A write that hangs fails its check after five seconds; until then probes report the result of the latest write.
+/// A hanging write fails its check after five seconds. Until then probes report the previous
+/// result.
 #[tokio::test]
 async fn probes_do_not_wait_for_an_artifact_store_that_hangs() {
     let throttle = ThrottleConfig { wait_put_per_call: Duration::from_secs(3600), ..ThrottleConfig::default() };
@@ -97,7 +99,7 @@ async fn probes_do_not_wait_for_an_artifact_store_that_hangs() {
     assert_eq!((reply.status.as_u16(), reply.slug().as_str()), (503, "storage-unavailable"));
 }
 
-/// A read that hangs fails its check after five seconds; until then probes report the result of the latest check.
+/// A hanging read fails its check after five seconds. Until then probes report the previous result.
 #[tokio::test]
 async fn probes_do_not_wait_for_a_job_store_that_hangs() {
     let app = App::over(Faulty::hanging_store().await, Clock::System, Limits::default());
@@ -202,7 +204,7 @@ async fn workers_are_listed() {
     let want = json!({ "pause": null, "workers": [{ "id": "w1", "host": "here", "backend": "cpu-single", "device": "test", "job": null,
         "jobs": [], "jobs_done": 3, "heartbeat_at": moment(&app.clock), "state": "active", "pause": null }] });
     assert_eq!(app.get("/workers").await.json(), want);
-    // All that it runs is named, the oldest first.
+    // The worker lists all of its running jobs, oldest first.
     let (old, new) = (app.model(1).await, app.model(2).await);
     let running = [app.claim().await, app.claim().await];
     let worker = app.get("/workers").await.json()["workers"][0].clone();
@@ -222,7 +224,7 @@ async fn the_description_is_served() {
     assert!(reply.body == oviduct::http::openapi_yaml());
 }
 
-/// Responses match the schemas of the description, and so do accepted requests.
+/// Responses and accepted requests match the schemas in `openapi.yaml`.
 #[tokio::test]
 async fn responses_are_as_described() {
     let app = App::new().await;

@@ -1,4 +1,4 @@
-//! Sections as stained pictures and as label images.
+//! Sections as stained pictures and as images of tissue labels.
 
 use super::app::App;
 use super::sections::stored;
@@ -17,7 +17,7 @@ async fn app() -> (App, String) {
     (app, format!("{model}/sections/2"))
 }
 
-/// Width, height, channels and pixels.
+/// Width, height, number of channels and pixels of a PNG file.
 fn decoded(png: &[u8]) -> (u32, u32, usize, Vec<u8>) {
     let mut reader = png::Decoder::new(Cursor::new(png)).read_info().unwrap();
     let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
@@ -37,7 +37,7 @@ async fn a_section_is_stained_and_labelled_on_the_same_pixels() {
         let value = reply.headers.get(UM_PER_PIXEL).unwrap();
         value.to_str().unwrap().parse::<f64>().unwrap()
     };
-    // The ring is 201 µm wide, with a margin of 5 % to each side.
+    // The ring is 201 µm wide and has a margin of 5 % on each side.
     assert!((scale(&stained) - 201.0 * 1.1 / 320.0).abs() < 1e-3, "{}", scale(&stained));
     assert_eq!(scale(&stained), scale(&labels));
     let (width, height, channels, _) = decoded(&stained.body);
@@ -46,7 +46,7 @@ async fn a_section_is_stained_and_labelled_on_the_same_pixels() {
     assert_eq!((label_width, label_height, label_channels), (width, height, 1));
     let found: BTreeSet<u8> = values.iter().copied().collect();
     assert!(found.is_superset(&BTreeSet::from([0, 1, 2])) && found.iter().all(|value| *value < 7), "{found:?}");
-    // The same by `Accept`, by default stained.
+    // `Accept` selects the same picture; the default is stained.
     let accepted = app.get_with(&format!("{path}?size=320"), &[("accept", "image/png")]).await;
     assert_eq!(accepted.body, stained.body);
     assert_eq!(app.get(&format!("{path}?format=png&stain=he&labels=false&size=320")).await.body, stained.body);

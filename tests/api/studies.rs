@@ -1,4 +1,4 @@
-//! Parameter studies: batches with `vary`, their table and their archive.
+//! Parameter studies: batches with `vary`, their tables and their archives.
 
 use super::app::{App, Reply};
 use axum::body::Body;
@@ -10,7 +10,7 @@ use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::io::{Cursor, Read};
 
-/// Two gaps and two numbers of steps, each with the seeds 7 and 8.
+/// Two gaps times two numbers of steps, each with the seeds 7 and 8.
 fn grid() -> Value {
     json!({ "seeds": [7, 8], "spec": { "steps": 900 }, "vary": {
         "design": "grid", "values": { "/collision/gap_um": { "from": 25, "to": 50, "count": 2 }, "/steps": [800, null] } } })
@@ -63,7 +63,7 @@ async fn a_study_is_one_request_and_is_echoed_whole() {
     }
     let address = format!("/batches/{}", batch["id"].as_str().unwrap());
     assert_eq!(app.get(&address).await.json(), batch);
-    // The others keep their points when one is deleted.
+    // Deleting one model does not change the points of the others.
     app.delete(&format!("/models/{}", ids(&batch)[1])).await;
     let now = app.get(&address).await.json();
     let mut left = batch["study"]["models"].as_array().unwrap().clone();
@@ -129,7 +129,7 @@ async fn all_faults_of_a_study_come_at_once() {
         );
         assert_eq!(app.post("/batches/validate", &body).await.places(), reply.places());
     }
-    // A rule between parameters that only some points break names them.
+    // If only some points violate a rule between parameters, the problem names these points.
     let vary = json!({ "design": "grid", "values": { "/collision/gap_um": [30, 40], "/particles/total": [900, 20] } });
     let reply = app.post("/batches", &json!({ "vary": vary })).await;
     let text = details(&reply).join("\n");
@@ -258,7 +258,7 @@ async fn a_table_quotes_what_needs_it() {
     assert_eq!((&rows[1][3], &rows[1][4]), ("0.3", "euler"));
 }
 
-/// The files in a zip or tar by path.
+/// The files of a zip or tar archive, by path.
 fn unpacked(reply: &Reply) -> BTreeMap<String, Vec<u8>> {
     let mut found = BTreeMap::new();
     if reply.header(header::CONTENT_TYPE) == Some("application/zip") {
@@ -338,7 +338,7 @@ async fn an_archive_has_the_files_and_a_manifest() {
     assert_eq!(app.get("/batches/nonsense/archive").await.slug(), "batch-not-found");
 }
 
-/// A transfer that lacks a file must not look complete.
+/// A transfer that lacks a file must not appear complete.
 #[tokio::test]
 async fn an_archive_that_lacks_a_file_is_broken_off() {
     let app = App::new().await;
@@ -354,7 +354,7 @@ async fn an_archive_that_lacks_a_file_is_broken_off() {
         assert_eq!(response.status(), 200);
         assert!(response.into_body().collect().await.is_err(), "{format}");
     }
-    // The first file is opened before the answer.
+    // The service opens the first file before it sends the response.
     let first = app.store.get(super::app::id(&format!("/models/{}", ids(&batch)[0]))).await.unwrap().unwrap();
     app.artifacts.delete(&[first.files[0].key.clone()]).await.unwrap();
     assert_eq!(app.get(&path).await.slug(), "file-not-found");
@@ -372,7 +372,7 @@ async fn an_archive_is_one_download_until_it_ends() {
     let running = app.start(Request::get(&path).body(Body::empty()).unwrap()).await;
     assert_eq!(app.get(&path).await.slug(), "too-many-downloads");
     drop(running);
-    // The task that packs ends when it finds its client gone.
+    // The task that writes the archive ends once it notices that its client has disconnected.
     for _ in 0..6000 {
         if app.get(&path).await.status == 200 {
             return;

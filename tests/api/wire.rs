@@ -1,5 +1,5 @@
-//! Store whose reads of models are counted and can be made to fail, and whose changes the test can
-//! report.
+//! A job store that counts its reads of models, can make them fail, and reports only the changes
+//! that the test sends.
 
 use super::app::App;
 use futures_util::future::BoxFuture;
@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use tokio::sync::broadcast;
 
-/// State of the connection to the store.
+/// State of the simulated connection to the store.
 pub(super) struct Wire {
     broken: AtomicBool,
     reads: AtomicU64,
@@ -18,7 +18,7 @@ pub(super) struct Wire {
 }
 
 impl Wire {
-    /// A service over such a store. If `changes` is given, only it reports changes.
+    /// A service over such a store. If `changes` is given, the service learns of no other changes.
     pub(super) async fn app(limits: Limits, changes: Option<broadcast::Sender<Change>>) -> (App, Arc<Self>) {
         let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
         let options = StoreOptions { clock: clock.clone(), queue_limit: 1000, ..StoreOptions::default() };
