@@ -1,7 +1,9 @@
-//! PostgreSQL for tests: a cluster of Debian's package in a temporary folder, on a free port of the loopback interface.
+//! PostgreSQL for tests: a cluster from Debian's package, in a temporary folder and on a free port
+//! of the loopback interface.
 //!
-//! A shell supervises the cluster: when the process that started it ends, for whatever reason, the pipe to
-//! the shell closes, and the shell stops the server and removes the folder. As root everything runs as user `postgres`.
+//! A shell supervises the cluster. When the process that started the shell ends for any reason, the
+//! pipe to the shell closes; the shell then stops the server and removes the folder. If the tests
+//! run as root, the shell and the server run as user `postgres`.
 #![allow(clippy::unwrap_used, reason = "a test: what fails, fails here")]
 
 use std::hash::{BuildHasher, RandomState};
@@ -13,9 +15,12 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
-/// Makes a cluster in the folder `$1` and prints `made`; reads a port, tries to start the server there and prints `ready`, or
-/// `busy` and reads another; then waits for the end of its input and cleans up.
-/// fsync stays on, as in production.
+/// Supervisor script. It creates a cluster in the folder `$1` and prints `made`. Then it reads
+/// ports from its input until the server starts on one: it prints `busy` for an occupied port and
+/// `ready` once the server runs. When its input ends, the script stops the server and removes the
+/// folder.
+///
+/// `fsync` stays enabled, as in production.
 const HOLD: &str = r#"
 set -e
 trap '' INT TERM HUP
@@ -46,7 +51,7 @@ exit 1
 /// Number of ports to try.
 const PORTS: u32 = 5;
 
-/// A free port, below the range of ephemeral ports.
+/// A free port below the range of ephemeral ports.
 fn free_port() -> u16 {
     loop {
         let port = 15_000 + (RandomState::new().hash_one(0) % 15_000) as u16;
@@ -56,7 +61,7 @@ fn free_port() -> u16 {
     }
 }
 
-/// A running server.
+/// A running PostgreSQL server.
 pub struct Cluster {
     folder: PathBuf,
     port: u16,
@@ -66,7 +71,7 @@ pub struct Cluster {
     _pipe: ChildStdin,
 }
 
-/// The folder of PostgreSQL's programs, of the newest version.
+/// Folder with the programs of the newest installed PostgreSQL version.
 fn programs() -> PathBuf {
     let mut found: Vec<PathBuf> = std::fs::read_dir("/usr/lib/postgresql")
         .into_iter()
@@ -87,7 +92,7 @@ fn is_root() -> bool {
     Command::new("id").arg("-u").output().is_ok_and(|out| out.stdout.trim_ascii() == b"0")
 }
 
-/// A program of PostgreSQL, run as a user that it accepts.
+/// A PostgreSQL program, run as a user other than root, because PostgreSQL refuses to run as root.
 fn program(bin: &Path, name: &str) -> Command {
     let path = format!("{}:{}", bin.display(), std::env::var("PATH").unwrap_or_default());
     let mut command = if is_root() {
@@ -102,16 +107,16 @@ fn program(bin: &Path, name: &str) -> Command {
 }
 
 impl Cluster {
-    /// The cluster of this process, started at the first call.
+    /// The cluster that all tests of this process share; the first call starts it.
     pub fn shared() -> &'static Self {
         static SHARED: OnceLock<Cluster> = OnceLock::new();
         SHARED.get_or_init(Self::start)
     }
 
-    /// Starts a cluster for one test alone.
+    /// Starts a separate cluster for one test.
     pub fn start() -> Self {
         let bin = programs();
-        // Made by the user of the server, who must have access to it.
+        // The user of the server creates the folder, so the server has access to it.
         let made = program(&bin, "mktemp").args(["-d", "-p", "/tmp", "oviduct-postgres-XXXXXX"]).output().unwrap();
         assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
         let folder = PathBuf::from(String::from_utf8(made.stdout).unwrap().trim());
@@ -139,14 +144,14 @@ impl Cluster {
         format!("postgres://postgres@127.0.0.1:{}/{database}?sslmode=disable", self.port)
     }
 
-    /// A new, empty database.
+    /// Creates an empty database; returns its URL.
     pub fn database(&self) -> String {
         let name = format!("t{}", self.databases.fetch_add(1, Ordering::Relaxed));
         self.psql("postgres", &format!("CREATE DATABASE {name}"));
         self.url(&name)
     }
 
-    /// Runs statements in the database of that name or URL; returns their output, without headings.
+    /// Runs statements in a database, given by name or URL; returns their output without headings.
     pub fn psql(&self, database: &str, sql: &str) -> String {
         let url = if database.contains("://") { database.to_owned() } else { self.url(database) };
         let mut child = program(&self.bin, "psql")
@@ -162,15 +167,15 @@ impl Cluster {
         String::from_utf8(output.stdout).unwrap()
     }
 
-    /// Stops the server as a crash would.
+    /// Stops the server immediately, without a shutdown checkpoint, like a crash.
     pub fn crash(&self) {
         assert!(self.control(&["-m", "immediate", "stop"]), "it was not stopped");
     }
 
-    /// Starts the server after a crash.
+    /// Starts the server after [`Self::crash`].
     pub fn restart(&self) {
         let log = self.folder.join("log");
-        // An outgoing connection may occupy its port for a moment.
+        // An outgoing connection may occupy the port for a moment.
         let start = |_| {
             let started = self.control(&["-l", log.to_str().expect("UTF-8"), "-w", "start"]);
             if !started {

@@ -1,4 +1,4 @@
-//! Long queues made by SQL, and the cost of claims, submissions and reads on them.
+//! Long queues, created by SQL, and timings of claims, submissions and reads on them.
 
 use oviduct::clock::Stopwatch;
 use oviduct::generate::{Backend, Output, Progress, Stage};
@@ -6,11 +6,12 @@ use oviduct::jobs::{ClaimedJob, JobId, JobKind, JobProgress, NewJob, Priority, S
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// Claims and submissions that are timed on a queue.
+/// Number of claims and submissions that are timed on a queue.
 pub const SAMPLES: usize = 40;
 
-/// Queues `rows` jobs of seven submitters, three priorities and three batch keys, one in ten for GPUs, in the SQLite file at
-/// `path`, which has its tables; and as many that have ended.
+/// Fills the tables of the SQLite file at `path` with `rows` queued jobs and as many ended ones.
+/// The jobs have seven submitters, three priorities and three batch keys; one job in ten is for
+/// GPUs.
 pub async fn fill_sqlite(path: &std::path::Path, rows: u64) {
     let pool = sqlx::SqlitePool::connect(&format!("sqlite://{}", path.display())).await.expect("the file opens");
     sqlx::query(
@@ -28,10 +29,11 @@ pub async fn fill_sqlite(path: &std::path::Path, rows: u64) {
     pool.close().await;
 }
 
-/// The same in PostgreSQL, as SQL.
+/// SQL that fills the tables of a PostgreSQL database in the same way.
 pub fn fill_postgres(rows: u64) -> String {
     format!(
-        // The counts are as if the jobs had been submitted and ended one by one.
+        // `replica` disables the triggers, so the script inserts the counts that they would have
+        // produced.
         "SET session_replication_role = replica; \
          INSERT INTO jobs (id, status, preset, seed, digest, outputs, backend_requested, available_at, created_at, \
          finished_at, spec, submitter, rank, turn, engine, batch_key) \
@@ -45,12 +47,13 @@ pub fn fill_postgres(rows: u64) -> String {
     )
 }
 
-/// A limit beyond every queue here.
+/// Store options with a queue limit above the length of every queue in these measurements.
 pub fn options() -> StoreOptions {
     StoreOptions { queue_limit: 10_000_000, ..StoreOptions::default() }
 }
 
-/// Seconds by operation: the lower quartile of many samples, which excludes most of the machine's other load.
+/// Seconds per operation: the lower quartile of many samples, which excludes most of the machine's
+/// other load.
 #[derive(Clone, Debug)]
 pub struct Costs(pub Vec<(&'static str, f64)>);
 
@@ -82,8 +85,10 @@ fn new_job(n: usize) -> NewJob {
     }
 }
 
-/// The cost of a claim of one job and of four, of four by a GPU, of a heartbeat, a submission, a read of the last job of its
-/// priority (with its position), and the counts. Removes the jobs that it submits, and releases those that it claims.
+/// Times seven operations: a claim of one job, a claim of four jobs, a claim of four jobs by a GPU
+/// worker, a heartbeat, a submission, a read of the last job of its priority with its queue
+/// position, and a read of the counts. Removes the jobs that it submits and releases the jobs that
+/// it claims.
 pub async fn costs(store: &Store) -> Costs {
     const LEASE: Duration = Duration::from_secs(600);
     let claim = async |backend, limit: u32, samples: usize| {
@@ -134,7 +139,7 @@ pub async fn costs(store: &Store) -> Costs {
     Costs(names.into_iter().zip(seconds).collect())
 }
 
-/// Seconds of a heartbeat with progress.
+/// Duration of a heartbeat with progress, in seconds.
 async fn beat(store: &Store, claimed: &ClaimedJob) -> f64 {
     let (stage, eta_seconds) = (Stage::Simulate, None);
     let progress = Progress { stage, fraction: 0.5, step: 1, steps: 2, particles: 8, sections: 1, eta_seconds };

@@ -1,4 +1,4 @@
-//! Workers that are busy, or do not stop, hold up no jobs that others could run.
+//! Busy workers and workers that do not stop do not delay jobs that other workers could run.
 
 use crate::scripted::{Database, FakeGpu, Fate, Place, generate, scripted};
 use futures_util::future::join_all;
@@ -13,7 +13,8 @@ use std::time::Duration;
 /// Seed of the job that the gate holds.
 const HELD: u64 = 99;
 
-/// Holds the job of seed [`HELD`] at its certificate until it is opened; the job ignores its cancel token meanwhile.
+/// Holds the job with seed [`HELD`] in its certificate stage until the gate opens. In the meantime
+/// the job ignores its cancel token.
 #[derive(Default)]
 struct Gate {
     open: Mutex<bool>,
@@ -28,7 +29,8 @@ impl Gate {
     }
 }
 
-/// Opens the gate even if the test fails: a thread that waits for it would keep the runtime from ending.
+/// Opens the gate even if the test fails. Otherwise the waiting thread would keep the runtime from
+/// ending.
 struct Opens(Arc<Gate>);
 
 impl Drop for Opens {
@@ -75,7 +77,7 @@ async fn while_one_worker_is_held_the_other_runs_all_jobs() {
         }
     };
     place.until(held, at(Stage::Certify)).await;
-    // One at a time, as from a client that waits for each, and many at once.
+    // First jobs one at a time, as from a client that waits for each; then many at once.
     for seed in 0..5 {
         let job = place.ended(place.queue("ok", seed).await).await;
         assert_eq!(job.status, Status::Succeeded);
@@ -123,7 +125,6 @@ async fn no_job_waits_behind_one_that_timed_out_and_does_not_stop() {
     second.shutdown(Duration::from_secs(5)).await;
 }
 
-/// A worker whose generation does not stop is reported until it is free.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_worker_whose_generation_does_not_stop_is_reported_as_stuck() {
     let place = Place::fresh(|_| {}).await;
@@ -152,7 +153,8 @@ async fn a_worker_whose_generation_does_not_stop_is_reported_as_stuck() {
     pool.shutdown(Duration::from_secs(5)).await;
 }
 
-/// After their GPU was lost, jobs run on the CPU one at a time; waiting for the others does not count against the time limit.
+/// After the GPU is lost, its jobs run on the CPU one at a time. The time a job waits for the
+/// others does not count towards the time limit.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn waiting_for_the_cpu_after_a_lost_gpu_does_not_count_against_the_time_limit() {
     let place = Place::on(Database::Sqlite, StoreOptions::default()).await;
@@ -163,7 +165,7 @@ async fn waiting_for_the_cpu_after_a_lost_gpu_does_not_count_against_the_time_li
         ids.push(place.store.submit(new).await.unwrap().job().id);
     }
     let gpu = FakeGpu::new(Fate::Lost);
-    // Together they take more than six seconds, each about one and a half.
+    // Together the jobs take more than six seconds, each about 1.5 s.
     let pool = place.start_with_gpu(&gpu, |options| {
         options.workers = 0;
         options.job_timeout = Some(Duration::from_secs(4));
@@ -176,7 +178,6 @@ async fn waiting_for_the_cpu_after_a_lost_gpu_does_not_count_against_the_time_li
     pool.shutdown(Duration::from_secs(5)).await;
 }
 
-/// Deleting a running model is not counted as a lost lease.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_deleted_model_is_not_counted_as_a_lost_lease() {
     let place = Place::fresh(|_| {}).await;

@@ -1,4 +1,4 @@
-//! One suite over both kinds of artifact stores: a local folder, and an S3 bucket.
+//! One suite over both kinds of artifact stores: a local folder and an S3 bucket.
 
 use crate::bucket::Bucket;
 use crate::scripted::{Place, content, scripted};
@@ -78,7 +78,8 @@ async fn a_bucket() {
     jobs_end_with_their_files_and_orphans_go(&place).await;
 }
 
-/// Jobs under way when the bucket goes away end once it is back; the rest of the service goes on meanwhile.
+/// Jobs that run when the bucket becomes unavailable end after it returns. The other operations
+/// keep working during the outage.
 async fn an_outage_of(time: Duration) {
     let bucket = Bucket::start().await;
     let mut place = Place::fresh(|_| {}).await;
@@ -98,7 +99,7 @@ async fn an_outage_of(time: Duration) {
     let running = place.until(ids[0], |job| job.progress.is_some_and(|progress| progress.fraction() > 0.95)).await;
     assert_eq!(running.status, Status::Running);
     place.until(ids[1], |job| job.status == Status::Running).await;
-    // Reading, cancelling and deleting go on.
+    // Reading, cancelling and deleting models work during the outage.
     let waiting = *ids.last().unwrap();
     assert_eq!(place.store.cancel(waiting).await.unwrap().unwrap().status, Status::Cancelled);
     let keys = place.store.delete(made.id).await.unwrap().unwrap();
@@ -158,7 +159,8 @@ async fn a_model_whose_files_are_gone_is_grown_again() {
     let shared = submit().await;
     assert!(matches!(&shared, Submitted::Reused(job) if job.reused_from == Some(first.id)), "{shared:?}");
 
-    // Removed behind the store's back: neither the model nor the one that shares its files is reused.
+    // A file was removed without the job store. Neither its model nor the model that shares its
+    // files is reused.
     place.artifacts.delete(&[first.files[1].key.clone()]).await.unwrap();
     let again = submit().await;
     assert!(matches!(again, Submitted::Queued(_)), "{again:?}");
@@ -179,7 +181,7 @@ async fn a_model_whose_files_are_gone_is_grown_again() {
     assert_eq!(sources, [Some(whole.id), None]);
     pool.shutdown(Duration::from_secs(5)).await;
 
-    // If the files cannot be looked for, nothing is reused.
+    // If the service cannot check whether the files exist, it reuses no model.
     bucket.set_up(false);
     let unknown = submit().await;
     assert!(matches!(unknown, Submitted::Queued(_)), "{unknown:?}");

@@ -1,9 +1,9 @@
-//! Promised bounds on time, tested on a machine that may have other load.
+//! Bounds on durations, tested on a machine that may have other load.
 
 use oviduct::clock::Stopwatch;
 
-/// Runs `round` up to five times, each with a new job, until it keeps the bound. A fault is slow in every round, other load
-/// of the machine is not.
+/// Runs `round` up to five times, each time with a new job, until it keeps the bound. A defect
+/// slows down every round; other load of the machine does not.
 pub async fn best_of_five(mut round: impl AsyncFnMut(u64) -> Result<(), String>) {
     let mut faults = Vec::new();
     for number in 1..=5 {
@@ -15,7 +15,7 @@ pub async fn best_of_five(mut round: impl AsyncFnMut(u64) -> Result<(), String>)
     panic!("no round kept the bound: {faults:#?}");
 }
 
-/// Whether less than `seconds` have elapsed.
+/// Returns an error unless less than `seconds` have elapsed.
 pub fn within(seconds: f64, since: Stopwatch) -> Result<(), String> {
     let took = since.seconds();
     if took < seconds { Ok(()) } else { Err(format!("{took} s, not {seconds} s")) }

@@ -1,4 +1,4 @@
-//! An S3 server in the process of the test, which can be made unavailable and available again.
+//! An S3 server in the test process that can be made unavailable and available again.
 
 use hyper_util::rt::{TokioExecutor, TokioIo};
 use hyper_util::server::conn::auto::Builder;
@@ -13,7 +13,7 @@ use tokio::sync::watch;
 const KEY: &str = "test-key";
 const SECRET: &str = "test-secret";
 
-/// A server with one bucket, in a temporary folder.
+/// An S3 server with one bucket in a temporary folder.
 pub struct Bucket {
     address: SocketAddr,
     up: watch::Sender<bool>,
@@ -50,15 +50,15 @@ impl Bucket {
         Self { address, up, server, _root: root }
     }
 
-    /// Closes all connections and accepts no more, or serves again.
+    /// With `false`, closes all connections and accepts no new ones; with `true`, serves again.
     pub fn set_up(&self, up: bool) {
         self.up.send_replace(up);
     }
 
-    /// Its URL, as given to `--artifacts`.
+    /// URL of the bucket, for `--artifacts`.
     pub const URL: &str = "s3://models/of/tests";
 
-    /// Endpoint and credentials, as the usual environment variables.
+    /// Endpoint and credentials as the standard AWS environment variables.
     pub fn variables(&self) -> [(String, String); 3] {
         [
             ("AWS_ACCESS_KEY_ID", KEY.to_owned()),

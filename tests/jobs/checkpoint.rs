@@ -1,5 +1,5 @@
-//! Real generations interrupted by a shutdown or a vanished worker resume from their checkpoint, with the same bytes;
-//! jobs that take too long; retention.
+//! Interrupted generations resume from their checkpoints and produce the same bytes, both after a
+//! shutdown and after a worker vanished. Also: time limits of jobs, and retention.
 
 use crate::bounds::best_of_five;
 use crate::bucket::Bucket;
@@ -39,15 +39,15 @@ fn request(dir: &Path) -> Request {
     }
 }
 
-/// Pauses a generation after its first checkpoint until another is requested or it is told to stop, so that it does not end
-/// before.
+/// Pauses a generation after its first checkpoint, until another checkpoint is requested or the
+/// generation is cancelled. The generation therefore cannot end too early.
 struct Pausing<'a> {
     sink: &'a dyn Sink,
     cancel: &'a CancelToken,
     steps: AtomicU32,
 }
 
-/// Steps before the first checkpoint.
+/// Number of steps before the first checkpoint.
 const STEPS: u32 = 150;
 
 impl Sink for Pausing<'_> {
@@ -71,7 +71,7 @@ impl Sink for Pausing<'_> {
     }
 }
 
-/// A generator that counts how often it resumed from a checkpoint.
+/// A generator that counts how often it resumes from a checkpoint.
 fn generator(
     resumed: Arc<AtomicU32>,
     pauses: bool,
@@ -90,7 +90,7 @@ fn generator(
     }
 }
 
-/// Starts a worker whose generations take many checkpoints.
+/// Starts a worker whose generations store a checkpoint every 20 ms.
 fn start(place: &Place, resumed: &Arc<AtomicU32>, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
     start_with(place, generator(Arc::clone(resumed), false), Duration::from_millis(20), change)
 }
@@ -122,13 +122,13 @@ fn hashes(job: &Job) -> BTreeMap<String, String> {
     job.files.iter().map(|file| (file.name.clone(), file.sha256.clone())).collect()
 }
 
-/// Waits until the record names a checkpoint, which is not notified as a change.
+/// Waits until the record names a checkpoint. The store does not notify subscribers of checkpoints.
 async fn until_saved(place: &Place, id: oviduct::jobs::JobId, attempt: u32) -> String {
     let wait = async {
         loop {
             let job = place.store.get(id).await.unwrap().unwrap();
             assert!(!job.status.is_ended(), "it ended before its first checkpoint");
-            // Keys are models/<job>/<attempt>/….
+            // A checkpoint's artifact key is `models/<job>/<attempt>/…`.
             if let Some(key) = job.checkpoint.filter(|key| key.contains(&format!("/{attempt}/"))) {
                 return key;
             }
@@ -157,7 +157,8 @@ async fn a_shutdown_loses_nothing(place: &Place) {
     assert_eq!(hashes(&ended), expected);
     assert_eq!((resumed.load(Ordering::Relaxed), ended.checkpoint), (2, None));
     pool.shutdown(Duration::from_secs(5)).await;
-    // The files are left, and at most two checkpoints for each attempt that ended while one was being stored.
+    // The model's files remain. Each attempt that ended during an upload may leave up to two
+    // checkpoints.
     let far = Clock::System.now() + Duration::from_secs(3600);
     let orphans = place.sweep_orphans(far, Duration::ZERO).await;
     assert!(orphans <= 6, "{orphans}");
@@ -190,7 +191,8 @@ async fn a_job_of_a_vanished_worker_resumes_from_its_checkpoint() {
     });
     until_saved(&place, job.id, 1).await;
     drop(pool);
-    // A process expires leases only when it has seen the store answer for one lease of its own.
+    // A process expires leases only after the store has been available for one whole lease of that
+    // process.
     let pool = start(&place, &resumed, |options| {
         options.poll = Duration::from_millis(50);
         (options.heartbeat, options.lease) = (Duration::from_millis(500), Duration::from_secs(2));
@@ -223,7 +225,7 @@ async fn a_job_that_takes_too_long_fails_alone() {
     let problem = job.problem.unwrap();
     assert_eq!((job.status, job.attempts, problem.kind.as_str()), (Status::Failed, 1, "timeout"));
     assert!(problem.detail.contains(" 3 seconds"), "{}", problem.detail);
-    // The next job has a time limit of its own.
+    // Each job has its own time limit.
     best_of_five(async |round| {
         let job = place.ended(place.queue("ok", 1 + round).await).await;
         if job.status == Status::Succeeded { Ok(()) } else { Err(format!("{:?}", job.problem)) }
@@ -244,7 +246,7 @@ async fn retention_is_by_age_and_by_size() {
     pool.shutdown(Duration::from_secs(5)).await;
     let queued = place.store.submit(NewJob { reuse: false, ..scripted("ok", 14) }).await.unwrap().job().id;
     let sweep = async |age, bytes| place.retain(Retention { age, bytes }).await;
-    // Each has two files of a thousand bytes.
+    // Each model has two files of 1000 bytes.
     let swept = sweep(None, Some(8000)).await;
     assert_eq!((swept.removed, swept.stored_bytes), (0, Some(8000)));
     let swept = sweep(Some(Duration::from_secs(3600)), Some(7999)).await;

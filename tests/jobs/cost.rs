@@ -1,5 +1,5 @@
-//! Claims, heartbeats, submissions, reads and counts cost the same whatever the length of the queue. Up to 10^5 here;
-//! `benches/claim.rs` continues to 10^6.
+//! The cost of claims, heartbeats, submissions, reads and counts does not depend on the length of
+//! the queue. This test goes up to 10^5 jobs; `benches/claim.rs` continues to 10^6.
 
 use crate::cluster::Cluster;
 use crate::queue::{costs, fill_postgres, fill_sqlite, options};
@@ -9,12 +9,15 @@ use oviduct::jobs::{Counts, Store};
 const SHORT: u64 = 200;
 const LONG: u64 = 100_000;
 
-/// Most rounds: under other load of the machine, everything takes longer.
+/// Maximum number of rounds. Other load of the machine can slow down all operations of a round.
 const ROUNDS: u32 = 5;
 
-/// A long queue may cost a little more, because its index is deeper and fewer of its pages are cached; a pass over it would
-/// cost hundreds of times as much. The lower bound on the short queue's time excludes outliers. Each round measures both
-/// queues in succession; each operation counts by its best round.
+/// Compares the costs on a long and on a short queue.
+///
+/// A long queue may cost a little more, because its index is deeper and fewer of its pages are
+/// cached. A scan of the whole queue would cost hundreds of times as much. The lower bound on the
+/// short queue's time limits the effect of very short times. Each round measures both queues in
+/// succession; the best round of each operation counts.
 async fn check(short: &Store, long: &Store) {
     let mut best: Vec<(&str, f64, String)> = Vec::new();
     for _ in 0..ROUNDS {
@@ -69,7 +72,8 @@ async fn a_long_queue_costs_no_more_than_a_short_one_on_postgres() {
         (url, store)
     };
     let (_, short) = queue(SHORT).await;
-    // First without statistics of the long queue, as when it has just been filled; then with them.
+    // First without planner statistics of the long queue, as right after it was filled; then with
+    // them.
     let (url, long) = queue(LONG).await;
     check(&short, &long).await;
     psql(&url, "ANALYZE").await.unwrap();

@@ -1,9 +1,10 @@
-//! Disks that are really full. Each test runs again in child processes whose disk can be filled and freed:
+//! Tests on full disks. Each test runs itself again in child processes whose disk can be filled and
+//! freed:
 //!
-//! - on every machine under a limit on the size of files (`RLIMIT_FSIZE`, with `SIGXFSZ` ignored): writes fail with
-//!   `EFBIG`;
-//! - if the kernel lets a process mount one in a namespace of its own (root, or user namespaces), on a tmpfs of a few
-//!   megabytes: writes fail with `ENOSPC`.
+//! - On every machine, the child runs with a limit on the size of files (`RLIMIT_FSIZE`, with
+//!   `SIGXFSZ` ignored). Writes then fail with `EFBIG`.
+//! - If the kernel lets a process mount a tmpfs in its own namespace (root, or user namespaces),
+//!   the child runs on a tmpfs of a few megabytes. Writes then fail with `ENOSPC`.
 
 use crate::scripted::{Place, generate, scripted};
 use crate::suite::new_job;
@@ -36,9 +37,9 @@ const BALLAST: &str = "ballast";
 /// A disk that can be filled.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Disk {
-    /// A tmpfs at this path, of a few megabytes.
+    /// A tmpfs of a few megabytes at this path.
     Tmpfs(PathBuf),
-    /// Every disk, for this process alone: no file may grow beyond so many bytes.
+    /// Every disk, as seen by this process: no file may grow beyond this many bytes.
     Limit(u64),
 }
 
@@ -62,14 +63,15 @@ impl Disk {
     }
 }
 
-/// Sets the limit on the size of this process's files.
+/// Sets the limit on the size of files that this process writes.
 fn limit(bytes: &str) {
     let process = std::process::id().to_string();
     let status = Command::new("prlimit").args(["--pid", &process, &format!("--fsize={bytes}:")]).status().unwrap();
     assert!(status.success(), "prlimit: {status}");
 }
 
-/// A command that runs another with a small disk at `folder`; `None` if this machine does not allow to mount one.
+/// A command that runs another command with a small tmpfs at `folder`. `None` if this machine does
+/// not allow the mount.
 fn tmpfs(folder: &Path) -> Option<Command> {
     let mount = "mount -t tmpfs -o size=48m tmpfs \"$0\" && exec \"$@\"";
     let command = |namespaces: &[&str]| {
@@ -82,14 +84,16 @@ fn tmpfs(folder: &Path) -> Option<Command> {
     ways.iter().find(works).map(|way| command(way))
 }
 
-/// A command that runs another whose writes beyond the limit fail instead of ending it.
+/// A command that runs another command with `SIGXFSZ` ignored, so that writes beyond the limit fail
+/// instead of ending the process.
 fn limited() -> Command {
     let mut command = Command::new("sh");
     command.args(["-c", "trap '' XFSZ; exec \"$@\"", "sh"]);
     command
 }
 
-/// Runs `body` in a child process on each available kind of disk; `part` of the folder is on that disk.
+/// Runs `body` in a child process on each available kind of disk. The subfolder `part` lies on that
+/// disk.
 async fn on_full_disks(test: &str, part: &str, body: impl AsyncFn(&Path, Disk)) {
     if let (Ok(folder), Ok(kind)) = (std::env::var(FOLDER), std::env::var(DISK)) {
         let folder = PathBuf::from(folder);
@@ -115,7 +119,7 @@ async fn on_full_disks(test: &str, part: &str, body: impl AsyncFn(&Path, Disk)) 
     assert!(disks > 0);
 }
 
-/// A service over a place, called in process.
+/// The HTTP service over a place, called in process.
 struct Service(axum::Router);
 
 impl Service {
@@ -131,7 +135,7 @@ impl Service {
         (parts.status.as_u16(), body.collect().await.unwrap().to_bytes().to_vec())
     }
 
-    /// Reads a model's files and compares them with its record.
+    /// Reads the model's files and compares them with its record.
     async fn reads(&self, job: &Job) {
         use sha2::{Digest, Sha256};
         for file in &job.files {
@@ -141,7 +145,7 @@ impl Service {
         }
     }
 
-    /// Reads `read`, cancels `waits`, then deletes both.
+    /// Reads the model `read`, cancels the job `waits`, then deletes both.
     async fn goes_on(&self, read: &Job, waits: JobId) {
         self.reads(read).await;
         let (status, body) = self.ask(Method::POST, &format!("/models/{waits}/cancel")).await;
@@ -154,7 +158,7 @@ impl Service {
     }
 }
 
-/// All files below a folder except the ballast, including those that are partially written.
+/// All files below a folder except the ballast file, including partially written ones.
 fn files(folder: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
@@ -168,7 +172,8 @@ fn files(folder: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// Waits until so many files are left. The answer to a delete does not wait for their removal.
+/// Waits until at most `count` files are left. The service removes files after it has responded to
+/// a deletion.
 async fn left(folder: &Path, count: usize) {
     for _ in 0..6000 {
         if files(folder).len() <= count {
@@ -179,7 +184,7 @@ async fn left(folder: &Path, count: usize) {
     assert_eq!(files(folder).len(), count, "{:?}", files(folder));
 }
 
-/// A place with its files in the folder, and its records in memory, timed by `clock`.
+/// A place with its files in the folder, its records in memory, and `clock` as the store's clock.
 async fn place(folder: &Path, max_attempts: u32, clock: &Clock) -> Place {
     let change = |options: &mut StoreOptions| (options.max_attempts, options.clock) = (max_attempts, clock.clone());
     let mut place = Place::fresh(change).await;
@@ -202,7 +207,8 @@ async fn a_full_artifact_store_costs_no_attempt() {
         let generator = {
             let (disk, full) = (disk.clone(), Arc::clone(&full));
             move |input: GenerationInput<'_>, sink: &dyn Sink, cancel: &CancelToken| -> Result<Outcome, WorkError> {
-                // There is room in scratch, none in the artifact store; the limit applies to both.
+                // The limit applies to both directories. Only the artifact store must be full, so
+                // lift the limit while the generator writes to the scratch directory.
                 if matches!(disk, Disk::Limit(_)) {
                     disk.free();
                 }
@@ -226,7 +232,8 @@ async fn a_full_artifact_store_costs_no_attempt() {
         assert_eq!((first.status, second.status), (Status::Succeeded, Status::Succeeded));
         full.store(true, Ordering::Relaxed);
 
-        // After all tries it is released with the cause, and nothing of it is left, whole or half. Seed 2 is large.
+        // After all upload attempts, the job is released with the cause, and none of its files
+        // remain, not even partially. Seed 2 has a large file.
         let waits = place.queue("ok", 2).await;
         released_for_storage(&place, waits).await;
         assert_eq!(files(&folder.join("artifacts")).len(), first.files.len() + second.files.len());
@@ -246,7 +253,8 @@ async fn a_full_artifact_store_costs_no_attempt() {
         place.artifacts.delete(&job.files.iter().map(|file| file.key.clone()).collect::<Vec<_>>()).await.unwrap();
         pool.shutdown(Duration::from_secs(5)).await;
 
-        // Full for longer than a lease, which is renewed; then there is room.
+        // The disk stays full for longer than a lease. The worker renews the lease and stores the
+        // files once there is space.
         full.store(true, Ordering::Relaxed);
         let pool = start(Duration::from_secs(1));
         let waits = place.queue("ok", 2).await;
@@ -275,7 +283,7 @@ async fn a_full_artifact_store_costs_no_attempt() {
     on_full_disks("disk::a_full_artifact_store_costs_no_attempt", "artifacts", body).await;
 }
 
-/// Waits until the first attempt at a job was released because a disk is full.
+/// Waits until the first attempt at a job is released because a disk is full.
 async fn released_for_storage(place: &Place, id: JobId) {
     place.until(id, |job| job.status == Status::Queued && job.attempts > 0).await;
     let attempts = place.store.attempts(id).await.unwrap();
@@ -284,7 +292,7 @@ async fn released_for_storage(place: &Place, id: JobId) {
     assert!(detail.starts_with("storage: ") && is_about_room(detail), "{detail}");
 }
 
-/// A real model whose files find no room while they are written.
+/// A real model runs out of space while its files are written.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_full_scratch_directory_costs_no_attempt_and_no_partial_file_is_stored() {
     let body = async |folder: &Path, disk: Disk| {
@@ -306,11 +314,12 @@ async fn a_full_scratch_directory_costs_no_attempt_and_no_partial_file_is_stored
         let whole = place.ended(ask(7).await).await;
         assert_eq!(whole.status, Status::Succeeded, "{:?}", whole.problem);
 
-        // A job ends before its scratch files are removed. If that made room on the full disk, there would be another attempt.
+        // A job ends before its scratch files are removed. Removing them while the disk is full
+        // would make space for another attempt.
         while !place.scratch().is_empty() {
             tokio::time::sleep(Duration::from_millis(10)).await;
         }
-        // Its first attempt is released; no other is made while the disk is full.
+        // The first attempt is released. No second attempt begins while the disk is full.
         disk.fill();
         let waits = ask(7).await;
         released_for_storage(&place, waits).await;
@@ -338,13 +347,14 @@ async fn a_full_scratch_directory_costs_no_attempt_and_no_partial_file_is_stored
     on_full_disks(test, "scratch", body).await;
 }
 
-/// Records and files on one disk: records are changed and removed in the space that the store reserves. Once that is used up
-/// too, submissions are refused; all works again once there is space.
+/// Records and files share one disk. The store has reserved space in which it can change and remove
+/// records on the full disk. After that space is used up, the store refuses submissions. Everything
+/// works again once there is space.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn on_a_full_disk_under_everything_models_are_still_cancelled_and_deleted() {
     let body = async |folder: &Path, disk: Disk| {
         let all = folder.join("all");
-        // More than the write-ahead log, less than a large model.
+        // Above the size of the write-ahead log, below the size of a large model.
         let disk = if matches!(disk, Disk::Limit(_)) { Disk::Limit(8_800_000) } else { disk };
         let place = Place::at(&all, &format!("sqlite:{}", all.join("jobs.db").display())).await;
         let service = Service::over(&place);
@@ -352,7 +362,7 @@ async fn on_a_full_disk_under_everything_models_are_still_cancelled_and_deleted(
         let filled = Arc::clone(&full);
         let generator =
             move |input: GenerationInput<'_>, sink: &dyn Sink, cancel: &CancelToken| -> Result<Outcome, WorkError> {
-                // There is room in scratch.
+                // Free the disk while the generator writes to the scratch directory.
                 if filled.load(Ordering::Relaxed) {
                     room.free();
                 }
@@ -377,7 +387,7 @@ async fn on_a_full_disk_under_everything_models_are_still_cancelled_and_deleted(
         released_for_storage(&place, released).await;
         assert_eq!(service.ask(Method::POST, &format!("/models/{released}/cancel")).await.0, 200);
         assert_eq!(place.ended(released).await.status, Status::Cancelled);
-        // Fill the room that its files left.
+        // Fill the space that the released job's files had occupied.
         disk.fill();
         for id in waiting.split_off(1) {
             assert_eq!(service.ask(Method::POST, &format!("/models/{id}/cancel")).await.0, 200);
@@ -386,7 +396,7 @@ async fn on_a_full_disk_under_everything_models_are_still_cancelled_and_deleted(
         service.goes_on(&first, waiting[0]).await;
         left(&all.join("artifacts"), 0).await;
 
-        // Submit until there is no room for another record.
+        // Submit until there is no space for another record.
         disk.fill();
         let large = serde_json::json!({ "script": "ok", "large": "x".repeat(200_000) });
         let mut asked = Vec::new();

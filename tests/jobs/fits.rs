@@ -1,4 +1,4 @@
-//! Real fits on a worker: to the end, cancelled, and resumed after a shutdown.
+//! Real fits on a worker: completed, cancelled, and resumed after a shutdown.
 
 use crate::scripted::{Place, scripted};
 use oviduct::clock::Clock;
@@ -16,7 +16,7 @@ fn request(evaluations: u32) -> FitSpec {
             "steps": 120, "burn_in": 40,
             "particles": { "total": { "keys": [[0, 260], [1, 620]] }, "outer": { "keys": [[0, 60], [1, 90]] } },
         },
-        // Out of reach, so that all evaluations are used.
+        // No candidate can reach this target, so the fit uses all evaluations.
         "targets": [{ "region": "ampulla", "quantity": "lumen_perimeter_mm", "value": 100 }],
         "vary": [{ "parameter": "/collision/gap_um" }, { "parameter": "/friction", "from": 0.2, "to": 0.4 }],
         "evaluations": evaluations, "seeds": 1, "models": 1,

@@ -1,6 +1,6 @@
-//! Scripts that last until a test opens a gate, and a count of the generations that run at a time.
+//! Scripts that run until a test opens a gate, and a counter of concurrent generations.
 //!
-//! The gate is a file of the place, so that all processes that work there share it.
+//! The gate is a file in the place's directory, so all processes that work there share it.
 
 use crate::scripted::{Place, generate};
 use oviduct::generate::{CancelToken, Outcome, Sink};
@@ -9,35 +9,33 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// The gate of a place.
+/// Path of the gate file of a place.
 pub fn file(place: &Path) -> PathBuf {
     place.join("go")
 }
 
-/// The spec of a job whose script may wait for the gate of a place.
+/// Spec of a job whose script may wait for the gate of a place.
 pub fn spec(place: &Path, script: &str) -> serde_json::Value {
     serde_json::json!({ "script": script, "gate": file(place) })
 }
 
-/// Whether the gate in a job's spec is open, or its place is gone, as after a failed test.
+/// True if the gate in a job's spec is open, or if its directory is gone because the test failed.
 pub fn is_open(spec: &serde_json::Value) -> bool {
     let gate = Path::new(spec["gate"].as_str().expect("a job that was queued at a place"));
     gate.exists() || !gate.parent().is_some_and(Path::exists)
 }
 
 impl Place {
-    /// Opens the gate.
     pub fn open_gate(&self) {
         std::fs::write(file(&self.dir), "").unwrap();
     }
 
-    /// Closes the gate.
     pub fn close_gate(&self) {
         std::fs::remove_file(file(&self.dir)).unwrap();
     }
 }
 
-/// Counts the generations that run at a time.
+/// Counts concurrent generations.
 #[derive(Debug, Default)]
 pub struct Busy {
     now: AtomicU32,
@@ -45,7 +43,7 @@ pub struct Busy {
 }
 
 impl Busy {
-    /// The scripted generator, counted.
+    /// The scripted generator, which this counter observes.
     pub fn generator(self: &Arc<Self>) -> Arc<dyn Generator> {
         let busy = Arc::clone(self);
         Arc::new(
@@ -58,13 +56,13 @@ impl Busy {
         )
     }
 
-    /// The most generations that ran at a time.
+    /// Maximum number of concurrent generations.
     pub fn most(&self) -> u32 {
         self.most.load(Ordering::SeqCst)
     }
 }
 
-/// One running generation; dropped when it ends, also by a panic.
+/// Marks one generation as running until it is dropped, even by a panic.
 struct One<'a>(&'a Busy);
 
 impl<'a> One<'a> {

@@ -1,4 +1,5 @@
-//! GPU workers over a scripted device: batches, which worker takes which jobs, every kind of fallback.
+//! GPU workers over a scripted device: batches, assignment of jobs to workers, every kind of
+//! fallback.
 
 use crate::bounds::{best_of_five, within};
 use crate::gate;
@@ -65,12 +66,12 @@ async fn jobs_that_fit_run_together_and_end_each_by_itself() {
         (Status::Succeeded, Some(Backend::Gpu), None)
     );
     place.check_files(&job).await;
-    // The job that did not fit was released to its place, and came next.
+    // The job that did not fit was released to its place in the queue and ran in the next batch.
     let job = place.ended(other).await;
     assert_eq!((job.status, job.backend.used), (Status::Succeeded, Some(Backend::Gpu)));
     let outcomes: Vec<_> = place.store.attempts(other).await.unwrap().iter().map(|a| a.outcome.unwrap()).collect();
     assert_eq!(outcomes, [AttemptEnd::Released, AttemptEnd::Succeeded]);
-    // The wait of each job is observed once, at the claim after which it ran.
+    // The wait in the queue is recorded once per job, at the claim after which the job ran.
     let text = metrics.text();
     assert!(text.contains("oviduct_queue_wait_seconds_count 5\n"), "{text}");
     assert_eq!(*gpu.batches.lock().unwrap(), [vec![1, 3, 4, 5], vec![2]]);
@@ -112,7 +113,8 @@ async fn a_member_of_a_batch_stops_within_a_second_of_its_cancel() {
     best_of_five(async |round| {
         let goes_on = place.ask(Backend::Auto, "hold", 1, 2 * round).await;
         let stops = place.ask(Backend::Gpu, "wait", 1, 2 * round + 1).await;
-        // No heartbeat would be in time.
+        // The heartbeat interval is far above the bound, so no heartbeat can report the change in
+        // time.
         let pool = place.start_with_gpu(&gpu, |options| {
             options.heartbeat = Duration::from_secs(60);
             no_cpu(options);
@@ -153,7 +155,7 @@ async fn a_job_that_a_gpu_cannot_grow_falls_back_within_the_attempt_or_fails_if_
             no_cpu(options);
         });
         if fate == Fate::Lost {
-            // The record is updated while it still runs, and progress does not fall.
+            // The record is updated while the job still runs, and its progress does not decrease.
             let job = place.until(auto, |job| job.backend.used == Some(Backend::Cpu)).await;
             assert_eq!((job.status, job.backend.fallback.as_deref()), (Status::Running, Some(reason)));
             let job = place.until(auto, |job| job.section.is_some()).await;
@@ -257,7 +259,8 @@ async fn a_member_that_lost_its_lease_is_dropped_and_the_others_go_on() {
     for id in ids {
         place.until(id, |job| job.progress.is_some()).await;
     }
-    // Both leases expire; another worker takes the older job, and the younger one returns to the queue.
+    // Both leases expire. Another worker claims the older job, and the younger one returns to the
+    // queue.
     clock.advance(LEASE);
     let other = place.store.claim("other", Backend::Gpu, LEASE, 1).await.unwrap().pop().unwrap();
     assert_eq!((other.job().id, other.attempt()), (ids[0], 2));
@@ -281,7 +284,7 @@ async fn a_shutdown_releases_the_whole_batch() {
     pool.shutdown(Duration::from_millis(100)).await;
     for id in ids {
         let job = place.store.get(id).await.unwrap().unwrap();
-        // Each is the first in the lane of the backend that it asked for.
+        // Each job is the first in the lane of its requested backend.
         assert_eq!((job.status, job.queue_position), (Status::Queued, Some(0)));
         assert_eq!((job.backend.used, job.backend.device), (None, None));
     }
@@ -301,14 +304,15 @@ async fn a_cpu_worker_leaves_auto_to_gpu_workers_until_the_queue_is_long() {
         assert!(seen.seconds() < 600.0);
         tokio::time::sleep(Duration::from_millis(10)).await;
     }
-    // The GPU is busy, the CPU is free.
+    // The GPU is busy and the CPU is free.
     let busy = place.ask(Backend::Gpu, "wait", 1, 1).await;
     place.until(busy, |job| job.progress.is_some()).await;
     let first = place.ask(Backend::Auto, "ok", 1, 2).await;
     let named = place.ended(place.ask(Backend::Cpu, "ok", 1, 3).await).await;
     assert_eq!((named.status, named.backend.fallback), (Status::Succeeded, None));
     assert_eq!(place.store.get(first).await.unwrap().unwrap().status, Status::Queued);
-    // As many jobs as two claims take are left to the GPU; the third is one too many.
+    // CPU workers leave the GPU as many jobs as two of its claims take. The third job exceeds that
+    // number.
     place.ask(Backend::Auto, "ok", 1, 4).await;
     tokio::time::sleep(Duration::from_millis(300)).await;
     assert_eq!(place.store.get(first).await.unwrap().unwrap().status, Status::Queued);
@@ -328,12 +332,12 @@ async fn the_next_batch_begins_when_the_device_is_free_and_cpu_workers_leave_the
         options.batch = 1;
         options.poll = Duration::from_millis(50);
     });
-    // The surfaces of two batches are being made, and the device is idle.
+    // Two batches are past their simulation and in their certificate stage, so the device is idle.
     for seed in [1, 2] {
         let proving = place.ask(Backend::Gpu, "prove", 1, seed).await;
         place.until(proving, |job| stage(job) == Some(Stage::Certify)).await;
     }
-    // The worker looks for the next claim just after the device is free.
+    // The worker decides about its next claim just after the device becomes free.
     tokio::time::sleep(Duration::from_millis(100)).await;
     let jobs = [3, 4, 5, 6].map(|seed| place.ask(Backend::Auto, "ok", 1, seed));
     let jobs = futures_util::future::join_all(jobs).await;
@@ -349,7 +353,7 @@ async fn the_next_batch_begins_when_the_device_is_free_and_cpu_workers_leave_the
 async fn while_no_gpu_worker_is_alive_a_cpu_worker_takes_auto_and_records_why() {
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
     let place = Place::fresh(|options| options.clock = clock.clone()).await;
-    // Of another machine, without a heartbeat for long.
+    // A worker on another machine that has sent no heartbeat for long.
     let dead = WorkerInfo {
         id: "far-1-gpu0".into(),
         host: "far".into(),
@@ -369,7 +373,7 @@ async fn while_no_gpu_worker_is_alive_a_cpu_worker_takes_auto_and_records_why() 
     assert_eq!((job.backend.used, job.backend.fallback.as_deref()), (Some(Backend::Cpu), Some("no GPU was found")));
     let named = place.ended(place.ask(Backend::CpuSingle, "ok", 1, 2).await).await;
     assert_eq!(named.backend.fallback, None);
-    // A job of `gpu` waits for a GPU worker.
+    // A job for the backend `gpu` stays queued until there is a GPU worker.
     let gpu = place.ask(Backend::Gpu, "ok", 1, 3).await;
     tokio::time::sleep(Duration::from_millis(200)).await;
     assert_eq!(place.store.get(gpu).await.unwrap().unwrap().status, Status::Queued);

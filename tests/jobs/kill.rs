@@ -1,5 +1,5 @@
-//! `kill -9` at every point of a job's life, over both stores: a child process works, dies at the point, and another takes
-//! over.
+//! `kill -9` at every point of a job's life, over both databases. A child process works and dies at
+//! the given point; another process takes over its jobs.
 
 use crate::gate;
 use crate::scripted::{Database, NAMES, Place, content, visible};
@@ -16,7 +16,8 @@ const WORKERS: &str = "OVIDUCT_TEST_WORKERS";
 const LEASE: &str = "OVIDUCT_TEST_LEASE_MS";
 const JOBS: u64 = 3;
 
-/// The test that child processes run: given a folder in the environment, it works until it is killed or stopped.
+/// The test that child processes run. With a folder in the environment, it works until it is killed
+/// or stopped.
 const CHILD: &str = "kill::a_killed_worker_loses_nothing_on_sqlite";
 
 /// In a child process: runs all queued jobs.
@@ -39,12 +40,12 @@ async fn work(folder: &Path) {
     place.store.close().await;
 }
 
-/// Starts the process over a place, with a fault.
+/// Starts a child process over a place, with an injected fault.
 pub fn start_child(folder: &Path, url: &str, fault: &str) -> Child {
     start_child_with(folder, url, fault, 2, Duration::from_secs(1))
 }
 
-/// Starts it with this number of workers and length of leases.
+/// Starts a child process with this number of workers and this lease.
 pub fn start_child_with(folder: &Path, url: &str, fault: &str, workers: u32, lease: Duration) -> Child {
     Command::new(std::env::current_exe().unwrap())
         .args(["--exact", CHILD, "--test-threads=1"])
@@ -71,14 +72,13 @@ async fn kill_at(database: Database, point: &str) {
 
     let died = start_child(dir.path(), &url, &format!("{point}:kill")).wait().unwrap();
     assert_eq!(died.code(), None, "{point}: the child was not killed");
-    // Every visible file is complete.
     for path in visible(&dir.path().join("artifacts")) {
         let name = path.file_name().unwrap().to_str().unwrap();
         let bytes = std::fs::read(&path).unwrap();
         let whole = NAMES.contains(&name) && (1..=JOBS).any(|seed| bytes == content(seed, name));
         assert!(whole, "{point}: {} is incomplete", path.display());
     }
-    // Jobs that were held for their renewals may end now.
+    // Open the gate for the jobs that ran until the renewal of their leases.
     std::fs::write(gate::file(dir.path()), "").unwrap();
     let status = start_child_with(dir.path(), &url, "", 2, Duration::from_secs(5)).wait().unwrap();
     assert!(status.success(), "{point}: {status}");
@@ -94,7 +94,7 @@ async fn kill_at(database: Database, point: &str) {
         assert_eq!(ends, 1, "{point}");
         assert!(attempts.iter().all(|a| a.outcome.is_some()), "{point}: {attempts:?}");
     }
-    // Files that the dead process uploaded and never committed are swept.
+    // The orphan sweep removes files that the dead process uploaded without committing them.
     let far = "2200-01-01T00:00:00Z".parse().unwrap();
     place.sweep_orphans(far, Duration::ZERO).await;
     assert_eq!(place.visible().len() as u64, JOBS * NAMES.len() as u64, "{point}");

@@ -1,4 +1,5 @@
-//! Jobs: one suite over every store, and the worker pool over a store with a scripted generator.
+//! Tests of jobs: one suite over every job store, and the worker pool over a job store with a
+//! scripted generator.
 #![allow(
     clippy::unwrap_used,
     clippy::print_stderr,

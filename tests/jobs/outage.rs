@@ -1,4 +1,5 @@
-//! Artifact stores that are unavailable: no job fails, no attempt counts, and work goes on once they answer again.
+//! Outages of the artifact store: no job fails, no attempt counts, and workers resume when the
+//! artifact store is available again.
 
 use crate::scripted::{Database, Place};
 use async_trait::async_trait;
@@ -19,21 +20,21 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::watch;
 
-/// How a [`Switch`] answers writes.
+/// Response of a [`Switch`] to writes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Mode {
     Up,
-    /// Refuses all of them.
+    /// Refuses all writes.
     Away,
-    /// Refuses all of them, as when credentials have expired.
+    /// Refuses all writes with the error of expired credentials.
     Forbidden,
-    /// Refuses uploads in parts, as a disk with a little room left does.
+    /// Refuses multipart uploads, like a disk with little free space.
     Small,
-    /// Files of models wait until the mode changes.
+    /// Delays writes of models' files until the mode changes.
     Slow,
 }
 
-/// An object store in memory whose writes can be refused.
+/// An in-memory object store whose writes can be refused.
 #[derive(Debug)]
 struct Switch {
     store: InMemory,
@@ -110,7 +111,7 @@ impl ObjectStore for Switch {
     }
 }
 
-/// Jobs whose first counted attempt would be their last, over an artifact store with a switch.
+/// A place with an artifact store that can be switched off. Jobs may use only one counted attempt.
 async fn place(database: Database) -> (Place, Arc<Switch>) {
     let mut place = Place::on(database, StoreOptions { max_attempts: 1, ..StoreOptions::default() }).await;
     let switch = Switch::new();
@@ -118,7 +119,8 @@ async fn place(database: Database) -> (Place, Arc<Switch>) {
     (place, switch)
 }
 
-/// The attempts of a job: all but the last were released for storage, the last succeeded. Returns how many were released.
+/// Asserts that the last attempt succeeded and that all others were released because of storage.
+/// Returns the number of released attempts.
 fn released(attempts: &[Attempt]) -> usize {
     let (last, others) = attempts.split_last().unwrap();
     assert_eq!(last.outcome, Some(AttemptEnd::Succeeded), "{attempts:?}");
@@ -130,7 +132,7 @@ fn released(attempts: &[Attempt]) -> usize {
     others.len()
 }
 
-/// Ten minutes, with 10 ms for each second of the waits of workers.
+/// An outage of ten minutes. The workers' waits are shortened to 10 ms per second.
 async fn ten_minutes_without_an_artifact_store(database: Database) {
     const SECOND: Duration = Duration::from_millis(10);
     const WORKERS: u32 = 3;
@@ -150,7 +152,7 @@ async fn ten_minutes_without_an_artifact_store(database: Database) {
     join_all(ids.iter().map(|&id| place.ended(id))).await;
     assert!(status.not_ready().is_none() && place.artifacts.outage().is_none());
 
-    // Load goes on during the outage: ten minutes of a submission every ten seconds.
+    // Load continues during the outage: one submission every ten seconds for ten minutes.
     switch.set(Mode::Away);
     for seed in 200..260 {
         ids.push(place.queue("ok", seed).await);
@@ -169,7 +171,7 @@ async fn ten_minutes_without_an_artifact_store(database: Database) {
         place.check_files(&job).await;
         releases += released(&place.store.attempts(job.id).await.unwrap());
     }
-    // What was claimed before the first upload failed, and nothing after.
+    // Only the jobs that were claimed before the first upload failed were grown in vain.
     assert!((1..=2 * WORKERS as usize).contains(&releases), "{releases} models were grown for nothing");
     assert!(status.not_ready().is_none() && place.artifacts.outage().is_none());
     pool.shutdown(Duration::from_secs(5)).await;
@@ -202,7 +204,7 @@ async fn expired_credentials_cost_no_attempt() {
     place.store.close().await;
 }
 
-/// The check of the artifact store passes, uploads of large files fail.
+/// The health check of the artifact store passes, but uploads of large files fail.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn claims_rest_for_longer_after_each_release_until_an_upload_succeeds() {
     const UNIT: Duration = Duration::from_millis(20);
@@ -220,7 +222,8 @@ async fn claims_rest_for_longer_after_each_release_until_an_upload_succeeds() {
     assert_eq!(job.status, Status::Succeeded, "{:?}", job.problem);
     let attempts = place.store.attempts(id).await.unwrap();
     assert!(released(&attempts) >= 4);
-    // A claim that is under way when a rest begins may still succeed, so every other attempt at least begins after a rest.
+    // A claim under way at the beginning of a pause may still succeed. Therefore at least every
+    // other attempt begins after a pause.
     let gaps = attempts.windows(2).take(4).map(|pair| {
         let gap = pair[1].started_at.duration_since(pair[0].ended_at.unwrap());
         Duration::try_from(gap).unwrap()
@@ -241,7 +244,8 @@ async fn the_next_model_grows_while_files_are_being_stored_and_no_more_than_that
     for seed in 1..=3 {
         ids.push(place.queue("ok", seed).await);
     }
-    // One worker: the second model grows while the files of the first are being stored; the third is not claimed.
+    // With one worker, the second model grows while the files of the first are stored. The third
+    // job is not claimed.
     for id in &ids[..2] {
         place
             .until(*id, |job| {

@@ -1,5 +1,5 @@
-//! The suite over PostgreSQL, and tests of several processes over one server. Two stores on one database share nothing but
-//! the server, as those of two processes do.
+//! The suite over PostgreSQL, and tests of several processes over one server. Two job stores on one
+//! database share only the server, so they behave like two processes.
 
 use crate::bounds::{best_of_five, within};
 use crate::cluster::Cluster;
@@ -21,7 +21,7 @@ use tokio::net::{TcpListener, TcpStream};
 
 /// A lease that does not expire during a test.
 const LEASE: Duration = Duration::from_secs(600);
-/// Longest wait for an expected event.
+/// Maximum wait for an expected event.
 const DEADLINE: Duration = Duration::from_secs(600);
 
 const SERVER: Factory = |options| {
@@ -41,10 +41,10 @@ async fn open(url: &str) -> Store {
     Store::open_postgres(url, StoreOptions::default()).await.unwrap()
 }
 
-/// Two stores on one new database.
+/// Two job stores on one new database.
 async fn two() -> (Store, Store) {
     let url = Database::Postgres.url("".as_ref()).await;
-    // Both bring the tables up to date concurrently.
+    // Both stores run the migrations concurrently.
     tokio::join!(open(&url), open(&url))
 }
 
@@ -66,7 +66,8 @@ async fn a_cancel_in_one_process_stops_a_job_in_the_other_within_a_second() {
     let dir = tempfile::tempdir().unwrap();
     let url = Database::Postgres.url(dir.path()).await;
     let (service, worker) = (Place::at(dir.path(), &url).await, Place::at(dir.path(), &url).await);
-    // Neither a heartbeat nor polling would be in time.
+    // The intervals of heartbeats and polling are far above the bound, so only a notification can
+    // be in time.
     let pool = worker.start(|options| {
         options.heartbeat = Duration::from_secs(60);
         options.lease = Duration::from_secs(240);
@@ -74,7 +75,7 @@ async fn a_cancel_in_one_process_stops_a_job_in_the_other_within_a_second() {
     });
     tokio::time::sleep(Duration::from_millis(300)).await;
     best_of_five(async |seed| {
-        // The worker is notified: it would not poll within an hour.
+        // The worker learns of the job by a notification; its polling interval is one hour.
         let id = service.queue("wait", seed).await;
         service.until(id, |job| job.progress.is_some()).await;
         let since = Stopwatch::start();
@@ -141,7 +142,8 @@ async fn claimers_of_several_processes_end_each_job_once() {
         let store = if n % 2 == 0 { one.clone() } else { other.clone() };
         let ended = Arc::clone(&ended);
         tokio::spawn(async move {
-            // Another claim may have locked the last rows.
+            // Another claim may have locked the last rows, so an empty claim does not mean an empty
+            // queue.
             while store.counts().await.unwrap().queued > 0 {
                 for claimed in store.claim(&format!("w{n}"), Backend::Cpu, LEASE, 1 + n % 4).await.unwrap() {
                     let done = finished(&claimed);
@@ -158,7 +160,8 @@ async fn claimers_of_several_processes_end_each_job_once() {
     assert!(ended.iter().all(|job| job.attempts == 1));
 }
 
-/// The counts are sums of rows that every transaction adds to; the rows are merged now and then.
+/// The counts are sums over rows that every transaction adds. The store merges these rows from time
+/// to time.
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
 async fn counts_of_several_processes_are_right_and_stay_few_rows() {
     let url = Database::Postgres.url("".as_ref()).await;
@@ -176,7 +179,7 @@ async fn counts_of_several_processes_are_right_and_stay_few_rows() {
                         for claimed in store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap() {
                             let done = finished(&claimed);
                             match store.finish(claimed, done).await {
-                                // Another client has deleted it meanwhile.
+                                // Another client deleted the job in the meantime.
                                 Ok(_) | Err(StoreError::Fenced) => {}
                                 Err(error) => panic!("{error}"),
                             }
@@ -220,7 +223,7 @@ async fn a_stopped_worker_cannot_change_what_another_has_taken() {
     place.until(id, |job| job.progress.is_some()).await;
     signal(child.id(), "STOP");
     place.open_gate();
-    // Its lease expires; this process claims the job and ends it.
+    // The lease expires; this process claims the job and completes it.
     let pool = place.start(|options| {
         options.poll = Duration::from_millis(50);
         options.lease = Duration::from_secs(5);
@@ -229,20 +232,22 @@ async fn a_stopped_worker_cannot_change_what_another_has_taken() {
     assert_eq!((ended.status, ended.attempts), (Status::Succeeded, 2));
     pool.shutdown(Duration::from_secs(5)).await;
     signal(child.id(), "CONT");
-    // It continues, learns that it lost the job, and ends because the job has ended.
+    // The child continues, learns that it lost the lease, and exits because no jobs are left.
     let status = tokio::task::spawn_blocking(move || child.wait()).await.unwrap().unwrap();
     assert!(status.success(), "{status}");
     assert_eq!(place.store.get(id).await.unwrap().unwrap(), ended, "the record was changed");
     place.check_files(&ended).await;
     let outcomes: Vec<_> = place.store.attempts(id).await.unwrap().iter().map(|a| a.outcome).collect();
     assert_eq!(outcomes, [Some(AttemptEnd::Vanished), Some(AttemptEnd::Succeeded)]);
-    // If it was stopped during an upload, that may have completed; no record names the file.
+    // If the child was stopped during an upload, the upload may have completed later. No record
+    // names that file.
     let far = "2200-01-01T00:00:00Z".parse().unwrap();
     place.sweep_orphans(far, Duration::ZERO).await;
     assert_eq!(place.visible().len(), 2, "it left files");
 }
 
-/// Looks at jobs again and again; whatever is seen must fit what was seen before.
+/// Reads jobs repeatedly until all have ended; each state must be consistent with the previous one.
+/// Returns the numbers of successful and of failed reads.
 async fn watch(store: Store, ids: Arc<Mutex<Vec<JobId>>>) -> (usize, usize) {
     let (mut seen, mut away) = (0, 0);
     let mut last: BTreeMap<JobId, Job> = BTreeMap::new();
@@ -283,7 +288,7 @@ async fn a_server_that_crashes_under_load_loses_nothing() {
     let cluster = Arc::new(tokio::task::spawn_blocking(Cluster::start).await.unwrap());
     let url = cluster.database();
     let dir = tempfile::tempdir().unwrap();
-    // Leases are short; a slow machine may lose further ones.
+    // Leases are short, so a slow machine may lose additional ones.
     let options = StoreOptions { max_attempts: 100, ..StoreOptions::default() };
     let place = Place::with(dir.path(), &url, options).await;
     let client = open(&url).await;
@@ -303,7 +308,7 @@ async fn a_server_that_crashes_under_load_loses_nothing() {
                 let script = if seed % 4 == 0 { "slow" } else { "ok" };
                 let keyed =
                     || NewJob { idempotency: Some((seed.to_string(), String::new())), ..scripted(script, 100 + seed) };
-                // As a client does: again with the same key, until there is an answer.
+                // Retries with the same idempotency key until there is a response, as clients do.
                 let submitted = loop {
                     match client.submit(keyed()).await {
                         Ok(submitted) => break submitted,
@@ -329,7 +334,7 @@ async fn a_server_that_crashes_under_load_loses_nothing() {
     submitting.await.unwrap();
     let watched = tokio::time::timeout(DEADLINE, watcher).await.expect("jobs did not end");
     let (seen, away) = watched.unwrap();
-    // Notifications from other processes are received again.
+    // The process receives notifications from other processes again.
     let mut changes = place.store.changes();
     let other = open(&url).await;
     let last = other.submit(scripted("ok", 999)).await.unwrap().job().id;
@@ -351,8 +356,8 @@ async fn a_server_that_crashes_under_load_loses_nothing() {
     eprintln!("{JOBS} jobs over two crashes: {attempts} attempts, {seen} looks, {away} of them while it was away");
 }
 
-/// The database is unavailable for three leases while four models grow and clients submit. Leases are by a manual clock; the
-/// outage is real, long enough for claims to fail.
+/// The database is unavailable for three leases while four models grow and clients submit jobs. A
+/// manual clock times the leases. The outage lasts long enough in real time for claims to fail.
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
 async fn an_outage_longer_than_three_leases_costs_no_attempt() {
     const LEASE: Duration = Duration::from_secs(8);
@@ -367,7 +372,8 @@ async fn an_outage_longer_than_three_leases_costs_no_attempt() {
     let options = || StoreOptions { clock: clock.clone(), ..StoreOptions::default() };
     let (place, other) =
         (Place::with(dir.path(), &url, options()).await, Place::with(dir.path(), &url, options()).await);
-    // The holders of the leases: after the outage their heartbeats come later than the polls of the idle ones.
+    // These workers hold the leases. After the outage, their heartbeats come later than the polls
+    // of the idle workers.
     let holders = place.start(|options| {
         options.workers = 4;
         options.threads = 1;
@@ -426,16 +432,17 @@ async fn an_outage_longer_than_three_leases_costs_no_attempt() {
     tokio::join!(holders.shutdown(Duration::from_secs(5)), idle.shutdown(Duration::from_secs(5)));
 }
 
-/// When a connection breaks.
+/// Moment at which a connection breaks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Cut {
-    /// Once the next commit has taken effect, before its answer.
+    /// After the next commit took effect, before its response.
     Done,
-    /// Before the next commit has taken effect, which it does a little later.
+    /// Before the next commit takes effect; the server commits shortly afterwards.
     UnderWay,
 }
 
-/// Passes a connection on to the server, and closes it at the next commit if `cut` is set.
+/// Relays a connection to the server. If `cut` is set, closes the client's connection at the next
+/// commit.
 async fn relay(client: TcpStream, server: TcpStream, cut: Arc<Mutex<Option<Cut>>>) -> std::io::Result<()> {
     let ((mut from_client, mut to_client), (mut from_server, mut to_server)) =
         (client.into_split(), server.into_split());
@@ -469,7 +476,8 @@ async fn relay(client: TcpStream, server: TcpStream, cut: Arc<Mutex<Option<Cut>>
     }
 }
 
-/// A transaction is committed, but its connection breaks before the answer: it is not repeated, and its result is not lost.
+/// A transaction is committed, but its connection breaks before the response. The store neither
+/// repeats the transaction nor loses its result.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_commit_whose_answer_is_lost_takes_effect_once() {
     let url = Database::Postgres.url("".as_ref()).await;
@@ -506,7 +514,8 @@ async fn a_commit_whose_answer_is_lost_takes_effect_once() {
     assert_eq!((counts.succeeded, counts.total()), (4, 4));
 }
 
-/// A process that starts after an outage knows nothing of it, and leaves leases alone for as long as a lease.
+/// A process that starts after an outage does not know about it. It therefore expires no lease
+/// during its first lease period.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_process_that_has_just_started_expires_no_lease() {
     const LEASE: Duration = Duration::from_secs(8);

@@ -8,9 +8,9 @@ use oviduct::jobs::{ListFilter, Status, StoreOptions};
 use std::time::Duration;
 
 const FAULTS: u32 = 500;
-/// Jobs submitted together.
+/// Number of jobs that are submitted together.
 const WAVE: u64 = 60;
-/// How much faster than real time the time of leases and retries runs.
+/// Factor by which the clock of leases and retries runs faster than real time.
 const SPEED: u32 = 20;
 /// Environment variable with the seed, to reproduce a run.
 const SEED: &str = "OVIDUCT_TEST_SEED";
@@ -22,7 +22,7 @@ async fn survives(database: Database) {
     let options = StoreOptions { clock: clock.clone(), max_attempts: 10_000, ..StoreOptions::default() };
     let place = Place::on(database, options).await;
     let faults = Faults::random(seed, 12, FAULTS, Duration::from_millis(1500));
-    // A lease of 1 s, renewed every 150 ms; a stall outlasts it.
+    // Leases last 1 s and are renewed every 150 ms, both in real time. A stall outlasts the lease.
     let pool = place.start_by(clock.clone(), |options| {
         options.workers = 4;
         options.threads = 1;
@@ -36,7 +36,7 @@ async fn survives(database: Database) {
         let mut since = Stopwatch::start();
         loop {
             tokio::time::sleep(Duration::from_millis(10)).await;
-            // The time that has really passed, which is more on a slow machine.
+            // The measured time, which is longer than the sleep on a slow machine.
             let now = Stopwatch::start();
             clock.advance(since.elapsed() * SPEED);
             since = now;

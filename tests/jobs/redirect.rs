@@ -1,4 +1,5 @@
-//! Downloads that the service redirects to S3 (`--redirect-downloads`), from the program itself to a plain client.
+//! Downloads that the service redirects to S3 (`--redirect-downloads`): the `oviduct` program and a
+//! plain HTTP client.
 
 use crate::bucket::Bucket;
 use reqwest::header::{
@@ -93,7 +94,7 @@ async fn downloads_are_redirected_to_the_bucket() {
         assert_eq!(hex::encode(Sha256::digest(&whole)), file["sha256"].as_str().unwrap());
         assert_eq!(whole.len() as u64, bytes);
 
-        // Ranges work too, and a client that follows redirects sees no difference.
+        // The signed URL supports ranges, and a client that follows redirects gets the same bytes.
         let some = asks.get(&signed).header(RANGE, "bytes=10-109").send().await.unwrap();
         assert_eq!((some.status().as_u16(), header(&some, &CONTENT_RANGE)), (206, format!("bytes 10-109/{bytes}")));
         assert_eq!(some.bytes().await.unwrap(), whole[10..110]);
@@ -102,11 +103,11 @@ async fn downloads_are_redirected_to_the_bucket() {
         assert_eq!(some.bytes().await.unwrap(), whole[whole.len() - 20..]);
         assert_eq!(follows.get(address.clone()).send().await.unwrap().bytes().await.unwrap(), whole);
 
-        // A page whose policy lets it read from its own origin only asks for the bytes themselves.
+        // A web page whose policy allows only its own origin requests the bytes without a redirect.
         let direct = asks.get(address.clone()).header("prefer", "redirect=no");
         assert_eq!(direct.send().await.unwrap().bytes().await.unwrap(), whole);
 
-        // Requests that need no content are not redirected.
+        // The service does not redirect requests that need no content.
         let head = asks.head(address.clone()).send().await.unwrap();
         assert_eq!(head.status(), 200);
         let known = asks.get(address.clone()).header(IF_NONE_MATCH, header(&head, &ETAG)).send().await.unwrap();

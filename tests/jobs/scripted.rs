@@ -1,4 +1,5 @@
-//! A generator that follows a script in the job's spec, and a [`Place`] to run it: stores, artifacts and scratch.
+//! A generator that follows a script in the job's spec, and a [`Place`] to run it: job store,
+//! artifact store and scratch directory.
 
 use crate::cluster::Cluster;
 use crate::gate::{self, Busy};
@@ -24,7 +25,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// The expected bytes of a job's file: a function of seed and name alone. `model.glb` of seed 2 is uploaded in several parts.
+/// Expected bytes of a job's file, which depend only on seed and name. `model.glb` of seed 2 is
+/// large enough for a multipart upload.
 pub fn content(seed: u64, name: &str) -> Vec<u8> {
     let length = if name == "model.glb" && seed == 2 { 9_000_000 } else { 1000 };
     let mut word = seed * 2 + name.len() as u64;
@@ -47,9 +49,16 @@ fn section() -> Section {
     Section { step: 10.0, z_um: 300.0, added: false, inner: ring(1000), outer: ring(100) }
 }
 
-/// `spec.script`: `ok`, `wait` (for a cancel), `prove` (likewise, at its certificate), `hold` (until the gate of the
-/// place opens, or for a cancel), `deaf` (until the gate opens, ignoring the cancel token), `slow` (1.2 s), `panic`,
-/// `memory`, `certificate`, `io`, `spec`.
+/// Runs the script in `spec.script`:
+///
+/// - `ok`: succeeds after 20 ms.
+/// - `slow`: succeeds after 1.2 s.
+/// - `wait`: runs until it is cancelled.
+/// - `prove`: like `wait`, but in the certificate stage.
+/// - `hold`: runs until the gate of the place opens or the job is cancelled.
+/// - `deaf`: runs until the gate opens and ignores the cancel token.
+/// - `panic`: panics.
+/// - `memory`, `certificate`, `io`, `spec`: fails with that error.
 pub fn generate(input: GenerationInput<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome, WorkError> {
     let script = input.job.spec["script"].as_str().unwrap().to_owned();
     sink.progress(&progress(Stage::Simulate, 0.1));
@@ -110,31 +119,32 @@ pub fn generate(input: GenerationInput<'_>, sink: &dyn Sink, cancel: &CancelToke
     })
 }
 
-/// What happens to a [`FakeGpu`].
+/// Behaviour of a [`FakeGpu`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fate {
     Well,
-    /// It is lost with the next batch; then it can be opened again.
+    /// The next batch loses the device, which can be opened again afterwards.
     Lost,
     OutOfMemory,
-    /// Nothing fits.
+    /// Admits no job.
     Unfit,
-    /// It cannot be opened.
+    /// Cannot be opened.
     Gone,
     Panics,
 }
 
-/// Memory of a [`FakeGpu`], in the unit of `spec.size`.
+/// Memory of a [`FakeGpu`], in units of `spec.size`.
 pub const ROOM: u64 = 8;
 
-/// A GPU that follows the scripts of its members, each on a thread of its own. Jobs fit together up to a `spec.size` of
-/// [`ROOM`]. Members whose script is `ok` end before a fate strikes. It is free again when all members have ended, or at once if
-/// the script of all is `prove`.
+/// A GPU that runs the scripts of a batch's members, one thread per member. A batch may have a
+/// total `spec.size` of up to [`ROOM`]. Members with the script `ok` succeed even if the device
+/// fails. The device is free when all members have ended, or immediately if all members have the
+/// script `prove`.
 pub struct FakeGpu {
     pub fate: Mutex<Fate>,
-    /// Opening it takes until this is false.
+    /// Opening the device blocks while this is true.
     pub is_opening: AtomicBool,
-    /// Seeds of the jobs of each batch.
+    /// Seeds of the jobs in each batch.
     pub batches: Mutex<Vec<Vec<u64>>>,
 }
 
@@ -211,7 +221,7 @@ pub fn scripted(script: &str, seed: u64) -> NewJob {
     NewJob { seed, spec, reuse: false, ..new_job(&format!("{script} {seed}")) }
 }
 
-/// The database of a place.
+/// Kind of database of a place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Database {
     Sqlite,
@@ -219,7 +229,7 @@ pub enum Database {
 }
 
 impl Database {
-    /// The URL of a new database; in `dir` if it is a file.
+    /// URL of a new database. A SQLite file is created in `dir`.
     pub async fn url(self, dir: &Path) -> String {
         match self {
             Self::Sqlite => format!("sqlite:{}", dir.join("jobs.db").display()),
@@ -228,18 +238,18 @@ impl Database {
     }
 }
 
-/// A job store, an artifact store and scratch in one directory.
+/// A job store, an artifact store and a scratch directory in one directory.
 pub struct Place {
     pub dir: PathBuf,
     pub store: Store,
     pub artifacts: Artifacts,
-    /// Counts the generations that run here, except on a GPU.
+    /// Counts the generations that run on CPU workers of this place.
     pub busy: Arc<Busy>,
     own: Option<tempfile::TempDir>,
 }
 
 impl Place {
-    /// A place over a store in memory and a temporary directory.
+    /// A place over an in-memory job store and a temporary directory.
     pub async fn fresh(change: impl FnOnce(&mut StoreOptions)) -> Self {
         let mut options = StoreOptions::default();
         change(&mut options);
@@ -274,7 +284,8 @@ impl Place {
         Self { dir: dir.to_owned(), store, artifacts, busy: Arc::default(), own: None }
     }
 
-    /// Leases are so long that none expires because the machine is slow; a test that wants one to expire sets its own.
+    /// Default options of the worker pool. The lease is long enough that none expires on a slow
+    /// machine; tests of expiry set a shorter one.
     pub fn options(&self) -> PoolOptions {
         let (scratch, lease) = (self.dir.join("scratch"), Duration::from_secs(600));
         PoolOptions { threads: 2, memory_limit_bytes: Some(1 << 30), lease, ..PoolOptions::new(scratch) }
@@ -284,7 +295,7 @@ impl Place {
         self.start_over(self.store.clone(), change)
     }
 
-    /// Starts workers of which the first has a GPU.
+    /// Starts workers; the first one has a GPU.
     pub fn start_with_gpu(&self, gpu: &Arc<FakeGpu>, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
         let mut options = self.options();
         change(&mut options);
@@ -293,7 +304,7 @@ impl Place {
         WorkerPool::start_with_gpus(store, artifacts, self.busy.generator(), gpus, options, Clock::System).unwrap()
     }
 
-    /// Starts workers over another view of the store.
+    /// Starts workers over another view of the job store.
     pub fn start_over(&self, store: Store, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
         self.start_with(store, Clock::System, self.busy.generator(), change)
     }
@@ -320,7 +331,7 @@ impl Place {
         self.store.submit(NewJob { spec, ..scripted(script, seed) }).await.unwrap().job().id
     }
 
-    /// Waits until `done` holds of the job.
+    /// Waits until `done` returns true for the job.
     pub async fn until(&self, id: JobId, done: impl Fn(&Job) -> bool) -> Job {
         let mut changes = self.store.changes();
         let wait = async {
@@ -329,7 +340,7 @@ impl Place {
                 if done(&job) {
                     return job;
                 }
-                // Polling finds changes that are not notified.
+                // The timeout finds changes without notifications.
                 let _ = tokio::time::timeout(Duration::from_millis(500), changes.recv()).await;
             }
         };
@@ -340,7 +351,7 @@ impl Place {
         self.until(id, |job| job.status.is_ended()).await
     }
 
-    /// The visible files of the artifact store.
+    /// The complete files in the artifact store.
     pub fn visible(&self) -> Vec<PathBuf> {
         visible(&self.dir.join("artifacts"))
     }
@@ -350,12 +361,12 @@ impl Place {
         visible(&self.dir.join("scratch"))
     }
 
-    /// A round of retention by the only process.
+    /// Runs retention once, as the only process.
     pub async fn retain(&self, retention: Retention) -> Swept {
         self.sweeper().retain(retention).await.unwrap().unwrap()
     }
 
-    /// A sweep of orphans by the only process; returns how many files it removed.
+    /// Runs the orphan sweep once, as the only process; returns the number of removed files.
     pub async fn sweep_orphans(&self, now: Timestamp, age: Duration) -> u64 {
         self.sweeper().sweep_orphans(now, age, Duration::ZERO).await.unwrap().unwrap()
     }
@@ -364,7 +375,7 @@ impl Place {
         Sweeper::new(self.store.clone(), self.artifacts.clone(), "the only process")
     }
 
-    /// Checks the job's files byte for byte.
+    /// Compares the job's files with their expected bytes.
     pub async fn check_files(&self, job: &Job) {
         let names: Vec<&str> = job.files.iter().map(|file| file.name.as_str()).collect();
         assert_eq!(names, NAMES);
@@ -376,7 +387,7 @@ impl Place {
     }
 }
 
-/// Files below a directory, without those that an upload is staging and without lock files.
+/// Files below a directory, except lock files and files of unfinished uploads.
 pub fn visible(folder: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {

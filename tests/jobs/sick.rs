@@ -1,4 +1,4 @@
-//! Scratch directories that cannot be used: no attempt counts.
+//! Unusable scratch directories: no attempt counts.
 
 use crate::scripted::Place;
 use futures_util::future::join_all;
@@ -8,7 +8,7 @@ use oviduct::worker::PoolOptions;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// The scratch directory of the only process.
+/// Scratch directory of the only process.
 fn scratch(place: &Place) -> PathBuf {
     let entries = std::fs::read_dir(place.dir.join("scratch")).unwrap().flatten();
     let mut folders: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect();
@@ -43,12 +43,12 @@ async fn without_its_scratch_directory_a_worker_claims_nothing() {
         assert_eq!(job.status, Status::Succeeded, "{:?}", job.problem);
         attempts += job.attempts;
     }
-    // Each of the two workers may have checked the directory just before it was taken away.
+    // Each of the two workers may have checked the directory just before it was removed.
     assert!((50..=52).contains(&attempts), "{attempts}");
     pool.shutdown(Duration::from_secs(5)).await;
 }
 
-/// The directory of its first attempt cannot be created although the check before the claim passed.
+/// The check before the claim passes, but the directory of the first attempt cannot be created.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn an_attempt_whose_directory_cannot_be_created_does_not_count() {
     let place = Place::fresh(|options| options.max_attempts = 1).await;

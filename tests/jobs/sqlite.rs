@@ -1,4 +1,4 @@
-//! The suite over SQLite, in memory and in a file, and tests of files alone.
+//! The suite over SQLite, in memory and in a file, and tests of the file itself.
 
 use crate::suite::{Factory, LEASE, new_job};
 use futures_util::FutureExt;
@@ -43,7 +43,7 @@ async fn a_restart_keeps_jobs_and_takes_over_their_leases_at_once() {
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
     let options = StoreOptions { clock: clock.clone(), max_attempts: 2, ..StoreOptions::default() };
     let open = || Store::open_sqlite(&path, options.clone());
-    // A dropped store releases its file when its last connection has closed, a moment later.
+    // A dropped store releases its file only after its last connection has closed.
     let open_again = || async {
         for _ in 0..6000 {
             match open().await {
@@ -64,7 +64,7 @@ async fn a_restart_keeps_jobs_and_takes_over_their_leases_at_once() {
     let claimed = store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
     drop(store);
 
-    // The lease has not expired: only recovery ends the attempt.
+    // The lease has not expired, so only the recovery at start can have ended the attempt.
     let store = open_again().await.unwrap();
     let kept = store.get(queued.id).await.unwrap().unwrap();
     assert_eq!(kept, Job { queue_position: Some(0), ..queued });
@@ -111,7 +111,7 @@ async fn readers_do_not_wait_for_a_writer() {
 async fn a_call_whose_caller_is_dropped_runs_to_its_end_and_notifies() {
     let store = Store::open_in_memory(StoreOptions::default()).await.unwrap();
     let mut changes = store.changes();
-    // Polled once, then dropped: a client that disconnects.
+    // The future is polled once and dropped, as when a client disconnects.
     assert!(store.submit(new_job("1")).now_or_never().is_none());
     let change = tokio::time::timeout(Duration::from_secs(60), changes.recv()).await.unwrap().unwrap();
     assert_eq!(store.get(change.id).await.unwrap().unwrap().status, Status::Queued);
@@ -122,13 +122,14 @@ async fn a_read_whose_caller_is_dropped_does_not_cost_the_connection() {
     let store = Store::open_in_memory(StoreOptions::default()).await.unwrap();
     let id = store.submit(new_job("1")).await.unwrap().job().id;
     for _ in 0..100 {
-        // Polled once, then dropped, as when a job ends while its worker reads it. A store in memory has this one connection.
+        // The future is polled once and dropped, as when a job ends while its worker reads it. An
+        // in-memory store has only this connection.
         let _ = store.get(id).now_or_never();
         assert!(store.get(id).await.unwrap().is_some());
     }
 }
 
-/// `oviduct serve` over the data in `dir`, which must not start.
+/// Runs `oviduct serve` over the data in `dir`, where it must refuse to start.
 fn refused_start(dir: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_oviduct"))
         .args(["serve", "--addr", "127.0.0.1:0", "--gpu", "off", "--data", "."])

@@ -1,4 +1,4 @@
-//! Clocks that are wrong: set back, ahead of the database, behind the times of files.
+//! Wrong clocks: set back, ahead of the database, or behind the times of files.
 
 use crate::scripted::{Database, Place, scripted};
 use crate::suite::{LEASE, finished, new_job, problem};
@@ -56,7 +56,7 @@ async fn a_clock_that_is_set_back_delays_no_job_on_postgres() {
     a_clock_that_is_set_back_delays_no_job(Database::Postgres).await;
 }
 
-/// Ages are measured by the store's clock, which is years behind that of this process.
+/// The store's clock, years behind the clock of this process, determines ages.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn retention_and_live_workers_are_by_the_clock_of_the_store() {
     let clock = Clock::manual("2020-01-02T03:04:05Z".parse().unwrap());
@@ -75,7 +75,8 @@ async fn retention_and_live_workers_are_by_the_clock_of_the_store() {
     assert_eq!(sweep().await, 1);
 }
 
-/// Models that share files count them once, and the size after each removal is the sum that the store would compute.
+/// Files that several models share count once. After each removal, the size is the sum that the
+/// store would compute.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn removed_models_reduce_the_stored_size() {
     let place = Place::fresh(|_| {}).await;
@@ -87,7 +88,8 @@ async fn removed_models_reduce_the_stored_size() {
     pool.shutdown(Duration::from_secs(5)).await;
     let shared = oviduct::jobs::NewJob { reuse: true, ..scripted("ok", 10) };
     let shared = place.store.submit(shared).await.unwrap().job().id;
-    // Two files of a thousand bytes each; the first is removed without its files, which another model names.
+    // Each model has two files of 1000 bytes. Retention removes the first model without its files,
+    // because another model names them.
     let keeps = Retention { age: None, bytes: Some(7999) };
     let swept = place.retain(keeps).await;
     assert_eq!((swept.removed, swept.stored_bytes), (3, Some(6000)));
@@ -96,7 +98,8 @@ async fn removed_models_reduce_the_stored_size() {
     assert!(place.store.get(made[3].id).await.unwrap().is_some());
 }
 
-/// Files of a running attempt are kept, however old they seem; once it is over they are removed.
+/// A sweep keeps files of a running attempt however old they seem, and removes them after the
+/// attempt has ended.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_sweep_leaves_the_files_of_a_running_attempt() {
     let place = Place::fresh(|_| {}).await;
@@ -110,7 +113,7 @@ async fn a_sweep_leaves_the_files_of_a_running_attempt() {
     }
     let staged = place.dir.join(format!("artifacts/{}#1", key(1)));
     std::fs::write(&staged, "half").unwrap();
-    // The clock of the files is behind: they seem older than the process.
+    // The clock of the files is behind, so the files seem older than the process.
     let now = Clock::System.now() + Duration::from_secs(60);
     let sweep = async || place.sweep_orphans(now, Duration::ZERO).await;
     assert_eq!(sweep().await, 1, "there is no second attempt yet");
@@ -120,7 +123,7 @@ async fn a_sweep_leaves_the_files_of_a_running_attempt() {
     assert!(place.visible().is_empty() && !staged.exists());
 }
 
-/// A batch is removed with its last model, and its idempotency key with it.
+/// A batch and its idempotency key are removed with the batch's last model.
 async fn a_key_does_not_outlive_its_batch(database: Database) {
     let dir = tempfile::tempdir().unwrap();
     let url = database.url(dir.path()).await;
@@ -146,7 +149,7 @@ async fn a_key_does_not_outlive_its_batch(database: Database) {
         assert!(b.unwrap().is_some() && c.unwrap().is_some());
         assert_eq!(place.store.batch(taken.id).await.unwrap(), None);
     }
-    // A batch without models that an older version left.
+    // A batch without models, as an older version left it.
     let left = "INSERT INTO batches (id, created_at, idempotency_key, idempotency_body) \
                 VALUES ('01900000-0000-7000-8000-000000000000', 0, 'weekly', 'body')";
     execute(database, &url, left).await;

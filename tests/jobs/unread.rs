@@ -1,4 +1,5 @@
-//! Records of a later version, which this one understands in part: a downgrade is possible.
+//! Records of a later version, which this version reads as far as possible, so that a downgrade
+//! works.
 
 use crate::cluster::Cluster;
 use crate::scripted::{Database, Place};
@@ -9,7 +10,7 @@ use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{Counts, ListFilter, Status, StoreOptions};
 use std::time::Duration;
 
-/// Writes to a database as another program would.
+/// Executes SQL on a database as another program would.
 pub async fn execute(database: Database, url: &str, sql: &str) {
     match database {
         Database::Sqlite => {
@@ -34,7 +35,8 @@ async fn records_of_a_later_version_block_no_others(database: Database) {
     let submit = async |digest: &str| store.submit(new_job(digest)).await.unwrap().job().id;
     let claim = async |limit| store.claim("w", Backend::Cpu, LEASE, limit).await.unwrap();
 
-    // The worker of the first job has vanished; this version cannot read the next three, for three reasons.
+    // The worker of the first job has vanished. This version cannot read the next three jobs, each
+    // for a different reason.
     let expired = submit("expired").await;
     claim(1).await;
     let outputs = [submit("all new").await, submit("partly new").await];
@@ -56,7 +58,7 @@ async fn records_of_a_later_version_block_no_others(database: Database) {
     execute(database, &url, &change).await;
     clock.advance(LEASE);
 
-    // They are shown as far as they are understood.
+    // Lists and reads show the parts of these records that this version understands.
     let page = store.list(&ListFilter { limit: 10, ..ListFilter::default() }).await.unwrap();
     assert_eq!(page.jobs.len(), 6);
     assert_eq!(store.get(outputs[0]).await.unwrap().unwrap().outputs.formats, []);
@@ -65,7 +67,7 @@ async fn records_of_a_later_version_block_no_others(database: Database) {
     assert_eq!((shown.progress, shown.section, shown.problem, shown.backend.used), (None, None, None, None));
     assert_eq!(store.workers().await.unwrap(), []);
 
-    // The job of the vanished worker comes first; a claim of several skips those that fail.
+    // The job of the vanished worker comes first. A claim of several jobs skips the jobs that fail.
     let first = claim(1).await.pop().unwrap();
     assert_eq!((first.job().id, first.attempt()), (expired, 2));
     let mut claimed = claim(2).await;
@@ -86,7 +88,7 @@ async fn records_of_a_later_version_block_no_others(database: Database) {
     let counts = store.counts().await.unwrap();
     assert_eq!(counts, Counts { running: 2, succeeded: 1, failed: 3, ..Counts::default() });
 
-    // With nothing else to claim, and with expired leases.
+    // An unreadable job fails even if no other job is queued and the leases have expired.
     let alone = submit("alone").await;
     execute(database, &url, &format!("UPDATE jobs SET outputs = '[\"step\"]' WHERE id = '{alone}'")).await;
     clock.advance(LEASE + Duration::from_secs(1));

@@ -1,5 +1,5 @@
-//! Tables of the version before priorities, migrated with the jobs in them, and what versions before shared growth do to
-//! tables of this one.
+//! Migration of tables from before priorities, with jobs in them. Also: effects of versions without
+//! shared growth on current tables.
 
 use crate::scripted::Database;
 use crate::suite::{LEASE, finished, new_job};
@@ -9,7 +9,7 @@ use sqlx::AssertSqlSafe;
 use sqlx::migrate::Migrator;
 use std::path::{Path, PathBuf};
 
-/// The folder with the migrations of a database.
+/// Folder with the migrations of a database.
 fn folder(database: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("src/jobs").join(database).join("migrations")
 }
@@ -30,7 +30,7 @@ fn versions(migrator: &Migrator) -> Vec<i64> {
     migrator.iter().map(|migration| migration.version).collect()
 }
 
-/// Three queued jobs of two submitters, one running, and three that have ended.
+/// Three queued jobs of two submitters, one running job, and three ended jobs.
 const JOBS: &str = "INSERT INTO batches (id, created_at) VALUES ('01900000-0000-7000-8000-000000000000', 0); \
     INSERT INTO jobs (id, status, holder, lease_until, finished_at, preset, seed, digest, outputs, backend_requested, \
     available_at, created_at, spec, submitter, turn, engine, batch) VALUES \
@@ -54,7 +54,7 @@ async fn goes_on(store: &Store) {
     assert_eq!(store.counts().await.unwrap(), counts);
     let queued = store.queued_by_backend().await.unwrap().map(|(backend, jobs)| (backend.name(), jobs));
     assert_eq!(queued, [("auto", 3), ("gpu", 0), ("cpu", 0), ("cpu-single", 0)]);
-    // Without a batch key, a GPU runs them one by one.
+    // The migrated jobs have no batch key, so a GPU runs them one by one.
     let alone = store.claim("gpu", Backend::Gpu, LEASE, 16).await.unwrap().pop().unwrap();
     assert_eq!(alone.job().digest, "d5");
     store.release(alone, None).await.unwrap();
@@ -65,7 +65,8 @@ async fn goes_on(store: &Store) {
     };
     assert_eq!(submit("urgent", 1).await.queue_position, Some(0));
     assert_eq!(submit("low", -1).await.queue_position, Some(4));
-    // One turn after the last of its submitter, and younger than the other job of that turn.
+    // The new job gets the turn after its submitter's last job. The other job of that turn is
+    // older.
     assert_eq!(submit("plain", 0).await.queue_position, Some(4));
     let mut order = Vec::new();
     while let Some(claimed) = store.claim("new", Backend::Cpu, LEASE, 1).await.unwrap().pop() {
@@ -90,7 +91,8 @@ async fn jobs_of_an_older_version_go_on_on_sqlite() {
     Migrator::new(first(3, "sqlite").path()).await.unwrap().run(&before).await.unwrap();
     sqlx::raw_sql(JOBS).execute(&before).await.unwrap();
     before.close().await;
-    // Not by `jobs::open`, which ends running attempts on SQLite: this test is the same on both databases.
+    // `jobs::open` would end running attempts on SQLite, which PostgreSQL does not. This test makes
+    // the same assertions on both.
     let store = Store::open_sqlite(dir.path().join("jobs.db"), StoreOptions::default()).await.unwrap();
     goes_on(&store).await;
 
@@ -98,7 +100,7 @@ async fn jobs_of_an_older_version_go_on_on_sqlite() {
     let all = Migrator::new(folder("sqlite")).await.unwrap();
     let applied = sqlx::query_scalar::<_, i64>("SELECT version FROM _sqlx_migrations ORDER BY version");
     assert_eq!(applied.fetch_all(&tables).await.unwrap(), versions(&all));
-    // Compares the hashes.
+    // The migrator compares the hashes of the applied migrations.
     all.run(&tables).await.unwrap();
 }
 
@@ -118,7 +120,8 @@ async fn jobs_of_an_older_version_go_on_on_postgres() {
     all.run(&tables).await.unwrap();
 }
 
-/// Ends the first of three equal jobs as a version before shared growth does. Gives the ids of the others.
+/// Ends the first of three equal jobs as a version without shared growth does. Returns the ids of
+/// the two stranded jobs.
 async fn strand(store: &Store, execute: impl AsyncFnOnce(&'static str)) -> [JobId; 2] {
     let mut ids = Vec::new();
     for _ in 0..3 {
@@ -149,7 +152,7 @@ async fn jobs_that_an_older_version_left_waiting_are_queued_on_sqlite() {
     })
     .await;
     grows(&store, left).await;
-    // The claims of that version name their indexes.
+    // The claims of that older version name these indexes.
     for (index, column) in [("jobs_queue", "backend_requested"), ("jobs_by_batch_key", "batch_key")] {
         let sql = format!(
             "SELECT id FROM jobs INDEXED BY {index} WHERE status = 'queued' AND {column} = 'auto' ORDER BY rank, turn, id"

@@ -1,4 +1,4 @@
-//! Store whose heartbeats are counted, delayed or not notified.
+//! A job store whose heartbeats are counted, or delayed, or whose changes are hidden.
 
 use futures_util::future::BoxFuture;
 use oviduct::clock::Stopwatch;
@@ -16,9 +16,9 @@ pub struct Heartbeats {
     deaf: bool,
     /// Minimum duration of a heartbeat.
     call: Duration,
-    /// Number of heartbeats that have ended.
+    /// Number of completed heartbeats.
     beats: watch::Sender<u32>,
-    /// Time since the start of the last heartbeat, and the minimum time between the starts of two.
+    /// Time since the start of the last heartbeat, and minimum time between the starts of two.
     pace: Mutex<(Option<Stopwatch>, Duration)>,
 }
 
@@ -28,7 +28,7 @@ impl Heartbeats {
         Self::with(store, false, Duration::ZERO)
     }
 
-    /// A view of the store that notifies nobody of changes.
+    /// A view of the store that sends no notifications of changes.
     pub fn deaf(store: &Store) -> Store {
         Self::with(store, true, Duration::ZERO).0
     }
@@ -44,8 +44,8 @@ impl Heartbeats {
         (store.with_hook(Arc::<Self>::clone(&observer)), observer)
     }
 
-    /// Waits for `more` heartbeats to end. Of two heartbeats of one job, the second began after
-    /// this call.
+    /// Waits until `more` heartbeats have ended. If one job sent two of them, the second began
+    /// after this call.
     pub async fn beats(&self, more: u32) {
         let mut beats = self.beats.subscribe();
         let enough = *beats.borrow() + more;
@@ -53,7 +53,7 @@ impl Heartbeats {
         waited.expect("no heartbeat came").unwrap();
     }
 
-    /// Starts a new measurement of the pace.
+    /// Restarts the measurement of the minimum interval.
     pub fn forget_pace(&self) {
         *self.pace.lock().unwrap() = (None, Duration::MAX);
     }

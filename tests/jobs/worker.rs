@@ -1,4 +1,4 @@
-//! The worker pool: success, every kind of failure, cancel, lost leases, shutdown, restart.
+//! The worker pool: success, every kind of failure, cancellation, lost leases, shutdown, restart.
 
 use crate::bounds::{best_of_five, within};
 use crate::scripted::{Database, Place, scripted};
@@ -91,7 +91,8 @@ async fn a_transient_fault_is_retried_until_the_attempts_are_used_up() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_running_job_stops_within_a_second_of_its_cancel() {
     let place = Place::fresh(|_| {}).await;
-    // No heartbeat would be in time: the cancel arrives by the changes of the store.
+    // The heartbeat interval is far above the bound, so the worker must learn of the cancellation
+    // by a notification.
     let pool = place.start(|options| {
         options.heartbeat = Duration::from_secs(60);
         options.lease = Duration::from_secs(240);
@@ -123,7 +124,8 @@ async fn the_next_job_is_claimed_during_the_certificate_of_the_one_before_and_wa
     let last = place.queue("ok", 3).await;
     let claimed = place.until(next, |job| job.status == Status::Running).await;
     assert_eq!((claimed.attempts, claimed.progress), (1, None));
-    // No other is claimed, and this one only for as long as the threads may soon be free.
+    // The worker claims no other job. It keeps this one only while the threads may become free
+    // soon.
     let released = place.until(next, |job| job.status == Status::Queued).await;
     let now = place.store.get(last).await.unwrap().unwrap();
     assert_eq!((released.attempts, now.status, now.attempts), (1, Status::Queued, 0));
@@ -148,7 +150,7 @@ async fn the_next_job_is_claimed_once_the_threads_are_free() {
     let next = place.queue("ok", 2).await;
     place.until(first, |job| job.progress.is_some()).await;
     tokio::time::sleep(Duration::from_millis(300)).await;
-    // Another worker could take it.
+    // The job stays in the queue, where another worker could claim it.
     assert_eq!(place.store.get(next).await.unwrap().unwrap().status, Status::Queued);
     place.open_gate();
     for id in [first, next] {
@@ -170,7 +172,7 @@ async fn a_cancel_is_recorded_within_a_second_even_if_a_stage_is_slow_to_stop() 
         place.store.cancel(id).await.unwrap();
         assert_eq!(place.ended(id).await.status, Status::Cancelled);
         let kept = within(1.0, since);
-        // Its threads are still busy: the next job begins when they are free.
+        // The threads of the cancelled job are still busy; the next job begins when they are free.
         let next = place.queue("ok", seed).await;
         tokio::time::sleep(Duration::from_millis(300)).await;
         assert_eq!(place.store.get(next).await.unwrap().unwrap().progress, None);
@@ -233,7 +235,8 @@ async fn a_job_whose_files_cannot_be_stored_is_retried_and_then_released() {
     assert_eq!(job.status, Status::Succeeded, "{:?}", job.problem);
     place.check_files(&job).await;
     pool.shutdown(Duration::from_secs(5)).await;
-    // Available again before the upload is given up: the same attempt goes on.
+    // The artifact store becomes available before the worker gives up the upload, so the same
+    // attempt continues.
     std::fs::rename(place.dir.join("artifacts/models"), place.dir.join("artifacts/away")).unwrap();
     std::fs::write(&wall, "a file instead of a directory").unwrap();
     let pool = place.start(|_| {});
@@ -253,7 +256,7 @@ async fn a_worker_that_lost_its_lease_stops_and_writes_nothing() {
     let pool = place.start(|options| (options.heartbeat, options.lease) = (Duration::from_secs(60), LEASE));
     let id = place.queue("wait", 1).await;
     place.until(id, |job| job.progress.is_some()).await;
-    // Its lease expires, and another worker takes the job.
+    // The lease expires, and another worker claims the job.
     clock.advance(LEASE);
     let other = place.store.claim("other", Backend::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
     assert_eq!((other.job().id, other.attempt()), (id, 2));
@@ -277,7 +280,7 @@ async fn heartbeats_keep_a_lease_that_is_shorter_than_the_job() {
         options.lease = Duration::from_millis(400);
         options.poll = Duration::from_millis(20);
     });
-    // Leases are by the store's clock, which moves only after a renewal.
+    // The store's clock times the leases. The test advances it only after a renewal.
     for _ in 0..6 {
         heartbeats.beats(2).await;
         clock.advance(Duration::from_millis(300));
@@ -288,7 +291,6 @@ async fn heartbeats_keep_a_lease_that_is_shorter_than_the_job() {
     pool.shutdown(Duration::from_secs(5)).await;
 }
 
-/// The time that the store takes for one heartbeat does not delay the next.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_slow_store_does_not_delay_the_next_heartbeat() {
     let place = Place::fresh(|_| {}).await;
@@ -298,10 +300,11 @@ async fn a_slow_store_does_not_delay_the_next_heartbeat() {
         (options.heartbeat, options.progress) = (heartbeat, heartbeat);
     });
     let id = place.queue("hold", 1).await;
-    // From here on heartbeats only renew the lease.
+    // Once there is a section, heartbeats only renew the lease.
     place.until(id, |job| job.section.is_some()).await;
     heartbeats.forget_pace();
-    // One of many is in time, even on a busy machine; if they were delayed, none would be.
+    // On a busy machine, one punctual heartbeat of many suffices. If the calls delayed the
+    // heartbeats, none would be punctual.
     for _ in 0..20 {
         heartbeats.beats(1).await;
         if heartbeats.pace() < heartbeat + call {
@@ -373,7 +376,7 @@ async fn the_sweep_removes_files_that_no_job_names_and_no_others() {
     let shared = place.store.submit(shared).await.unwrap();
     assert!(matches!(shared, Submitted::Reused(_)));
     assert_eq!(place.store.delete(made.id).await.unwrap(), Some(vec![]));
-    // Left by a dead process: a complete file, and one partially uploaded.
+    // A dead process left a complete file and a partial upload.
     let scratch = place.dir.join("orphan");
     std::fs::write(&scratch, "orphan").unwrap();
     place.artifacts.put_file("models/gone/1/model.glb", &scratch).await.unwrap();

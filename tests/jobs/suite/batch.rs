@@ -14,7 +14,7 @@ fn batch_of(digests: &[&str]) -> NewBatch {
     }
 }
 
-/// Jobs of a batch end one by one; the batch counts them.
+/// Jobs of a batch end one by one; the counts of the batch follow.
 pub async fn a_batch_counts_its_jobs(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let made = bench.succeed("a").await;
@@ -43,7 +43,8 @@ pub async fn a_batch_counts_its_jobs(factory: Factory) {
     assert_eq!(all, Counts { succeeded: 2, failed: 1, cancelled: 1, ..Counts::default() });
 }
 
-/// A batch for which there is no room is refused whole; reused models need no room.
+/// If the queue has no room for all of its jobs, a batch is refused as a whole. Reused models need
+/// no room.
 pub async fn a_batch_is_taken_whole_or_not_at_all(factory: Factory) {
     let bench = bench(factory, |options| options.queue_limit = 3).await;
     bench.succeed("a").await;
@@ -59,7 +60,7 @@ pub async fn a_batch_is_taken_whole_or_not_at_all(factory: Factory) {
     assert_eq!(bench.store.counts().await.unwrap(), Counts { queued: 3, succeeded: 2, ..Counts::default() });
 }
 
-/// Removing a batch removes its jobs and gives the keys that no other job names.
+/// Removing a batch removes its jobs and returns the artifact keys that no other job names.
 pub async fn a_batch_is_removed_with_all_its_jobs(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let made = bench.succeed("a").await;
@@ -84,7 +85,8 @@ pub async fn a_batch_is_removed_with_all_its_jobs(factory: Factory) {
     assert!(bench.store.get(made.id).await.unwrap().is_some());
 }
 
-/// The same key gives the same batch, also to concurrent requests; keys of batches and of jobs are separate.
+/// Requests with the same idempotency key return the same batch, even if they are concurrent.
+/// Batches and jobs have separate idempotency keys.
 pub async fn an_idempotency_key_gives_one_batch(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let keyed = |body: &str| NewBatch { idempotency: Some(("k".into(), body.into())), ..batch_of(&["a", "b"]) };
@@ -106,7 +108,7 @@ pub async fn an_idempotency_key_gives_one_batch(factory: Factory) {
     assert!(matches!(again, SubmittedBatch::Accepted(_)), "the key was deleted with the batch");
 }
 
-/// A batch keeps its study and the places of its jobs, and gives the jobs in pages.
+/// A batch keeps its study and the points of its jobs, and returns the jobs in pages.
 pub async fn a_batch_keeps_its_study(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let study = serde_json::json!({ "vary": { "design": "grid" }, "points": [[25, null], [30.5, "ü"]] });

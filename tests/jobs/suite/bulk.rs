@@ -1,4 +1,4 @@
-//! Lists by further conditions, many jobs at once, lists of batches, retries.
+//! List filters, bulk operations, lists of batches, retries.
 
 use super::*;
 
@@ -22,7 +22,7 @@ pub async fn lists_are_narrowed_by_time_batch_and_ids(factory: Factory) {
     let mut jobs = Vec::new();
     for n in 0..6 {
         jobs.push(bench.queue(&n.to_string()).await);
-        // The last two are of one millisecond.
+        // The last two jobs are created within one millisecond.
         bench.clock.advance(if n < 4 { Duration::from_secs(60) } else { Duration::from_micros(200) });
     }
     let of_batch = bench.store.submit_batch(batch(&["a", "b"], None)).await.unwrap().batch().clone();
@@ -36,7 +36,7 @@ pub async fn lists_are_narrowed_by_time_batch_and_ids(factory: Factory) {
     let all = find(ListFilter::default()).await;
     let at = |n: usize| Some(jobs[n].created_at);
     let between = |created_after, created_before| ListFilter { created_after, created_before, ..ListFilter::default() };
-    // The start is part of the time, the end is not.
+    // A time range includes its start and excludes its end.
     assert_eq!(find(between(at(2), None)).await, all[2..]);
     assert_eq!(find(between(None, at(2))).await, all[..2]);
     assert_eq!(find(between(at(1), at(4))).await, all[1..4]);
@@ -71,7 +71,7 @@ pub async fn many_jobs_are_cancelled_at_once(factory: Factory) {
     let begun = bench.store.cancel_many(vec![running.id], Some(Status::Queued)).await.unwrap();
     assert_eq!(begun, BulkResult::default(), "it was queued when it was found, and runs now");
     let applied = bench.store.cancel_many(asked.clone(), None).await.unwrap();
-    // The running one is asked to stop; its checkpoint is still named.
+    // The running job is only asked to stop, so its record keeps its checkpoint.
     assert_eq!(applied, BulkResult { jobs: 3, keys: vec!["left".into()] });
     let told: Vec<_> = (0..3).map(|_| changes.try_recv().unwrap().id).collect();
     assert_eq!(told, [running.id, waiting.id, again.id]);

@@ -1,4 +1,5 @@
-//! Random histories: after every step the store agrees with the pure state machine, and no ended job changes.
+//! Random histories: after every step the store agrees with the pure state machine, and no ended
+//! job changes.
 
 use super::*;
 use oviduct::jobs::state::{Event, Fence, JobState, Next, retry_delay};
@@ -6,7 +7,7 @@ use oviduct::random::{Stream, below, words};
 
 const MAX_ATTEMPTS: u32 = 3;
 
-/// The backends that a CPU worker takes, each with a lane of its own.
+/// The backends from which a CPU worker claims, each with its own lane.
 const LANES: [Backend; 3] = [Backend::Auto, Backend::Cpu, Backend::CpuSingle];
 
 /// The expected record of a job.
@@ -63,7 +64,7 @@ impl History {
         self.jobs.keys().nth(n as usize).copied()
     }
 
-    /// Applies an event to the expected record; returns whether the store should have accepted it.
+    /// Applies an event to the expected record; returns true if the store should accept it.
     fn apply(&mut self, id: JobId, event: &Event) -> bool {
         let now = self.bench.clock.now();
         let Some(job) = self.jobs.get_mut(&id) else { return false };
@@ -78,7 +79,7 @@ impl History {
         true
     }
 
-    /// The jobs of the same lane and priority with this status.
+    /// The jobs of the same lane and priority that have this status.
     fn peers(&self, new: &NewJob, status: Status) -> impl Iterator<Item = &Expected> {
         let of = (new.backend, new.priority);
         self.jobs.values().filter(move |job| {
@@ -86,7 +87,8 @@ impl History {
         })
     }
 
-    /// One turn after the owner's last queued job, but not before the present turn.
+    /// The turn of a new job: one after the owner's last queued job, but not before the current
+    /// turn.
     fn turn(&self, new: &NewJob) -> i64 {
         let served = self.peers(new, Status::Running).map(|job| job.turn).max();
         let first = self.peers(new, Status::Queued).map(|job| job.turn).min();
@@ -97,7 +99,8 @@ impl History {
 
     async fn submit(&mut self, step: u32, [how, who, again]: [u32; 3]) {
         let owner = [None, Some("x".to_owned()), Some("y".to_owned())][below(who, 3) as usize].clone();
-        // Now and then a finished model of the same owner is asked for again, and now and then one of another.
+        // Some submissions repeat a finished model of the same owner; a few repeat one of another
+        // owner.
         let foreign = again % 64 == 0;
         let made: Vec<&Job> =
             self.jobs.values().filter(|job| foreign || job.owner == owner).map(|job| &job.seen).collect();
@@ -127,13 +130,13 @@ impl History {
         self.jobs.insert(expected.seen.id, expected);
     }
 
-    /// The place of a job in the order of its lane: the smaller, the earlier.
+    /// Sort key of a job in its lane; the smallest key is claimed first.
     fn place(&self, id: JobId) -> (std::cmp::Reverse<Priority>, i64, JobId) {
         let job = &self.jobs[&id];
         (std::cmp::Reverse(job.seen.priority), job.turn, id)
     }
 
-    /// The jobs that a claim should take: again and again the better one among the heads of the lanes.
+    /// The jobs that a claim should return: repeatedly the best of the heads of all lanes.
     fn due(&self, now: Timestamp, limit: u32) -> Vec<JobId> {
         let ready = |job: &Expected| job.state.status == Status::Queued && job.available_at <= now;
         let mut left: Vec<JobId> = self.jobs.iter().filter(|(_, job)| ready(job)).map(|(id, _)| *id).collect();
@@ -251,7 +254,7 @@ impl History {
             if expected.seen.status.is_ended() {
                 assert_eq!(job, expected.seen, "{context}: an ended job changed");
             }
-            // The position in the queue depends on the other jobs.
+            // The queue position depends on the other jobs.
             let before = Job { queue_position: None, ..expected.seen.clone() };
             let after = Job { queue_position: None, ..job.clone() };
             assert_eq!(

@@ -1,10 +1,10 @@
-//! Hooks in the calls of a store, on which the tests of faults and observations rely.
+//! Hooks into the calls of a store; the tests that inject faults or count calls depend on them.
 
 use super::*;
 use oviduct::jobs::Hook;
 use std::sync::{Arc, Mutex};
 
-/// Records all calls. Fails one before it begins and loses the response of another.
+/// Records all calls, fails one of them before it begins, and loses the response of another.
 #[derive(Default)]
 struct Recorder {
     calls: Mutex<Vec<&'static str>>,

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// A checkpoint outlives its attempt, until the job ends.
+/// A checkpoint outlives its attempt until the job ends.
 pub async fn a_checkpoint_passes_to_the_next_attempt(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let job = bench.queue("d").await;
@@ -41,7 +41,7 @@ pub async fn a_checkpoint_passes_to_the_next_attempt(factory: Factory) {
     assert_eq!(bench.store.delete(job.id).await.unwrap(), Some(vec!["k5".into()]));
 }
 
-/// The queries of a sweep by age or by bytes.
+/// The queries that retention by age and by size uses.
 pub async fn ended_jobs_are_listed_by_age_and_bytes(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let second = Duration::from_secs(1);
@@ -69,7 +69,8 @@ pub async fn ended_jobs_are_listed_by_age_and_bytes(factory: Factory) {
     assert_eq!(bench.store.stored_bytes().await.unwrap(), 0);
 }
 
-/// A job of an older engine keeps its digest; made by another engine, its model is not reused for that digest.
+/// A job of an older engine keeps its digest. If another engine version grows its model, the model
+/// is not reused for that digest.
 pub async fn another_engines_files_are_not_reused(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let old = NewJob { engine: "0.0.9".into(), ..new_job("d") };
@@ -86,7 +87,8 @@ pub async fn another_engines_files_are_not_reused(factory: Factory) {
     assert!(matches!(reused, Submitted::Reused(_)), "{reused:?}");
 }
 
-/// A model whose files were found missing is not reused, nor are those that share its files; a new one is.
+/// If files of a model are missing, neither the model nor the models that share its files are
+/// reused. A new model with the same digest is reused.
 pub async fn a_model_without_its_files_is_not_reused(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let made = bench.succeed("d").await;
@@ -105,7 +107,7 @@ pub async fn a_model_without_its_files_is_not_reused(factory: Factory) {
     assert_eq!(bench.store.reusable(&NewJob { reuse: false, ..new_job("d") }).await.unwrap(), None);
 }
 
-/// What a sweep of orphans must leave alone.
+/// An orphan sweep must keep the files with these artifact keys.
 pub async fn keys_of_records_and_of_running_attempts_are_in_use(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let made = bench.succeed("a").await;
@@ -139,7 +141,7 @@ pub async fn keys_of_records_and_of_running_attempts_are_in_use(factory: Factory
     assert!(!bench.uses(&key(running, 1, "model.glb")).await);
 }
 
-/// The lock of an upkeep task is renewed by its owner and passes on when it has expired.
+/// The owner of an upkeep lock can renew it; another owner can acquire it after it has expired.
 pub async fn one_owner_at_a_time_holds_an_upkeep_task(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let acquire = async |task, owner: &str| bench.store.acquire_upkeep(task, owner, LEASE).await.unwrap();
@@ -160,7 +162,7 @@ pub async fn one_owner_at_a_time_holds_an_upkeep_task(factory: Factory) {
     assert_eq!(won, 1);
 }
 
-/// Counts of each lane of the queue, whatever moves jobs in and out of it.
+/// Every kind of transition updates the counts of queued jobs per lane.
 pub async fn queued_jobs_are_counted_by_backend(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let counts = async || bench.store.queued_by_backend().await.unwrap().map(|(backend, jobs)| (backend.name(), jobs));

@@ -1,4 +1,4 @@
-//! Leases: claims, heartbeats, fences, expiry, retries, many claimers at once.
+//! Leases: claims, heartbeats, fences, expiry, retries, concurrent claims.
 
 use super::*;
 
@@ -74,7 +74,8 @@ pub async fn a_heartbeat_renews_and_notifies_only_of_progress(factory: Factory) 
 pub async fn a_stale_attempt_changes_nothing(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let id = bench.queue("d").await.id;
-    // Four attempts under the same worker name lose their lease; none of them may write during the fifth.
+    // Four attempts under the same worker name lose their leases. None of them may write during the
+    // fifth attempt.
     let mut stale = Vec::new();
     for _ in 0..4 {
         stale.push(bench.claim("w").await.unwrap());

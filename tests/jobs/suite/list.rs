@@ -1,4 +1,4 @@
-//! Lists, queue positions, workers.
+//! Lists of jobs, queue positions, lists of workers.
 
 use super::*;
 
@@ -22,7 +22,7 @@ pub async fn lists_are_filtered_and_paged(factory: Factory) {
         seen.extend(page.jobs.iter().map(|job| job.id));
         let Some(next) = page.next else { break };
         filter.before = Some(next);
-        // Jobs submitted meanwhile do not shift the pages.
+        // Jobs submitted in the meantime do not shift the pages.
         bench.queue(&format!("late {next}")).await;
     }
     ids.reverse();
@@ -69,7 +69,7 @@ pub async fn queue_positions_are_by_age(factory: Factory) {
         page.jobs.iter().rev().map(|job| job.queue_position).collect::<Vec<_>>()
     };
     assert_eq!(positions().await, [None, None, Some(0), Some(1)]);
-    // Released: at its old place.
+    // A released job returns to its old place.
     bench.store.release(claimed, None).await.unwrap();
     assert_eq!(positions().await, [Some(0), None, Some(1), Some(2)]);
 }
@@ -92,7 +92,7 @@ pub async fn workers_are_seen(factory: Factory) {
     bench.store.worker_seen(&first).await.unwrap();
     let workers = bench.store.workers().await.unwrap();
     assert_eq!((workers.len(), &workers[0]), (2, &first));
-    // Its jobs are those whose leases it holds.
+    // A worker's jobs are the jobs whose leases it holds.
     let mut running = Vec::new();
     for n in 0..3 {
         running.push(bench.queue(&n.to_string()).await.id);

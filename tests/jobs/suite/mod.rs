@@ -1,5 +1,5 @@
-//! The requirements of every store. Each function takes a factory of empty stores; [`over`] makes the tests of one
-//! store of all of them.
+//! Requirements that every job store must meet. Each function takes a factory of empty stores;
+//! [`over`] turns all functions into tests of one kind of store.
 
 mod batch;
 mod bulk;
@@ -41,12 +41,13 @@ use oviduct::model::{BodyKind, LengthUnit};
 use std::collections::{BTreeMap, HashMap};
 use std::time::Duration;
 
-/// Makes an empty store; the second value keeps alive what the store needs.
+/// Creates an empty store. The second value owns resources that the store needs, such as its
+/// directory.
 pub type Factory = fn(StoreOptions) -> BoxFuture<'static, (Store, Box<dyn Send>)>;
 
 pub const LEASE: Duration = Duration::from_secs(8);
 
-/// Makes a test of each function of the suite, over the stores that `$factory` makes.
+/// Generates a test for each function of the suite, over the stores that `$factory` creates.
 macro_rules! over {
     ($factory:expr; $($test:ident)*) => {
         $(
@@ -229,7 +230,7 @@ impl Bench {
         self.store.get(id).await.unwrap().unwrap()
     }
 
-    /// Whether a record names the key, or it belongs to a running attempt.
+    /// True if a record names the artifact key or the key belongs to a running attempt.
     async fn uses(&self, key: &str) -> bool {
         !self.store.keys_in_use(&[key.to_owned()]).await.unwrap().is_empty()
     }

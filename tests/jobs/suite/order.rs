@@ -1,4 +1,4 @@
-//! The order of claims: priorities, turns of submitters, lanes.
+//! Order of claims: priorities, turns of submitters, lanes.
 
 use super::*;
 
@@ -20,7 +20,8 @@ pub async fn submitters_take_turns(factory: Factory) {
     submit("a", 6).await;
     submit("b", 3).await;
     assert_eq!(claim(3).await, ["a0", "b0", "a1"]);
-    // A later submitter waits for one turn of each other, and accumulates no credit.
+    // A new submitter waits for at most one job of each other submitter. An idle submitter earns no
+    // credit.
     submit("c", 2).await;
     assert_eq!(claim(8).await, ["b1", "c0", "a2", "b2", "c1", "a3", "a4", "a5"]);
     assert!(bench.claim("w").await.is_none());
@@ -53,7 +54,7 @@ impl Bench {
         self.store.submit(new).await.unwrap().job().clone()
     }
 
-    /// The digests of queued jobs, by position.
+    /// Digests of the queued jobs, by position.
     async fn waiting(&self) -> Vec<String> {
         let page = self.store.list(&ListFilter { limit: 100, ..ListFilter::default() }).await.unwrap();
         let mut waiting: Vec<(u64, String)> =
@@ -61,7 +62,7 @@ impl Bench {
         waiting.sort();
         assert!(waiting.iter().map(|(at, _)| *at).eq(0..waiting.len() as u64), "{waiting:?}");
         for job in page.jobs {
-            // Read one by one they are the same as on the page.
+            // A single read returns the same job as the page.
             assert_eq!(self.get(job.id).await, job);
         }
         waiting.into_iter().map(|(_, digest)| digest).collect()
@@ -77,7 +78,7 @@ impl Bench {
     }
 }
 
-/// The higher priority first, within one priority by age; positions agree.
+/// Jobs of higher priority come first, within a priority the oldest; queue positions agree.
 pub async fn the_higher_priority_goes_first(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     for (digest, priority) in [("a", 0), ("b", -100), ("c", 5), ("d", 100), ("e", 0), ("f", 5), ("g", -1), ("h", 100)] {
@@ -87,17 +88,18 @@ pub async fn the_higher_priority_goes_first(factory: Factory) {
     let order = ["d", "h", "c", "f", "a", "e", "g", "b"];
     assert_eq!(bench.waiting().await, order);
     assert_eq!(bench.claim("w").await.unwrap().job().digest, "d");
-    // A later job of a priority in between.
+    // A later job with a priority in between.
     assert_eq!(bench.submit(urgent("i", 50)).await.queue_position, Some(1));
     assert_eq!(bench.drain().await, ["h", "i", "c", "f", "a", "e", "g", "b"]);
-    // Priority is not part of the digest: a finished model is reused whatever its priority.
+    // The digest does not include the priority, so a finished model is reused whatever its
+    // priority.
     let made = bench.succeed("j").await;
     let reused = bench.submit(urgent("j", 9)).await;
     assert_eq!((reused.reused_from, reused.priority.get(), made.priority.get()), (Some(made.id), 9, 0));
 }
 
-/// Turns are counted separately in each priority: a submitter with many urgent jobs delays neither the urgent jobs of
-/// others nor its own turn among the rest.
+/// Turns are counted per priority. A submitter with many urgent jobs delays neither the urgent jobs
+/// of others nor its own turn at lower priorities.
 pub async fn submitters_take_turns_within_a_priority(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     for (who, priority, jobs) in [("a", 0, 4), ("a", 7, 4), ("b", 0, 2), ("b", 7, 2), ("c", 7, 1)] {
@@ -111,7 +113,8 @@ pub async fn submitters_take_turns_within_a_priority(factory: Factory) {
     assert_eq!(bench.drain().await, order);
 }
 
-/// A job that is released or retried, or whose lease expires, goes back to its place among those of its priority.
+/// A job that is released or retried, or whose lease expires, returns to its place among the jobs
+/// of its priority.
 pub async fn a_released_job_keeps_its_priority_and_turn(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     for (digest, priority) in [("a", 3), ("b", 3), ("c", 3), ("d", 3), ("e", 0)] {
@@ -133,13 +136,15 @@ pub async fn a_released_job_keeps_its_priority_and_turn(factory: Factory) {
     assert_eq!(bench.drain().await, ["a", "b", "c", "d", "f", "e"]);
 }
 
-/// Between lanes the head of higher priority goes first, then the older one; each lane keeps its own order.
+/// Of the heads of all lanes, the one with the highest priority is claimed first, then the oldest.
+/// Each lane keeps its order.
 pub async fn a_claim_of_several_takes_due_jobs_of_all_lanes(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let ask = async |digest: &str, backend, who: &str, priority| {
         bench.submit(NewJob { backend, owner: Some(who.into()), ..urgent(digest, priority) }).await;
     };
-    // In the lane of auto the last job comes before the second, because its submitter has had no turn.
+    // In the lane `auto`, the last job precedes the second, because its submitter has not had a
+    // turn.
     ask("auto 1", Backend::Auto, "x", 0).await;
     ask("auto 3", Backend::Auto, "x", 0).await;
     ask("cpu 1", Backend::Cpu, "x", 0).await;
@@ -163,7 +168,7 @@ pub async fn a_claim_of_several_takes_due_jobs_of_all_lanes(factory: Factory) {
     }
 }
 
-/// A batch has the priority of all its jobs.
+/// The priority of a batch applies to all its jobs.
 pub async fn a_batch_has_one_priority(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     bench.submit(urgent("a", 2)).await;
@@ -183,7 +188,7 @@ pub async fn a_batch_has_one_priority(factory: Factory) {
     assert_eq!(bench.store.batch(batch.id).await.unwrap().unwrap().priority.get(), 3);
 }
 
-/// A GPU gets the first due job, and then only jobs that it may run together with it.
+/// A GPU worker claims the first due job, and with it only jobs that can run in the same GPU batch.
 pub async fn a_gpu_claims_due_jobs_of_one_batch_key(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let ask = async |digest: &str, backend, key: Option<&str>, priority| {

@@ -1,4 +1,4 @@
-//! Owners: what they share with others (nothing), their quotas, their keys and tickets.
+//! Owners: isolation from each other, quotas, API keys and tickets.
 
 use super::*;
 use oviduct::jobs::keys::{Key, KeyLimits, NewKey, NewTicket, Scope, Secret, TicketSecret};
@@ -15,7 +15,7 @@ pub async fn owners_share_nothing(factory: Factory) {
         idempotency: Some(("k".into(), body.into())),
         ..new_job("same")
     };
-    // The same idempotency key is another one for each owner, and for nobody.
+    // Each owner has a separate set of idempotency keys, and so has the absence of an owner.
     let mut ids = Vec::new();
     for (owner, body) in [(None, "1"), (Some("a"), "2"), (Some("b"), "3")] {
         let made = bench.store.submit(keyed(owner, body)).await.unwrap();
@@ -28,7 +28,7 @@ pub async fn owners_share_nothing(factory: Factory) {
         ids.push(made.job().id);
     }
     assert_eq!(bench.store.replayed(Some("a"), "k", "3").await.unwrap(), None);
-    // A finished model is reused by its owner only.
+    // Only the owner of a finished model can reuse it.
     while let Some(claimed) = bench.claim("w").await {
         let done = finished(&claimed);
         bench.store.finish(claimed, done).await.unwrap();
@@ -36,7 +36,7 @@ pub async fn owners_share_nothing(factory: Factory) {
     let again = bench.store.submit(of("a", "same")).await.unwrap();
     assert!(matches!(&again, Submitted::Reused(job) if job.reused_from == Some(ids[1])), "{again:?}");
     assert!(matches!(bench.store.submit(of("c", "same")).await.unwrap(), Submitted::Queued(_)));
-    // A list of one owner has its jobs only, also together with other filters.
+    // A list for one owner contains only that owner's jobs, even in combination with other filters.
     let list = async |owner: &str, status| {
         let filter = ListFilter { owner: Some(owner.into()), status, limit: 10, ..ListFilter::default() };
         bench.store.list(&filter).await.unwrap().jobs.into_iter().map(|job| job.id).collect::<Vec<_>>()
@@ -44,7 +44,7 @@ pub async fn owners_share_nothing(factory: Factory) {
     assert_eq!(list("a", None).await, [again.job().id, ids[1]]);
     assert_eq!(list("b", Some(Status::Succeeded)).await, [ids[2]]);
     assert_eq!((list("b", Some(Status::Queued)).await, list("nobody", None).await), (vec![], vec![]));
-    // Batches have owners too.
+    // The same isolation applies to batches.
     let batch = |owner: &str| NewBatch {
         jobs: vec![new_job("in a batch")],
         owner: Some(owner.into()),
@@ -77,27 +77,27 @@ pub async fn an_owner_has_a_quota(factory: Factory) {
     let full = StoreError::QuotaExceeded { what: Quantity::Unfinished, used: 2, limit: 2 };
     assert_eq!(refused.unwrap_err().to_string(), full.to_string());
     bench.store.submit(two("b", "3")).await.unwrap();
-    // A running job counts, an ended one does not.
+    // A running job counts towards the quota; an ended one does not.
     let claimed = bench.claim("w").await.unwrap();
     assert_eq!(claimed.job().owner.as_deref(), Some("a"));
     assert!(bench.store.submit(two("a", "4")).await.is_err());
     let done =
         Finished { files: vec![file("model.glb", 700, "one"), file("report.json", 300, "two")], ..finished(&claimed) };
     let ended = bench.store.finish(claimed, done).await.unwrap();
-    // Its files do: 1000 bytes are the limit.
+    // The stored files of the ended job count: the limit is 1000 bytes.
     let refused = bench.store.submit(two("a", "4")).await;
     let full = StoreError::QuotaExceeded { what: Quantity::Bytes, used: 1000, limit: 1000 };
     assert_eq!(refused.unwrap_err().to_string(), full.to_string());
     bench.store.delete(ended.id).await.unwrap();
     bench.store.submit(two("a", "4")).await.unwrap();
-    // Submissions at the same time do not each find room.
+    // Concurrent submissions cannot exceed the quota together.
     let racing = (0..12).map(|n| {
         let (store, new) = (bench.store.clone(), two("racer", &format!("r{n}")));
         tokio::spawn(async move { store.submit(new).await.is_ok() })
     });
     let accepted = join_all(racing).await.into_iter().filter(|taken| *taken.as_ref().unwrap()).count();
     assert_eq!(accepted, 2);
-    // A batch is taken whole or not at all.
+    // A batch is accepted or refused as a whole.
     let batch = NewBatch {
         jobs: vec![new_job("5"), new_job("6"), new_job("7")],
         owner: Some("c".into()),
@@ -136,14 +136,15 @@ pub async fn keys_are_stored_revoked_and_listed(factory: Factory) {
     assert_eq!(stored, (one.prefix(), "lab", "read,submit".to_owned(), Some(end), None));
     assert_eq!(made.limits, KeyLimits { rate: Some(2.5), quota: Quota { unfinished: Some(7), bytes: None } });
     assert!(one.matches(&made.hash) && !other.matches(&made.hash));
-    // The prefix is taken; the secret of the first key goes on to work.
+    // A second API key with the same prefix is refused, and the secret of the first key keeps
+    // working.
     let clash = NewKey { hash: other.hash(), ..new_key(&one, "thief", None) };
     assert!(bench.store.add_key(clash).await.is_err());
     let second = bench.store.add_key(new_key(&other, "lab", None)).await.unwrap();
     let prefixes = |keys: &[Key]| keys.iter().map(|key| key.prefix.clone()).collect::<Vec<_>>();
     let (_, keys) = bench.store.keys().await.unwrap();
     assert_eq!((keys.len(), keys.contains(&made), keys.contains(&second)), (2, true, true), "{:?}", prefixes(&keys));
-    // A later revocation does not put off an earlier one.
+    // A later revocation does not postpone an earlier one.
     let revoked = bench.store.revoke_key(one.prefix(), Duration::from_secs(60)).await.unwrap().unwrap();
     let at = revoked.revoked_at.unwrap();
     assert!(revoked.works_at(now) && !revoked.works_at(at) && at >= now + Duration::from_secs(60));
@@ -163,7 +164,7 @@ pub async fn only_one_first_key_is_made(factory: Factory) {
     let made: Vec<Key> = join_all(racers).await.into_iter().filter_map(Result::unwrap).collect();
     assert_eq!(made.len(), 1);
     bench.store.revoke_key(&made[0].prefix, Duration::ZERO).await.unwrap();
-    // Where a key has existed, no first one is made again.
+    // A first API key is created only in a store that has never had a key.
     assert_eq!(bench.store.add_first_key(new_key(&Secret::generate(), "admin", None)).await.unwrap(), None);
 }
 
@@ -184,7 +185,7 @@ pub async fn a_ticket_is_good_once_for_its_path_and_a_minute(factory: Factory) {
     assert_eq!(bench.store.use_ticket(&TicketSecret::generate().hash(), "/models/1/events").await.unwrap(), None);
     assert_eq!(bench.store.ticket(&secret.hash(), "/models/2/events").await.unwrap(), None);
     assert_eq!(bench.store.ticket(&secret.hash(), "/models/1/events").await.unwrap().as_deref(), Some("12345678"));
-    // Of many that try at the same time, one gets in.
+    // Of several concurrent requests with one ticket, exactly one succeeds.
     let racers = (0..8).map(|_| {
         let (store, hash) = (bench.store.clone(), secret.hash());
         tokio::spawn(async move { store.use_ticket(&hash, "/models/1/events").await.unwrap() })

@@ -1,4 +1,4 @@
-//! Pauses of all workers and of single ones, and what operators read of the queue.
+//! Pauses of all workers and of single workers; the age of the queue.
 
 use super::*;
 
@@ -30,11 +30,11 @@ pub async fn paused_workers_claim_nothing(factory: Factory) {
     assert_eq!(second.job().id, ids[1], "the others claim");
     store.set_paused(true, Some("operator")).await.unwrap();
     assert!(bench.claim("b").await.is_none());
-    // A worker that starts later, too.
+    // The pause applies also to a worker that starts later.
     assert!(bench.claim("c").await.is_none());
     let done = finished(&first);
     assert_eq!(store.finish(first, done).await.unwrap().status, Status::Succeeded);
-    // The end of the pause of all leaves the one of a single worker.
+    // Ending the pause of all workers keeps the pause of a single worker.
     store.set_paused(false, None).await.unwrap();
     assert!(bench.claim("a").await.is_none());
     assert!(store.instruct("a", Instruction::Resume, None).await.unwrap());
@@ -63,7 +63,8 @@ pub async fn a_pause_does_not_keep_expired_leases(factory: Factory) {
     let job = bench.queue("1").await;
     let held = bench.claim("dead").await.unwrap();
     bench.store.set_paused(true, None).await.unwrap();
-    // The store notices that the database was available for a whole lease.
+    // With this call, the store begins to observe that the database is available. It needs a whole
+    // lease of that before it expires leases.
     assert!(bench.claim("a").await.is_none());
     bench.clock.advance(2 * LEASE);
     assert!(bench.claim("a").await.is_none());
@@ -91,19 +92,19 @@ pub async fn a_drained_worker_says_so(factory: Factory) {
     let pause = Pause { drain: true, since, by: Some("operator".into()) };
     assert_eq!(state().await, (WorkerState::Draining, Some(pause.clone())));
     bench.clock.advance(Duration::from_secs(1));
-    // To ask again changes nothing.
+    // Repeating an instruction changes nothing.
     assert!(store.instruct("a", Instruction::Drain, None).await.unwrap());
     let done = finished(&claimed);
     store.finish(claimed, done).await.unwrap();
     assert_eq!(state().await, (WorkerState::Drained, Some(pause)));
     assert!(store.instruct("a", Instruction::Pause, None).await.unwrap());
     assert_eq!(state().await, (WorkerState::Paused, Some(Pause { drain: false, since: bench.clock.now(), by: None })));
-    // Heartbeats do not end a pause; a worker that is not seen for long cannot be told anything.
+    // Heartbeats do not end a pause. A worker that is not live cannot be instructed.
     store.worker_seen(&worker("a", Backend::Cpu, bench.clock.now())).await.unwrap();
     assert_eq!(state().await.0, WorkerState::Paused);
     bench.clock.advance(Duration::from_secs(3600));
     assert!(!store.instruct("a", Instruction::Resume, None).await.unwrap());
-    // After a day it is forgotten with its pause.
+    // A worker without heartbeats for a day is forgotten together with its pause.
     bench.clock.advance(Duration::from_secs(24 * 3600));
     store.worker_seen(&worker("b", Backend::Cpu, bench.clock.now())).await.unwrap();
     store.worker_seen(&worker("a", Backend::Cpu, bench.clock.now())).await.unwrap();
@@ -118,7 +119,7 @@ pub async fn the_pause_of_all_is_kept(factory: Factory) {
     store.set_paused(true, Some("operator")).await.unwrap();
     bench.clock.advance(Duration::from_secs(2 * 24 * 3600));
     store.set_paused(true, Some("another")).await.unwrap();
-    // Heartbeats remove the pauses of workers that are gone, not this one.
+    // Heartbeats remove the pauses of workers that are gone, but not the pause of all workers.
     store.worker_seen(&worker("a", Backend::Cpu, bench.clock.now())).await.unwrap();
     bench.clock.advance(Duration::from_secs(2 * 24 * 3600));
     store.worker_seen(&worker("b", Backend::Cpu, bench.clock.now())).await.unwrap();
@@ -136,12 +137,12 @@ pub async fn the_queue_has_an_age(factory: Factory) {
     bench.store.submit(of(Backend::Gpu, "1")).await.unwrap();
     bench.clock.advance(Duration::from_secs(5));
     bench.store.submit(of(Backend::Auto, "2")).await.unwrap();
-    // One that goes first for its priority is not the oldest.
+    // The first job to be claimed has a higher priority, but it is not the oldest.
     let urgent = NewJob { priority: 1.try_into().unwrap(), ..of(Backend::Gpu, "3") };
     bench.store.submit(urgent).await.unwrap();
     bench.clock.advance(Duration::from_secs(60));
     assert_eq!(ages().await, [("auto", 60), ("gpu", 65), ("cpu", 0), ("cpu-single", 0)]);
-    // What runs does not wait.
+    // Running jobs do not count as queued.
     let running = bench.claim("a").await.unwrap();
     assert_eq!(ages().await[0], ("auto", 0));
     bench.store.release(running, None).await.unwrap();

@@ -1,4 +1,4 @@
-//! Equal requests that share one growth.
+//! Shared growth of equal requests.
 
 use super::*;
 
@@ -8,7 +8,7 @@ impl Bench {
         self.store.finish(claimed, done).await.unwrap()
     }
 
-    /// The jobs that can be claimed now.
+    /// Claims all jobs that a worker may claim; returns their ids.
     async fn claimable(&self) -> Vec<JobId> {
         let claimed = self.store.claim("w", Backend::Auto, LEASE, 100).await.unwrap();
         claimed.iter().map(|claimed| claimed.job().id).collect()
@@ -30,7 +30,7 @@ pub async fn equal_jobs_share_one_growth(factory: Factory) {
     assert!(bench.claim("w").await.is_none());
     assert_eq!(bench.store.counts().await.unwrap(), Counts { queued: 51, running: 1, ..Counts::default() });
 
-    // Released or expired attempts change nothing.
+    // Released and expired attempts leave the waiting jobs unchanged.
     bench.store.release(claimed, None).await.unwrap();
     bench.claim("w").await.unwrap();
     bench.clock.advance(LEASE);
@@ -50,7 +50,7 @@ pub async fn equal_jobs_share_one_growth(factory: Factory) {
         let expected = made.files.iter().filter(|file| !job.outputs.formats.is_empty() || file.name != "model.glb");
         assert!(job.files.iter().eq(expected), "{:?}", job.files);
     }
-    // The files stay until the last of them is deleted.
+    // The files exist until the last job that shares them is deleted.
     assert_eq!(bench.store.delete(first).await.unwrap(), Some(vec![]));
     assert!(matches!(bench.store.submit(new_job("d")).await.unwrap(), Submitted::Reused(_)));
 }
@@ -91,13 +91,14 @@ pub async fn the_next_equal_job_grows_if_the_first_is_cancelled_or_deleted(facto
     bench.store.cancel(jobs[0]).await.unwrap();
     let told: Vec<JobId> = std::iter::from_fn(|| changes.try_recv().ok()).map(|change| change.id).collect();
     assert_eq!(told, [jobs[0], jobs[2]], "the most urgent that waits, then the oldest");
-    // One that only waited may go.
+    // Cancelling or deleting a waiting job affects no other job.
     bench.store.cancel(jobs[3]).await.unwrap();
     bench.store.delete(jobs[4]).await.unwrap();
     bench.store.delete(jobs[2]).await.unwrap();
     let running = bench.claim("w").await.unwrap();
     assert_eq!(running.job().id, jobs[5]);
-    // Cancelled while running: nothing waits for it any more, and the next is claimed once it has stopped.
+    // A running job is cancelled. No job waits for it any more, and the next equal job is claimed
+    // after it has stopped.
     bench.store.cancel(jobs[5]).await.unwrap();
     let late = bench.submit(new_job("d")).await.id;
     assert_eq!(bench.claimable().await, [late]);
@@ -131,7 +132,7 @@ pub async fn equal_jobs_fail_together(factory: Factory) {
     assert!(bench.claim("w").await.is_some(), "a failed job is not waited for");
 }
 
-/// Files that another version made, or that lack an output, are not what the others wait for.
+/// Waiting jobs do not accept files from another engine version or files that lack an output.
 pub async fn unsuitable_files_are_not_shared(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     bench.submit(new_job("d")).await;
@@ -163,7 +164,7 @@ pub async fn equal_points_of_batches_share_growths(factory: Factory) {
     }
     let first = bench.store.claim("w", Backend::Auto, LEASE, 100).await.unwrap();
     assert_eq!(first.len(), 2);
-    // Without the jobs that were claimed, one of each kind grows again.
+    // Deleting the claimed jobs queues one job of each kind again.
     bench.store.delete_batch(batches[0].id).await.unwrap();
     let again = bench.store.claim("w", Backend::Auto, LEASE, 100).await.unwrap();
     assert_eq!(again.len(), 2);
@@ -172,7 +173,7 @@ pub async fn equal_points_of_batches_share_growths(factory: Factory) {
     }
     let counts = bench.store.counts().await.unwrap();
     assert_eq!(counts, Counts { succeeded: 3, ..Counts::default() });
-    // All at once.
+    // Cancelling many equal jobs at once ends all of them.
     for n in 0..300 {
         bench.submit(NewJob { digest: format!("{}", n % 2), ..new_job("") }).await;
     }
@@ -194,7 +195,8 @@ pub async fn racing_equal_submissions_share_one_growth(factory: Factory) {
     }
     let claimed = bench.store.claim("w", Backend::Auto, LEASE, 100).await.unwrap();
     assert_eq!(claimed.len(), 1);
-    // Submissions that race with the end neither wait for ever nor grow again.
+    // Submissions that race with the end of the growth neither wait forever nor cause a second
+    // growth.
     let racing = join_all((0..40).map(|_| bench.store.submit(new_job("d"))));
     let done = finished(&claimed[0]);
     let (racing, ended) = tokio::join!(racing, bench.store.finish(claimed.into_iter().next().unwrap(), done));
@@ -203,7 +205,8 @@ pub async fn racing_equal_submissions_share_one_growth(factory: Factory) {
     assert_eq!(bench.store.counts().await.unwrap(), Counts { succeeded: 80, ..Counts::default() });
 }
 
-/// A job that is grown again later than one that waits for it would be is not waited for.
+/// If a released job would run later than a job that waits for it, the waiting job is queued
+/// itself.
 pub async fn a_job_does_not_wait_for_one_that_is_queued_again_behind_it(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let with_priority = |priority: i64| NewJob { priority: priority.try_into().unwrap(), ..new_job("d") };

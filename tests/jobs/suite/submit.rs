@@ -1,4 +1,4 @@
-//! Clients: submission, idempotency, reuse, limits, cancel, delete.
+//! Clients: submission, idempotency, reuse, limits, cancellation, deletion.
 
 use super::*;
 
@@ -6,13 +6,13 @@ pub async fn cancel_is_idempotent_in_every_state(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let unknown = JobId(uuid::Uuid::now_v7());
     assert_eq!(bench.store.cancel(unknown).await.unwrap(), None);
-    // Queued: ends at once.
+    // A queued job ends immediately.
     let queued = bench.queue("1").await.id;
     let ended = bench.store.cancel(queued).await.unwrap().unwrap();
     assert_eq!((ended.status, ended.finished_at), (Status::Cancelled, Some(bench.clock.now())));
     assert_eq!(bench.store.cancel(queued).await.unwrap().unwrap(), ended);
     assert!(bench.claim("w").await.is_none());
-    // Running: the worker is asked to stop.
+    // The worker of a running job is asked to stop.
     let running = bench.queue("2").await.id;
     let claimed = bench.claim("w").await.unwrap();
     let asked = bench.store.cancel(running).await.unwrap().unwrap();
@@ -21,14 +21,14 @@ pub async fn cancel_is_idempotent_in_every_state(factory: Factory) {
     assert_eq!(bench.beat(&claimed).await, Directive::Cancel);
     let ended = bench.store.cancelled(claimed).await.unwrap();
     assert_eq!(ended.status, Status::Cancelled);
-    // Cancelled, but the worker vanishes: not tried again.
+    // A cancelled job whose worker vanishes is not retried.
     let vanished = bench.queue("3").await.id;
     bench.claim("w").await.unwrap();
     bench.store.cancel(vanished).await.unwrap();
     bench.clock.advance(LEASE);
     assert!(bench.claim("w").await.is_none());
     assert_eq!(bench.get(vanished).await.status, Status::Cancelled);
-    // Ended: unchanged.
+    // An ended job does not change.
     let succeeded = bench.succeed("4").await;
     assert_eq!(bench.store.cancel(succeeded.id).await.unwrap().unwrap(), succeeded);
     bench.queue("5").await;
@@ -76,17 +76,17 @@ pub async fn an_idempotency_key_gives_one_job(factory: Factory) {
     let bench = bench(factory, |options| options.queue_limit = 1).await;
     let first = bench.store.submit(keyed("k", "body")).await.unwrap();
     assert!(matches!(first, Submitted::Queued(_)));
-    // A replay is answered although the queue is full.
+    // A replay succeeds although the queue is full.
     let again = bench.store.submit(keyed("k", "body")).await.unwrap();
     assert_eq!(again, Submitted::Replayed(first.job().clone()));
     let other = bench.store.submit(keyed("k", "another")).await;
     assert!(matches!(other, Err(StoreError::IdempotencyConflict)), "{other:?}");
-    // The answer is the job as it is now; the key lives as long as the job.
+    // A replay returns the current state of the job. The idempotency key exists as long as the job.
     let claimed = bench.claim("w").await.unwrap();
     let done = finished(&claimed);
     let ended = bench.store.finish(claimed, done).await.unwrap();
     assert_eq!(bench.store.submit(keyed("k", "body")).await.unwrap(), Submitted::Replayed(ended.clone()));
-    // The key can be looked up alone.
+    // `replayed` looks up an idempotency key without submitting a job.
     assert_eq!(bench.store.replayed(None, "k", "body").await.unwrap(), Some(ended));
     for (key, body) in [("k", "another"), ("j", "body"), ("", "")] {
         assert_eq!(bench.store.replayed(None, key, body).await.unwrap(), None, "{key} {body}");
@@ -137,7 +137,7 @@ pub async fn a_finished_digest_is_reused(factory: Factory) {
     let reused = bench.store.submit(single).await.unwrap();
     assert_eq!(reused.job().backend.requested, Backend::CpuSingle);
     assert!(matches!(reused, Submitted::Reused(_)));
-    // Another backend, another format, another digest, or no reuse asked for: made anew.
+    // Another backend, format or digest, or a request without reuse, grows a new model.
     let refused: [fn(&mut NewJob); 4] = [
         |new| new.backend = Backend::Gpu,
         |new| new.outputs = vec![Output::Glb, Output::Obj].into(),
@@ -172,7 +172,7 @@ pub async fn bodies_and_units_are_kept_and_decide_what_is_reused(factory: Factor
     let finished = Finished { files: files.to_vec(), ..finished(&claimed) };
     bench.store.finish(claimed, finished).await.unwrap();
     let names = |job: &Job| job.files.iter().map(|file| file.name.clone()).collect::<Vec<_>>();
-    // glTF has no choice of units.
+    // glTF has a fixed unit of length, so the requested unit does not matter.
     let reused = bench.store.submit(with(&[Output::Glb], &[lumen], None)).await.unwrap();
     assert!(matches!(reused, Submitted::Reused(_)), "{reused:?}");
     assert_eq!(names(reused.job()), ["lumen.glb", "report.json"]);
@@ -188,7 +188,7 @@ pub async fn shared_files_go_with_the_last_job(factory: Factory) {
     let second = bench.store.submit(new_job("d")).await.unwrap().job().clone();
     assert_eq!(bench.store.delete(made.id).await.unwrap(), Some(vec![]));
     assert_eq!(bench.get(second.id).await, second);
-    // The first is deleted; a third reuses the second.
+    // The first model is deleted, so a third request reuses the second.
     let third = bench.store.submit(new_job("d")).await.unwrap().job().clone();
     assert_eq!(third.reused_from, Some(second.id));
     assert_eq!(bench.store.delete(third.id).await.unwrap(), Some(vec![]));
@@ -202,7 +202,7 @@ pub async fn the_queue_has_a_limit(factory: Factory) {
     bench.queue("2").await;
     let full = bench.store.submit(new_job("3")).await;
     assert!(matches!(full, Err(StoreError::QueueFull { limit: 2 })), "{full:?}");
-    // Cancelling and claiming make room.
+    // Cancelling and claiming jobs make room in the queue.
     bench.store.cancel(first).await.unwrap();
     bench.queue("3").await;
     bench.claim("w").await.unwrap();
