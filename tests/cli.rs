@@ -1,4 +1,4 @@
-//! The command as its users see it: arguments, exit codes, stdout and stderr.
+//! Tests of the `oviduct` command: arguments, exit codes, stdout and stderr.
 
 #[allow(dead_code, unreachable_pub, reason = "shared with tests that need more of it")]
 #[path = "common/postgres.rs"]
@@ -32,10 +32,10 @@ use std::process::{Child, Command, Output, Stdio};
 use std::thread::sleep;
 use std::time::Duration;
 
-/// A model that even an unoptimised build grows in a second or two.
+/// A model that even an unoptimized build grows in about two seconds.
 const TINY: [&str; 4] = ["--set", "steps=60", "--set", "particles.total={\"keys\":[[0,300],[1,420]]}"];
 
-/// Makes a model the work of hours.
+/// Settings that make a model take hours.
 const ENDLESS: [&str; 4] = ["--set", "steps=100000", "--set", "solver={\"search\":\"all_pairs\",\"record_every\":100}"];
 
 fn oviduct(folder: &Path) -> Command {
@@ -52,7 +52,7 @@ fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// The lines on stderr that do not report the progress of a model.
+/// Lines on stderr that do not report the progress of a model.
 fn complaints(output: &Output) -> Vec<String> {
     let stages = ["queued", "running", "simulate", "mesh", "certify", "measure", "export", "store"];
     let is_progress = |line: &str| stages.iter().any(|stage| line.starts_with(stage)) && line.contains(" %");
@@ -68,12 +68,12 @@ fn json(output: &Output) -> Value {
     serde_json::from_slice(&output.stdout).expect("stdout is one JSON value")
 }
 
-/// A port that nobody listens on.
+/// A port on which no process listens.
 fn free_port() -> u16 {
     TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("bound").port()
 }
 
-/// The whole answer to a GET request.
+/// The complete response to a GET request.
 fn get(address: &str, path: &str) -> String {
     let mut stream = TcpStream::connect(address).expect("connected");
     let request = format!("GET {path} HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n");
@@ -83,7 +83,7 @@ fn get(address: &str, path: &str) -> String {
     answer
 }
 
-/// Waits until something holds.
+/// Waits until `holds` returns true.
 fn until(what: &str, holds: impl Fn() -> bool) {
     for _ in 0..1200 {
         if holds() {
@@ -113,7 +113,7 @@ fn help_goes_to_stdout_and_wrong_use_to_stderr() {
         assert_eq!(code(&output), 0);
         assert!(String::from_utf8_lossy(&output.stdout).contains("oviduct"));
     }
-    // Without a command, it serves.
+    // The default command is `serve`.
     let help = run(at.path(), &["--help"]);
     assert!(String::from_utf8_lossy(&help.stdout).contains("Usage: oviduct [OPTIONS] [COMMAND]\n"));
     for arguments in [&["serve", "--nonsense"][..], &["nonsense"], &["generate"], &["check"], &["--addr", "nowhere"]] {
@@ -128,7 +128,8 @@ fn the_command_line_wins_over_variables_and_these_over_the_file() {
     let at = folder();
     let path = at.path().join("oviduct.toml");
     std::fs::write(&path, "[serve]\naddr = \"203.0.113.1:1\"\n").expect("written");
-    // None of these addresses is this machine's: each is refused by name, which shows which one was taken.
+    // None of these addresses belongs to this machine, so binding fails. The error names the
+    // address that the command used.
     let refused = |command: &mut Command, address: &str| {
         let output = command.output().expect("the command runs");
         assert_eq!(code(&output), 1, "{}", said(&output));
@@ -164,7 +165,7 @@ fn unsupported_stores_are_refused_by_name() {
         assert_eq!(code(&output), 2, "{}", said(&output));
         assert!(said(&output).contains(named) && !said(&output).contains("secret"), "{}", said(&output));
     }
-    // A worker needs a database that it can share with a service.
+    // A worker needs a database that it can share with a service, so it refuses SQLite.
     assert_eq!(code(&run(at.path(), &["worker"])), 2);
     assert_eq!(code(&run(at.path(), &["worker", "--database", "jobs.db"])), 2);
 }
@@ -198,7 +199,7 @@ fn presets_schema_and_openapi_are_printed() {
     assert_eq!(schema["properties"]["collision"]["properties"]["gap_um"]["x-unit"], "µm");
     let openapi = run(at.path(), &["openapi"]);
     assert!(String::from_utf8_lossy(&openapi.stdout).contains("\nopenapi: "));
-    // A closed stdout is not a failure.
+    // A closed stdout is not an error.
     let mut child = oviduct(at.path()).arg("openapi").stdout(Stdio::piped()).spawn().expect("it starts");
     drop(child.stdout.take());
     assert_eq!(child.wait().expect("it ends").code(), Some(0));
@@ -253,7 +254,8 @@ fn generate_check_and_a_broken_file() {
     arguments.extend(TINY);
     let output = run(at.path(), &arguments);
     let told = json(&output);
-    // Adapters are listed without XDG_RUNTIME_DIR, about which Mesa's layers would complain.
+    // The command lists adapters without XDG_RUNTIME_DIR, for which Mesa's layers would print a
+    // warning.
     assert_eq!(complaints(&output), Vec::<String>::new());
     let progress = said(&output);
     assert!(progress.contains("simulate 0 %") && progress.contains("certify "), "{progress}");
@@ -378,7 +380,7 @@ fn submit_over_http_and_a_graceful_shutdown() {
     assert_eq!(names(&at.path().join("got")), ["model.glb", "model.obj", "report.json", "sections.bin"]);
     assert_eq!(code(&run(at.path(), &["check", "got/model.glb", "--euler", "0"])), 0);
 
-    // The priority can be set in all three ways, and is checked.
+    // The priority can be set by an option, a variable or the configuration file, and is validated.
     let asked = [&["submit", "--url", &url, "--seed", "8", "--json"][..], &TINY].concat();
     assert_eq!(json(&run(at.path(), &[&asked[..], &["--priority", "-5"]].concat()))["priority"], -5);
     let asked_by = |command: &mut Command| json(&command.args(&asked).output().expect("the command runs"));
@@ -387,7 +389,7 @@ fn submit_over_http_and_a_graceful_shutdown() {
     assert_eq!(asked_by(oviduct(at.path()).args(["--config", "oviduct.toml"]))["priority"], -7);
     assert_eq!(code(&run(at.path(), &[&asked[..], &["--priority", "101"]].concat())), 2);
 
-    // The same model is reused; another one is only submitted.
+    // An equal model is reused. A different model is only submitted.
     arguments.push("--wait");
     let output = run(at.path(), &arguments);
     assert_eq!(code(&output), 0);
@@ -411,10 +413,10 @@ fn submit_over_http_and_a_graceful_shutdown() {
 fn a_service_and_a_worker_share_a_database() {
     let at = folder();
     let database = cluster::Cluster::shared().database();
-    // Two connections are enough for a worker.
+    // Two connections suffice for a worker.
     let options = ["--database", database.as_str(), "--database-connections", "2"];
     assert_eq!(code(&run(at.path(), &["migrate", "--database", &database])), 0);
-    // Only `serve` deletes files that no record names.
+    // Only `serve` deletes orphans, so the worker must keep this file.
     let orphan = at.path().join("data/artifacts/models/00000000-0000-7000-8000-000000000000/1/model.glb");
     std::fs::create_dir_all(orphan.parent().expect("a directory")).expect("created");
     std::fs::File::create(&orphan).expect("created").set_modified(std::time::UNIX_EPOCH).expect("set");
@@ -486,7 +488,7 @@ fn the_demo_saves_a_certified_model() {
     assert_eq!(code(&output), 0, "{}", said(&output));
     let printed = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(printed.contains("seed 7") && printed.contains("certified: "), "{printed}");
-    // Stderr is not a terminal.
+    // Progress appears as lines because stderr is not a terminal.
     assert!(said(&output).lines().any(|line| line.contains(" %")), "{}", said(&output));
     assert_eq!(complaints(&output), Vec::<String>::new());
     let levels = ["model.lod0.glb", "model.lod1.glb", "model.lod2.glb"];

@@ -1,10 +1,13 @@
-//! The GPU compared with the CPU: stage by stage within stated tolerances, whole runs by their invariants and their shapes,
-//! whole models by their certificates; devices that are lost, hang, are missing, or out of memory.
+//! Comparisons of the GPU with the CPU, and faults of the GPU. Single stages must agree within
+//! stated tolerances, whole runs in their invariants and shapes, whole models in their
+//! certificates. Devices may be lost, hang, be missing, or run out of memory.
 //!
-//! Runs on the best adapter: a real GPU if there is one, else a software one (Debian packages mesa-vulkan-drivers,
-//! libvulkan1). Without an adapter the tests fail and name the packages. With `OVIDUCT_TEST_GPU=hardware` they fail rather than
-//! take a software adapter; on a real GPU some run at paper size. With `OVIDUCT_TEST_NO_VULKAN=1` only the behaviour of a
-//! machine without a Vulkan loader is tested.
+//! The tests use the best adapter: a real GPU if there is one, otherwise a software adapter (Debian
+//! packages mesa-vulkan-drivers and libvulkan1). Without any adapter they fail and name these
+//! packages. On a real GPU some tests run at paper size.
+//!
+//! - `OVIDUCT_TEST_GPU=hardware`: tests fail unless there is a real GPU.
+//! - `OVIDUCT_TEST_NO_VULKAN=1`: only the behaviour of a machine without a Vulkan loader is tested.
 
 #![expect(clippy::unwrap_used, clippy::print_stdout, reason = "a test fails by panic and prints what it measured")]
 

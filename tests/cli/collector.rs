@@ -1,4 +1,4 @@
-//! A collector of traces on loopback: receives OTLP over HTTP and stores the spans.
+//! A trace collector on the loopback interface that receives OTLP over HTTP and stores the spans.
 
 use opentelemetry_proto::tonic::collector::trace::v1::ExportTraceServiceRequest;
 use opentelemetry_proto::tonic::common::v1::any_value::Value;
@@ -8,7 +8,7 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::sync::{Arc, Mutex};
 
-/// Received names of services, and spans.
+/// Received service names and spans.
 #[derive(Clone, Debug, Default)]
 pub struct Arrived {
     pub services: Vec<String>,
@@ -68,7 +68,7 @@ fn serve(stream: TcpStream, all: &Mutex<Arrived>) {
     }
 }
 
-/// The next request of a connection; `None` at its end.
+/// The next request on a connection: its head and its body. `None` at the end.
 fn request(reader: &mut BufReader<TcpStream>) -> Option<(String, Vec<u8>)> {
     let (mut head, mut length) = (String::new(), 0);
     loop {

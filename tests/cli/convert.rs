@@ -1,4 +1,4 @@
-//! `oviduct convert` and the bodies of `oviduct generate`.
+//! `oviduct convert`, and the bodies that `oviduct generate` writes.
 
 use super::{TINY, code, folder, json, names, oviduct, run, said};
 use serde_json::Value;
@@ -60,7 +60,8 @@ fn bodies_are_written_checked_and_converted() {
         assert_eq!((&bodies["lumen"]["euler"], &bodies["regions"]["passed"]), (&2.into(), &true.into()));
         assert_eq!(bodies["tissue"]["triangles"], told["triangles"]);
     }
-    // A binary STL file has no names, and is one surface that is not closed at the rims.
+    // A binary STL file contains no names. The file is a single surface, in which the edges at the
+    // rims belong to three triangles.
     let whole = run(at.path(), &["check", "n/both.STL"]);
     assert_eq!(code(&whole), 1);
     assert!(String::from_utf8_lossy(&whole.stdout).contains("more than two triangles"));

@@ -1,4 +1,4 @@
-//! `oviduct cut`: planes through files.
+//! `oviduct cut`: planar cuts of files.
 
 use super::{TINY, code, folder, json, run, said};
 use serde_json::Value;
@@ -18,7 +18,7 @@ fn a_model_is_cut_across_and_along_in_every_form() {
     assert!(line.starts_with("tissue ") && line.contains(" islands ") && line.ends_with("/cut.json\n"), "{line}");
     let found = read("cut.json");
     assert_eq!((&found["rings"][0]["kind"], &found["rings"][1]["kind"]), (&"tissue".into(), &"lumen".into()));
-    // The same surface in another format and unit, without names of its patches.
+    // The same surface in another format and unit, without patch names.
     assert_eq!(code(&cut("model/model.stl", &across, &["--out", "stl.json"])), 0);
     let other = read("stl.json");
     let [a, b] = [&found, &other].map(|cut| cut["tissue_area_um2"].as_f64().unwrap());
@@ -36,7 +36,7 @@ fn a_model_is_cut_across_and_along_in_every_form() {
         let told = cut(file, place, out);
         assert_eq!(code(&told), 0, "{file} {out:?}: {}", said(&told));
     }
-    // Layers of a plane along a tube without named walls are unknown.
+    // Without the name of the inner wall, a cut along the tube cannot assign tissue layers.
     let told = cut("model/model.stl", &along, &["--out", "d.png"]);
     assert!(code(&told) == 1 && said(&told).contains("inner_wall"), "{}", said(&told));
     let missed = cut("model/model.glb", &["--z-um", "-5"], &[]);
@@ -69,7 +69,8 @@ fn a_bent_model_is_cut_across_its_centre_line() {
     }
     let beyond = run(at.path(), &["cut", "bent/model.glb", "--z-um", "60001"]);
     assert!(code(&beyond) == 2 && said(&beyond).contains("from 0.0 to 60000.0 µm"), "{}", said(&beyond));
-    // Elsewhere, the report is named; without it, the plane is one across z.
+    // `--report` names a report in another folder. Without a report, `--z-um` means a plane across
+    // the z axis.
     std::fs::rename(at.path().join("bent/report.json"), at.path().join("r.json")).unwrap();
     let named = run(at.path(), &["cut", "bent/model.glb", "--z-um", "30000", "--report", "r.json"]);
     assert_eq!(code(&named), 0, "{}", said(&named));

@@ -1,9 +1,9 @@
-//! `oviduct fit`: from targets to a spec, and what it refuses.
+//! `oviduct fit`: from targets to a spec, and invalid requests.
 
 use super::{TINY, code, folder, json, run, said};
 use serde_json::Value;
 
-/// A fit of a tiny model in a few candidates.
+/// A fit of a tiny model with few candidates.
 fn quick() -> Vec<&'static str> {
     [&["fit", "--evaluations", "12", "--seeds", "1", "--models", "1"][..], &TINY[..]].concat()
 }
@@ -32,7 +32,7 @@ fn a_fit_gives_a_spec_that_can_be_generated() {
         &["generate", "--spec", "fitted.json", "--seed", "1", "--gpu", "off", "--out", "model", "--json"],
     );
     json(&generated);
-    // Again from the checkpoint: the same result, as a table.
+    // The second call resumes from the checkpoint and prints the same result as a table.
     let table = run(at.path(), &args);
     assert_eq!(code(&table), 0, "{}", said(&table));
     let table = String::from_utf8_lossy(&table.stdout).into_owned();

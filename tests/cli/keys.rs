@@ -1,4 +1,5 @@
-//! Keys: made, listed, rotated and revoked beside a running service; the first one of a service that others can reach.
+//! API keys: creating, listing, rotating and revoking them while a service runs; the first API key
+//! of a service on a public address.
 #![cfg(unix)]
 
 use super::{Server, code, folder, free_port, get, json, oviduct, run, said, signal, until};
@@ -6,7 +7,7 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::{Child, Stdio};
 
-/// The status of the answer to `GET path` with a key.
+/// Status code of the response to `GET path` with an API key.
 fn status_with(address: &str, path: &str, key: &str) -> u16 {
     let mut stream = TcpStream::connect(address).expect("connected");
     let request =
@@ -66,7 +67,7 @@ fn keys_are_managed_beside_a_running_service() {
         assert!(said(&output).contains(complaint), "{}", said(&output));
     }
     drop(server);
-    // No secret is in the database, nor is any other file of the service.
+    // Neither the database nor any other file of the service contains a secret.
     let mut known = false;
     for entry in std::fs::read_dir(at.path().join("data")).expect("the data") {
         let path = entry.expect("the data").path();
@@ -112,7 +113,7 @@ fn a_service_that_others_can_reach_starts_with_a_key() {
     let ended = first.wait_with_output().expect("it ends");
     assert!(!said(&ended).contains(&key[17..]), "a secret is in the log");
     assert!(said(&ended).contains("key added") && said(&ended).contains(&key[8..16]), "{}", said(&ended));
-    // The next start has a key already.
+    // The second start finds an existing API key and creates none.
     let mut second = start(&[]);
     assert!(lines_of(&mut second, 1)[0].starts_with("http://"));
     assert_eq!(status_with(&address, "/models", &key), 200);
@@ -120,7 +121,8 @@ fn a_service_that_others_can_reach_starts_with_a_key() {
     assert!(second.wait().expect("it ends").success());
 }
 
-/// Creations, cancellations and deletions are in the log, one line each, whatever the request contains.
+/// The log has one line for each creation, cancellation and deletion, whatever the request
+/// contains.
 #[test]
 fn changes_are_in_the_log() {
     let at = folder();

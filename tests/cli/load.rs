@@ -1,4 +1,4 @@
-//! `oviduct load` against a service, and against none.
+//! `oviduct load` with and without a reachable service.
 
 use super::{Server, TINY, code, folder, free_port, json, oviduct, run, said, signal};
 use serde_json::Value;
@@ -25,7 +25,7 @@ fn a_closed_loop_counts_errors_and_goes_on() {
     let report = json(&run(at.path(), &[&load[..], &TINY].concat()));
     assert_eq!((&report["models"]["succeeded"], &report["errors"]["total"]), (&2.into(), &0.into()), "{report}");
     assert_eq!((&report["calls"]["model"]["answered"], &report["mode"]), (&2.into(), &"closed".into()), "{report}");
-    // A spec that is refused for every seed is an error in the usage.
+    // A spec that the service refuses for every seed is a usage error.
     assert_eq!(code(&run(at.path(), &[&load[..], &["--set", "steps=-1"]].concat())), 2);
 }
 
@@ -42,11 +42,11 @@ fn an_open_loop_measures_all_calls_and_holds_streams() {
     for call in ["submit", "get", "list", "download", "events"] {
         let of = &report["calls"][call];
         due += of["due"].as_u64().expect("a number");
-        // A slow machine may have no file to download in time.
+        // A slow machine may finish no model in time, so there may be no file to download.
         let made = of["answered"].as_u64() > Some(0) && of["latency"]["p99"].as_f64() > Some(0.0);
         assert!(made || call == "download" && of["skipped"] == of["due"], "{call}: {report}");
     }
-    // 50, with a standard deviation of 7.
+    // The expected number is 50, with a standard deviation of 7.
     assert!((20..=80).contains(&due), "{report}");
     let (models, streams) = (&report["models"], &report["streams"]);
     assert_eq!(models["succeeded"], report["calls"]["submit"]["answered"], "{report}");
@@ -84,7 +84,7 @@ fn a_key_is_never_shown() {
         let output = oviduct(at.path()).args(arguments).env("OVIDUCT_KEY", secret).output().expect("the command runs");
         assert_eq!(code(&output), 1, "{}", said(&output));
         let shown = said(&output) + &String::from_utf8_lossy(&output.stdout);
-        // The whole path of the request was logged, but not its key.
+        // The log contains the request path but not the API key.
         assert!(shown.contains("127.0.0.1") && !shown.contains("hunter2"), "{shown}");
     }
     for wrong in ["", "hunter2\u{7f}"] {

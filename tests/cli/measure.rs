@@ -1,11 +1,11 @@
-//! `oviduct measure`: what the section in an image measures.
+//! `oviduct measure`: measures of the section in an image.
 
 use super::{TINY, code, folder, json, oviduct, run, said};
 use serde_json::Value;
 use std::fs::File;
 use std::path::Path;
 
-/// A ring of tissue, radii 180 and 100 µm with pixels of 10 µm.
+/// Writes an image of a ring of tissue with radii of 180 and 100 µm, at 10 µm per pixel.
 fn ring(path: &Path) {
     let radius = |i: usize| ((i % 40) as f64 - 19.5).hypot((i / 40) as f64 - 19.5);
     let pixels: Vec<u8> = (0..1600).map(|i| if (10.0..18.0).contains(&radius(i)) { 255 } else { 0 }).collect();
@@ -22,7 +22,7 @@ fn the_labels_of_a_section_measure_what_the_report_says() {
     json(&run(at.path(), &generate));
     let report = std::fs::read(at.path().join("model/report.json")).expect("a report");
     let report: Value = serde_json::from_slice(&report).expect("JSON");
-    // The later sections of so small a model have notches that end in cusps, too narrow for pixels.
+    // The later sections of such a small model have cusped notches that are narrower than a pixel.
     let index = 4;
     let output = run(
         at.path(),
@@ -85,7 +85,8 @@ fn what_is_no_section_is_named() {
     }
 }
 
-/// A gigabyte of zeros in a chunk, and a header of 2^31 pixels a side, in a process that may take less than that.
+/// An image with a gigabyte of zeros in one chunk, and an image whose header claims 2^31 pixels per
+/// side. The process may use less memory than either needs.
 #[cfg(target_os = "linux")]
 #[test]
 fn an_image_takes_bounded_memory_whatever_it_says() {
@@ -101,7 +102,7 @@ fn an_image_takes_bounded_memory_whatever_it_says() {
         sum.update(&[kind, data].concat());
         [&(data.len() as u32).to_be_bytes()[..], kind, data, &sum.sum().to_be_bytes()].concat()
     };
-    // Signature and header have 33 bytes.
+    // The signature and the header chunk have 33 bytes.
     let with = |chunk: Vec<u8>| [&plain[..33], &chunk, &plain[33..]].concat();
     let wide = [&(1_u32 << 31).to_be_bytes()[..], &(1_u32 << 31).to_be_bytes(), &[1, 0, 0, 0, 0]].concat();
     let full = [&8192_u32.to_be_bytes()[..], &8192_u32.to_be_bytes(), &[8, 0, 0, 0, 0]].concat();
@@ -121,7 +122,7 @@ fn an_image_takes_bounded_memory_whatever_it_says() {
             .arg(program)
             .current_dir(at.path())
             .env_clear()
-            // Stacks count too.
+            // Thread stacks count towards the limit.
             .env("TOKIO_WORKER_THREADS", "2")
             .output()
             .expect("a shell");

@@ -4,7 +4,7 @@ use super::{TINY, code, folder, json, names, run, said};
 use std::path::Path;
 use tiny_skia::Pixmap;
 
-/// A model in `at/model`.
+/// Grows a model into `at/model`.
 fn grow(at: &Path) {
     let generate = [
         &["generate", "--seed", "3", "--gpu", "off", "--json", "--set", "lean.strength_um=0", "--out", "model"],
@@ -18,7 +18,7 @@ fn picture(path: &Path) -> Pixmap {
     Pixmap::load_png(path).expect("a picture")
 }
 
-/// Samples that differ in some channel by more than `tolerance`, as a fraction of those that show something.
+/// Fraction of the non-empty pixels in which any channel differs by more than `tolerance`.
 fn difference(a: &Pixmap, b: &Pixmap, tolerance: u8) -> f64 {
     assert_eq!((a.width(), a.height()), (b.width(), b.height()));
     let differ = a.data().chunks(4).zip(b.data().chunks(4));
@@ -58,13 +58,13 @@ fn directions_and_cuts_are_free() {
     };
     let filled = |picture: &Pixmap| picture.pixels().iter().filter(|p| p.alpha() > 0).count();
     let whole = draw(&["--view", "whole"]);
-    // Along the tube, a round end fills most of the height.
+    // Seen along its axis, the round end of the tube fills most of the height.
     let end_on = draw(&["--view", "whole", "--azimuth", "0", "--elevation", "0"]);
     assert!(difference(&whole, &end_on, 24) > 0.3);
     let half = draw(&["--view", "whole", "--azimuth", "0", "--elevation", "0", "--cut", "x=0"]);
     let left = (0..80).filter(|&y| half.pixel(70, y).expect("inside").alpha() > 0).count();
     assert!(left > 0 && filled(&half) < filled(&end_on), "{left}");
-    // Everything is cut away.
+    // The plane cuts everything away.
     assert_eq!(filled(&draw(&["--cut", "z=-1m"])), 0);
     assert_eq!(draw(&["--cut", "-z=-1m", "--view", "whole"]), whole);
 }

@@ -1,4 +1,4 @@
-//! `oviduct workers` with a service.
+//! `oviduct workers` with a running service.
 
 use super::{Server, TINY, code, folder, json, run, said, until};
 use serde_json::Value;
@@ -22,7 +22,7 @@ fn workers_are_paused_drained_and_resumed() {
     let model = |url: &str| json(&run(at.path(), &[&["submit", "--url", url, "--json"][..], &TINY].concat()));
     assert_eq!(model(&url)["status"], "queued");
 
-    // The pause of all outlasts the process.
+    // The pause of all workers survives a restart of the service.
     drop(server);
     let server = Server::start_with(at.path(), &data);
     let url = server.url.clone();
@@ -52,7 +52,7 @@ fn workers_are_paused_drained_and_resumed() {
     assert_eq!(listed(&url)["pause"], Value::Null);
 }
 
-/// Whether the service has a model of this status.
+/// True if the service has a model with this status.
 fn has(url: &str, status: &str) -> bool {
     let address = url.strip_prefix("http://").expect("an address");
     super::get(address, &format!("/models?status={status}")).contains("\"id\":\"")

@@ -1,4 +1,4 @@
-//! Whole small runs in batches: correct, repeatable, independent of each other.
+//! Small whole runs in GPU batches: correct, repeatable, independent of each other.
 
 use crate::common::{Kept, OPTIONS, device, is_hardware, no_vulkan, open, open_with, plan, short};
 use oviduct::clock::Stopwatch;
@@ -22,7 +22,8 @@ pub(crate) fn run(plans: &[Plan]) -> Kept {
     let a_step = if plan.integrator == Integrator::Rk4 { 4 } else { 2 };
     let (steps, events) = (plan.burn_in + plan.steps, plan.steps.div_ceil(plan.grow_every));
     let records = (0..=plan.steps).filter(|&t| plan.records_at(i64::from(t))).count() as u32;
-    // The outer loop is one step behind until each growth event and each record that follows a step.
+    // The outer loop lags one step behind. Separate dispatches advance it before each growth event
+    // and before each record that follows a step.
     let catches_up = |t: u32| t + plan.burn_in > 0 && (plan.grows_at(i64::from(t)) || plan.records_at(i64::from(t)));
     let alone = (0..=plan.steps).filter(|&t| catches_up(t)).count() as u32;
     let wanted = steps * a_step + 2 * events + records + alone;
@@ -37,7 +38,7 @@ pub(crate) fn assert_sound(section: &Section) {
     check_nested(inner, outer).unwrap_or_else(|e| panic!("step {}: {e}", section.step));
 }
 
-/// Lofts the sections as a worker does, mends slabs with replays, and certifies the surface.
+/// Lofts the sections as a worker does, mends slabs by replays, and certifies the surface.
 pub(crate) fn certify_run(plan: &Plan, kept: &Kept, member: usize) {
     let run = &kept.sections[member];
     let mut lofter = Lofter::new(run[0].0.clone()).unwrap();
@@ -59,7 +60,8 @@ fn runs_are_sound_and_certified() {
         return;
     }
     let patch = json!({ "contortion": { "magnitude": 5, "fraction": 0.2 }, "variation": { "amplitude": 0.4 } });
-    // The sway, which moves all particles, has a test of its own (`stages`) and is part of the other runs.
+    // The sway, which moves all particles, has a separate test (`stages`) and is enabled in the
+    // other runs.
     let still = |mut patch: Value| {
         patch["sway"] = json!({ "strength": 0 });
         patch
@@ -88,7 +90,8 @@ fn runs_are_sound_and_certified() {
         assert_eq!(kept.reached[member], 150);
         assert!(statistics.list_builds > 15 && statistics.list_builds < 150, "{statistics:?}");
         assert!(statistics.moves_shortened > 0, "no move was shortened, so the guard was not tested");
-        // A particle that moves far within a step invalidates its own list, not those of all (177 and more then).
+        // A particle that moves far within a step must invalidate only its own block's list. If it
+        // invalidated all lists, there would be at least 177 full searches.
         assert!(statistics.full_searches < 100, "{statistics:?}");
         certify_run(plan, &kept, member);
     }
@@ -118,7 +121,7 @@ fn results_depend_neither_on_the_batch_nor_on_the_run_and_replays_repeat_them() 
     assert!(matches!(replay(device(), &plans[1], end), Err(GpuError::Unfit { .. })));
 }
 
-/// A digest of the sections of each member.
+/// One digest per member over all its sections.
 struct Digests(Vec<Sha256>);
 
 impl BatchSink for Digests {
@@ -144,7 +147,7 @@ fn digests(plans: &[Plan]) -> Vec<String> {
     digests.0.into_iter().map(|digest| hex::encode(digest.finalize())).collect()
 }
 
-/// At paper size on a real GPU.
+/// On a real GPU, the models have paper size.
 #[test]
 fn a_model_has_the_same_bytes_alone_in_a_batch_of_any_size_and_again() {
     if no_vulkan() {
@@ -173,7 +176,7 @@ fn threads_can_share_a_device() {
     let alone = plans.each_ref().map(|plan| run(std::slice::from_ref(plan)));
     let shared = std::thread::scope(|scope| {
         let runs = plans.each_ref().map(|plan| scope.spawn(|| run(std::slice::from_ref(plan))));
-        // Slabs of earlier batches are replayed while they run.
+        // Slabs of earlier batches are replayed while the new batches run.
         let mut replays = 0;
         while replays == 0 || runs.iter().any(|run| !run.is_finished()) {
             let (member, slab) = (replays % 2, replays % 5);
@@ -207,7 +210,7 @@ fn a_member_that_is_cancelled_or_fails_leaves_the_others_whole() {
         return;
     }
     let mut plans: Vec<Plan> = (1..=3).map(short).collect();
-    // The stiffness is NaN at step 25.
+    // An invalid stiffness makes member 2 fail at step 25.
     let at = plans[2].burn_in as usize + 25;
     plans[2].rows[at].stiffness = f32::NAN;
     let mut kept = Kept::new(3);
@@ -255,7 +258,7 @@ fn a_device_that_completes_nothing_counts_as_lost() {
     assert_eq!(error, GpuError::Lost { detail: detail.to_owned() });
     assert!(device.is_lost());
     assert_eq!(kept.finished, [None, None]);
-    // The next batch fails at once, without another wait.
+    // The next batch fails immediately, without another wait.
     assert_eq!(run_batch(&device, &plans, &mut Kept::new(2)).unwrap_err(), error);
     let device = open_with(&GpuOptions { stall: Duration::from_millis(500), ..OPTIONS });
     device.hang();
@@ -284,12 +287,12 @@ fn only_similar_models_that_fit_run_together() {
     assert!(device().fits(&vec![&a; most]).is_ok());
 }
 
-/// Progress calls after which a batch is stopped.
+/// Number of progress calls after which the batch is stopped.
 const SIGNS: usize = 12;
-/// Seconds after which a batch is stopped in any case.
+/// Time after which the batch is stopped in any case, seconds.
 const DEADLINE: f64 = 120.0;
 
-/// Records the times of the calls of a batch, and stops it after a while.
+/// Records the times of a batch's calls and stops the batch.
 struct Pulse {
     since: Stopwatch,
     /// Times of the progress calls for the first member, seconds.
@@ -317,7 +320,8 @@ impl BatchSink for Pulse {
     fn finished(&mut self, _: usize, _: Statistics) {}
 }
 
-/// On a software adapter a step of this batch takes some ten milliseconds; on a GPU many steps make a chunk.
+/// A step of this batch takes some ten milliseconds on a software adapter. On a GPU, many steps
+/// form one submission.
 #[test]
 fn progress_and_cancellation_keep_within_a_second_on_a_slow_adapter_too() {
     if no_vulkan() {
@@ -326,10 +330,10 @@ fn progress_and_cancellation_keep_within_a_second_on_a_slow_adapter_too() {
     let patch = json!({ "steps": 20_000, "particles": { "total": 1000, "outer": 90 }, "wall": { "lobing": 0 } });
     let mut plans: Vec<Plan> = (1..=3).map(|seed| plan(&patch, seed)).collect();
     for plan in &mut plans {
-        // Records cause progress calls too, but several at a time.
+        // Records also cause progress calls, several at a time, so record only the last step.
         plan.record_every = plan.steps;
     }
-    // Other tests run at the same time, on few cores: the best round counts.
+    // Other tests run concurrently on few cores, so the best round counts.
     let (mut usual, mut back) = (f64::INFINITY, f64::INFINITY);
     for round in 0..5 {
         let mut pulse = Pulse { since: Stopwatch::start(), heard: Vec::new(), stopped: None };

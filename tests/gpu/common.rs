@@ -1,4 +1,4 @@
-//! The device that all tests share, plans to run on it, and a sink that stores the calls.
+//! The device that all tests share, plans that run on it, and a sink that stores all calls.
 
 use oviduct::model::Section;
 use oviduct::sim::gpu::{Adapter, AdapterKind, BatchSink, Checkpoint, GpuDevice, GpuOptions, adapters};
@@ -11,12 +11,13 @@ use std::sync::OnceLock;
 
 pub(crate) const OPTIONS: GpuOptions = GpuOptions { allow_software: true, ..GpuOptions::DEFAULT };
 
-/// Whether `OVIDUCT_TEST_NO_VULKAN` states that this machine has no Vulkan loader, so that only its absence can be tested.
+/// True if `OVIDUCT_TEST_NO_VULKAN` declares that this machine has no Vulkan loader.
 pub(crate) fn no_vulkan() -> bool {
     std::env::var_os("OVIDUCT_TEST_NO_VULKAN").is_some_and(|v| v == "1")
 }
 
-/// The adapters of this machine, best first; fails without any, and with `OVIDUCT_TEST_GPU=hardware` without a real GPU.
+/// The adapters of this machine, best first. Panics if there is none, or if
+/// `OVIDUCT_TEST_GPU=hardware` demands a real GPU and there is none.
 pub(crate) fn found() -> Vec<Adapter> {
     let found = adapters(&OPTIONS).unwrap_or_else(|e| {
         panic!("{e}\nThese tests need a Vulkan adapter: apt-get install mesa-vulkan-drivers libvulkan1")
@@ -28,17 +29,15 @@ pub(crate) fn found() -> Vec<Adapter> {
     found
 }
 
-/// Whether the tests run on a real GPU, which has the time for models of paper size.
+/// True if the tests run on a real GPU, which is fast enough for models of paper size.
 pub(crate) fn is_hardware() -> bool {
     found()[0].kind != AdapterKind::Software
 }
 
-/// A new device.
 pub(crate) fn open() -> GpuDevice {
     open_with(&OPTIONS)
 }
 
-/// A new device with other options.
 pub(crate) fn open_with(options: &GpuOptions) -> GpuDevice {
     GpuDevice::open(&found()[0], options).unwrap()
 }
@@ -49,7 +48,7 @@ pub(crate) fn leave(bytes: u64) -> GpuOptions {
     GpuOptions { memory_bytes: Some(idle + bytes), ..OPTIONS }
 }
 
-/// The device that tests share.
+/// The device that the tests share.
 pub(crate) fn device() -> &'static GpuDevice {
     static DEVICE: OnceLock<GpuDevice> = OnceLock::new();
     DEVICE.get_or_init(open)
@@ -74,7 +73,7 @@ pub(crate) fn short(seed: u64) -> Plan {
     plan(&patch, seed)
 }
 
-/// The command that grows a very small model into `dir`, and prints JSON.
+/// The command that grows a very small model into `dir` and prints JSON.
 pub(crate) fn generate(dir: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_oviduct"));
     command.current_dir(dir).args(["generate", "--seed", "1", "--out", "model", "--json"]);
@@ -90,11 +89,11 @@ pub(crate) struct Kept {
     pub(crate) finished: Vec<Option<Statistics>>,
     pub(crate) failed: Vec<Option<SimError>>,
     pub(crate) reached: Vec<i64>,
-    /// A member to cancel at a step.
+    /// Member to cancel, and the step.
     pub(crate) cancel: Option<(usize, i64)>,
-    /// A device to lose once member 0 has reached a step.
+    /// Device to lose, and the step of member 0.
     pub(crate) lose: Option<(GpuDevice, i64)>,
-    /// A device to make hang once member 0 has reached a step.
+    /// Device that is to hang, and the step of member 0.
     pub(crate) hang: Option<(GpuDevice, i64)>,
 }
 

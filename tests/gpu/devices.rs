@@ -1,4 +1,4 @@
-//! Adapters: those that are listed, and the errors if there are none.
+//! The list of adapters, and the errors if it is empty.
 
 use crate::common::{OPTIONS, found, generate, no_vulkan, open};
 use oviduct::sim::gpu::{AdapterKind, GpuDevice, GpuError, GpuOptions, adapters};
@@ -47,7 +47,8 @@ fn adapters_report_their_properties() {
     assert!(!open().is_lost());
 }
 
-/// Runs on any machine: a file that cannot be loaded hides the loader, a list that does not exist hides the drivers.
+/// Works on any machine: an unloadable library replaces the loader, and a missing file replaces the
+/// list of drivers.
 #[cfg(target_os = "linux")]
 #[test]
 fn the_command_names_what_is_missing_and_grows_on_the_cpu() {

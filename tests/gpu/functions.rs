@@ -1,4 +1,5 @@
-//! Small functions of the shaders, called from a separate kernel: random numbers bit for bit, the others against f64.
+//! Small shader functions, called from a separate kernel. Random numbers must match bit for bit;
+//! other functions are compared with f64.
 
 use crate::common::{found, no_vulkan};
 use oviduct::random::{Stream, words};
@@ -8,7 +9,7 @@ use std::task::{Context, Poll, Waker};
 
 const COUNT: usize = 4096;
 
-/// Calls `value(i)`, written in WGSL, for i in 0..[`COUNT`].
+/// Evaluates `value(i)`, defined in the WGSL source `functions`, for i in 0..[`COUNT`].
 fn call(functions: &str) -> Vec<[u32; 4]> {
     let source = [
         include_str!("../../shaders/shared/random.wgsl"),
@@ -115,7 +116,7 @@ fn cosine_is_close_to_f64() {
     for (i, found) in found.into_iter().enumerate() {
         let x = f64::from(i as f32 * 0.0037 - 7.0);
         let exact = (std::f64::consts::TAU * x).cos();
-        // A unit in the last place of x ≈ 7 turns is 3e-6 of the value.
+        // One unit in the last place of x at about 7 turns changes the value by 3e-6.
         assert!((f64::from(f32::from_bits(found[0])) - exact).abs() < 1e-5, "x = {x}");
     }
 }
@@ -142,7 +143,8 @@ fn nearest_point_of_an_ellipse_is_nearest() {
             .map(|k| f64::from(k) * std::f64::consts::TAU / 3000.0)
             .map(|a| distance(a.cos(), a.sin()))
             .fold(f64::INFINITY, f64::min);
-        // As on the CPU; near the segment between the foci six iterations leave an error of some hundredths of a µm.
+        // The CPU has the same error: near the segment between the foci, six iterations leave some
+        // hundredths of a micrometre.
         assert!(distance(t[0], t[1]) < best + 0.05, "point {p:?}: {} against {best}", distance(t[0], t[1]));
     }
 }

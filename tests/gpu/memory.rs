@@ -1,18 +1,20 @@
-//! Device memory: a failed allocation has its own error and leaves nothing allocated, and the memory of every batch is
-//! freed.
+//! Device memory: a failed allocation has its own error and leaves no memory allocated, and every
+//! batch frees its memory.
 
 use crate::common::{Kept, leave, no_vulkan, open_with, short};
 use oviduct::sim::Plan;
 use oviduct::sim::gpu::{GpuDevice, GpuError, run_batch};
 
-/// Bytes of a batch that [`GpuDevice::batch_bytes`] does not count: constants, timestamps, alignment.
+/// Bytes of a batch that [`GpuDevice::batch_bytes`] does not count: constants, timestamps,
+/// alignment.
 const MORE: u64 = 200_000;
 
 pub(crate) fn plans(members: u64) -> Vec<Plan> {
     (1..=members).map(short).collect()
 }
 
-/// Runs a batch that does not get its memory: the sink is not called, and nothing stays allocated.
+/// Runs a batch that exceeds the memory. The sink must not be called, and no memory may stay
+/// allocated.
 pub(crate) fn refused(device: &GpuDevice, plans: &[Plan]) {
     let before = device.memory_in_use().unwrap();
     let mut kept = Kept::new(plans.len());
@@ -41,9 +43,9 @@ fn memory_is_freed_after_every_batch() {
     if no_vulkan() {
         return;
     }
-    // There is no room for two batches at a time.
+    // The memory suffices for only one batch at a time.
     let device = open_with(&leave(GpuDevice::batch_bytes(&short(1), 2) + MORE));
-    // After a first batch: until then a device holds a few more bytes.
+    // The first batch allocates some memory that the device keeps.
     run_batch(&device, &plans(1), &mut Kept::new(1)).unwrap();
     let idle = device.memory_in_use().unwrap();
     let mut bad = plans(2);
@@ -52,7 +54,7 @@ fn memory_is_freed_after_every_batch() {
         let mut kept = Kept::new(2);
         match round % 3 {
             0 => {}
-            // Everything is cancelled with work in flight.
+            // Cancels the only member while work is in flight.
             1 => kept.cancel = Some((0, -19)),
             _ => kept.cancel = Some((0, 10)),
         }

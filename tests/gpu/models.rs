@@ -1,5 +1,5 @@
-//! Whole models grown on a device: by the library, by the command, and by a worker whose device is lost or hangs during a
-//! batch.
+//! Whole models on a device: grown by the library, by the command, and by a worker whose device is
+//! lost or hangs during a batch.
 
 use crate::common::{OPTIONS, device, generate, leave, no_vulkan};
 use oviduct::clock::{Clock, Stopwatch};
@@ -88,10 +88,10 @@ fn the_command_grows_on_a_gpu() {
     assert!(told["backend"]["fallback"].as_str().unwrap().contains("--gpu off"));
 }
 
-/// Longest duration of a job on a loaded machine, seconds.
+/// Maximum duration of a job on a loaded machine, seconds.
 const DEADLINE: f64 = 600.0;
 
-/// Calls `how` with its device, once, after the first steps of a batch.
+/// Calls `how` once with its device, after the first steps of a batch.
 struct Losing {
     gpu: Arc<GpuGenerator>,
     lost: AtomicBool,
@@ -125,7 +125,7 @@ struct LosingSink<'a> {
 impl Sink for LosingSink<'_> {
     fn progress(&self, progress: &Progress) {
         self.sink.progress(progress);
-        // Called by the thread that drives the device: nothing is submitted meanwhile.
+        // The thread that drives the device makes this call, so it submits nothing in the meantime.
         if progress.step > 0 && !self.generator.lost.swap(true, Ordering::Relaxed) {
             (self.generator.how)(&self.generator.gpu.device().expect("it is open"));
         }
@@ -135,7 +135,7 @@ impl Sink for LosingSink<'_> {
     }
 }
 
-/// A store of jobs, and the generator of a GPU worker.
+/// A job store and the generator of a GPU worker.
 struct Place {
     store: Store,
     gpu: Arc<GpuGenerator>,
@@ -145,7 +145,7 @@ struct Place {
 impl Place {
     async fn new(options: GpuOptions) -> Self {
         let dir = tempfile::tempdir().unwrap();
-        // In a file: a store in memory is lost with its connection.
+        // An in-memory job store would disappear with its connection.
         let store = Store::open_sqlite(&dir.path().join("jobs.db"), StoreOptions::default()).await.unwrap();
         let gpu = Arc::new(GpuGenerator::all(options).unwrap().swap_remove(0));
         Self { store, gpu, dir }
@@ -210,7 +210,7 @@ impl Place {
         }
     }
 
-    /// Waits until the job has succeeded.
+    /// Waits until the job has ended; it must have succeeded.
     async fn grown(&self, id: JobId) -> Job {
         let job = self.until(id, |job| job.status.is_ended()).await;
         assert_eq!((job.status, &job.problem), (Status::Succeeded, &None));
@@ -218,7 +218,8 @@ impl Place {
     }
 }
 
-/// Jobs whose device is lost during their batch finish on the CPU, and the next batch has a new device.
+/// Jobs whose device is lost during their batch complete on the CPU, and the next batch opens a new
+/// device.
 async fn survives(options: GpuOptions, how: fn(&GpuDevice), reason: &str) {
     let place = Place::new(options).await;
     let mut ids = Vec::new();
@@ -265,7 +266,7 @@ async fn a_batch_that_gets_no_memory_is_halved_and_what_does_not_fit_alone_falls
     for seed in 1..=4 {
         ids.push(place.submit(seed, &spec(60, 400)).await);
     }
-    // This model alone needs more memory than there is.
+    // This model alone needs more memory than the device has.
     let many = spec(60, 3000);
     assert!(GpuDevice::batch_bytes(&Plan::new(&many, 5), 1) > 2 * GpuDevice::batch_bytes(&plan, 3));
     let large = place.submit(5, &many).await;

@@ -1,10 +1,15 @@
-//! Whole runs on both backends, compared by their shapes. The simulation is chaotic: with different rounding, runs of the
-//! same seed diverge step by step, but the shapes of their sections must be statistically the same.
+//! Comparison of whole runs on both backends by the shapes of their sections. The simulation is
+//! chaotic: with different rounding, runs of the same seed diverge step by step. The shapes must
+//! still be statistically equal.
 //!
-//! The rule: over several seeds grown on both backends, the means of each measure differ by at most half the standard
-//! deviation from seed to seed on the CPU; no model of the GPU lies outside the range of the CPU's by more than one;
-//! particle counts are those of the schedule on both; no contour crosses itself or the other; every surface passes its
-//! certificate.
+//! Several seeds are grown on both backends. The rule:
+//!
+//! - The means of each measure differ by at most half the standard deviation between the CPU's
+//!   seeds.
+//! - No model of the GPU lies outside the CPU's range by more than one standard deviation.
+//! - On both backends, the particle counts follow the schedule.
+//! - No contour crosses itself or the other contour.
+//! - Every surface passes its certificate.
 
 use crate::batches::{assert_sound, certify_run, run};
 use crate::common::{no_vulkan, plan};
@@ -16,15 +21,15 @@ use serde_json::json;
 use std::sync::OnceLock;
 
 const SEEDS: std::ops::RangeInclusive<u64> = 1..=6;
-/// Sections that are measured; the loop is folded by then.
+/// Steps whose sections are measured; the loop is folded at these steps.
 const MEASURED: [f64; 4] = [90.0, 110.0, 130.0, 150.0];
-/// Elliptic radius, relative to the greatest, at which folds are counted.
+/// Elliptic radius at which folds are counted, as a fraction of the maximum radius.
 const FOLD_RADIUS: f64 = 0.75;
 
-/// Most standard deviations between the means.
+/// Maximum difference of the means, in standard deviations.
 const MOST_OFF: f64 = 0.5;
 
-/// Measures of a section. Lengths in µm.
+/// Names of the measures of a section. Lengths are in µm.
 const MEASURES: [&str; 10] = [
     "lumen area",
     "tissue area",
@@ -52,7 +57,7 @@ fn perimeter(ring: &Ring) -> f64 {
     edges(ring).map(|(a, b)| (b[0] - a[0]).hypot(b[1] - a[1])).sum()
 }
 
-/// How often the contour crosses the ellipse at [`FOLD_RADIUS`] inwards.
+/// Number of inward crossings of the ellipse at [`FOLD_RADIUS`] by the contour.
 fn folds(ring: &Ring) -> f64 {
     let axis = |k: usize| ring.points.iter().fold(0.0f64, |m, p| m.max(f64::from(p[k]).abs()));
     let (a, b) = (axis(0), axis(1));
@@ -60,7 +65,8 @@ fn folds(ring: &Ring) -> f64 {
     edges(ring).filter(|&(p, q)| outside(p) && !outside(q)).count() as f64
 }
 
-/// Distance from `p` in direction `u` to the segment from `a` to `b`.
+/// Distance from `p` in the direction `u` to the segment from `a` to `b`, or `None` if the ray
+/// misses the segment.
 fn hit(p: [f64; 2], u: [f64; 2], (a, b): ([f64; 2], [f64; 2])) -> Option<f64> {
     let (d, r) = ([b[0] - a[0], b[1] - a[1]], [a[0] - p[0], a[1] - p[1]]);
     let turn = u[0] * d[1] - u[1] * d[0];
@@ -69,7 +75,8 @@ fn hit(p: [f64; 2], u: [f64; 2], (a, b): ([f64; 2], [f64; 2])) -> Option<f64> {
     (distance > 0.0 && (0.0..=1.0).contains(&along)).then_some(distance)
 }
 
-/// From each vertex of the inner contour straight across: the gap to the wall opposite, and the tissue behind.
+/// Distances along the normals of the inner contour, from each vertex: the gap to the opposite
+/// wall, and the thickness of the tissue.
 fn across(section: &Section) -> [Vec<f64>; 2] {
     let inner: Vec<_> = edges(&section.inner).collect();
     let outer: Vec<_> = edges(&section.outer).collect();
@@ -79,7 +86,7 @@ fn across(section: &Section) -> [Vec<f64>; 2] {
         let (before, (p, after)) = (inner[(i + n - 1) % n].0, inner[i]);
         let t = [after[0] - before[0], after[1] - before[1]];
         let length = t[0].hypot(t[1]);
-        // The lumen is on the left.
+        // The lumen is to the left of the contour's direction.
         let normal = [-t[1] / length, t[0] / length];
         let others = || (2..n).map(|k| inner[(i + k - 1) % n]);
         let least = |distances: &mut dyn Iterator<Item = f64>| distances.reduce(f64::min);
@@ -108,7 +115,7 @@ fn measure(section: &Section) -> Shape {
     shape.try_into().unwrap()
 }
 
-/// Means over the sections of a model that are measured.
+/// Means over the measured sections of a model.
 fn shape(sections: &[Section]) -> Shape {
     let shapes: Vec<Shape> = sections.iter().filter(|s| MEASURED.contains(&s.step)).map(measure).collect();
     std::array::from_fn(|k| mean(&shapes.iter().map(|shape| shape[k]).collect::<Vec<_>>()))
@@ -137,7 +144,7 @@ fn on_cpu(plan: &Plan) -> Vec<Section> {
     sections
 }
 
-/// The violations of the rule by the measures `found`, compared with those of `twins`.
+/// Violations of the rule by the measures `found`, compared with the measures `twins`.
 fn differences(twins: &[Shape], found: &[Shape]) -> Vec<String> {
     let mut faults = Vec::new();
     for (k, name) in MEASURES.into_iter().enumerate() {
@@ -190,7 +197,8 @@ fn whole_runs_look_the_same() {
     assert!(faults.is_empty(), "{}", faults.join("\n"));
 }
 
-/// The rule can fail: it detects a force that is a fifth greater or less, here on the CPU alone.
+/// The rule can fail: it detects a force that is wrong by 20 %, shown here with two runs on the
+/// CPU.
 #[test]
 fn a_force_that_is_off_would_be_seen() {
     type Change = fn(&mut StepRow);

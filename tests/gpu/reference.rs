@@ -1,9 +1,10 @@
-//! The GPU compared with the simulation as the paper describes it: each force, and a step of both
-//! integrators.
+//! Comparison of the GPU with the simulation as the paper describes it: each force, and a step of
+//! both integrators.
 //!
 //! The inner loop of a buckled section makes one step on the GPU and in the reference, which
-//! computes in f64. A force is the velocity that an Euler step gives to a loop at rest. Tolerances
-//! are those of the comparison with the CPU (`stages`): relative to the velocity plus 1 µm/step.
+//! computes in f64. A force is measured as the velocity that one Euler step gives to a loop at
+//! rest. The tolerances equal those of the comparison with the CPU (`stages`): relative to the
+//! velocity plus 1 µm/step.
 
 use crate::common::{device, no_vulkan};
 use crate::stages::{buckled, only};
@@ -13,7 +14,7 @@ use oviduct::sim::{Plan, StepRow};
 use oviduct::spec::Integrator;
 use serde_json::json;
 
-/// The inner loop after a step without growth, of the reference and of the GPU.
+/// Inner loop of the reference and of the GPU after one step without growth.
 fn both(plan: &Plan, start: &Checkpoint) -> [Loop; 2] {
     let gpu = advance(device(), std::slice::from_ref(plan), std::slice::from_ref(start), start.time + 1).unwrap();
     let inner = &gpu[0][0].inner;
@@ -32,10 +33,10 @@ fn assert_close(name: &str, [reference, gpu]: &[Loop; 2], relative: f64) {
     let mut fastest = 0f64;
     for (i, (expected, found)) in reference.particles.iter().zip(&gpu.particles).enumerate() {
         let speed = expected.v.length();
-        // At this speed, the limit of moves acts on the GPU.
+        // Above this speed, the GPU would limit the moves.
         assert!(speed < 5.0, "{name}: particle {i} moves by {speed} µm");
         let off = [expected.v.distance(found.v), expected.p.distance(found.p)];
-        // A position may be off by as much as the velocity, besides ten roundings of its own.
+        // A position may be off by as much as the velocity, plus ten roundings of the position.
         let allowed = [relative * (1.0 + speed), relative * (1.0 + speed) + 6e-7 * expected.p.length()];
         for ((worst, off), allowed) in worst.iter_mut().zip(off).zip(allowed) {
             assert!(off <= allowed, "{name}: particle {i} is off by {off}, {allowed} allowed");
@@ -82,7 +83,7 @@ fn a_step_is_that_of_the_paper() {
     for integrator in [Integrator::Rk4, Integrator::Euler] {
         let (mut plan, start) = buckled(&json!({ "variation": { "amplitude": 0.4 } }), 22);
         plan.integrator = integrator;
-        // Moves are limited to 5 µm only.
+        // The negative clearance leaves only the general limit of 5 µm per move.
         plan.clearance = -1e3;
         for row in &mut plan.rows {
             (row.sway, row.inner_target) = (0.0, start.inner.len() as u32);

@@ -1,8 +1,10 @@
-//! Stage by stage: one step of both backends from the same state, with all other stages switched off.
+//! Comparison of single stages: one step on both backends from the same state, with all other
+//! stages disabled.
 //!
-//! Forces are measured as the velocity that one Euler step gives to a loop at rest. Tolerances are relative to the size of
-//! the force (plus one, in µm per step): both sides round to f32, and a GPU may be off by a few units in the last place
-//! in division, square root and exponential, and by 7e-5 in the arc cosine.
+//! A force is measured as the velocity that one Euler step gives to a loop at rest. Tolerances are
+//! relative to the force plus 1 µm/step. Both sides round to f32. In addition, a GPU may be off by
+//! a few units in the last place in division, square root and exponential, and by 7e-5 in the arc
+//! cosine.
 
 use crate::common::{device, no_vulkan, plan};
 use oviduct::sim::cpu::CpuSimulation;
@@ -11,10 +13,10 @@ use oviduct::sim::{InnerLoop, LANES, Plan, Simulator, StepRow};
 use oviduct::spec::{Integrator, Search};
 use serde_json::{Value, json};
 
-/// Step at which stages are compared: it begins with a growth event, and the loop is buckled.
+/// Step at which stages are compared. It begins with a growth event, and the loop is buckled.
 const AT: i64 = 80;
 
-/// A plan, and the state that the CPU reaches with it.
+/// A plan, and the state that the CPU reaches with it at step [`AT`].
 pub(crate) fn buckled(patch: &Value, seed: u64) -> (Plan, Checkpoint) {
     let plan = plan(patch, seed);
     let mut simulation = CpuSimulation::new(plan.clone(), 1);
@@ -24,7 +26,7 @@ pub(crate) fn buckled(patch: &Value, seed: u64) -> (Plan, Checkpoint) {
     (plan, simulation.checkpoint())
 }
 
-/// The states of both backends after one step; the CPU visits all pairs.
+/// States of both backends after one step. The CPU visits all pairs of particles.
 fn both(plan: &Plan, start: &Checkpoint) -> (Checkpoint, Checkpoint) {
     let mut cpu = CpuSimulation::resume(Plan { search: Search::AllPairs, ..plan.clone() }, start, 1);
     cpu.step().unwrap();
@@ -33,7 +35,8 @@ fn both(plan: &Plan, start: &Checkpoint) -> (Checkpoint, Checkpoint) {
     (cpu.checkpoint(), gpu[0][0].clone())
 }
 
-/// Switches off growth and every force except those that `keep` restores; makes the step an Euler step without guard.
+/// Disables growth, the guard and every force except the forces that `keep` restores, and selects
+/// the Euler integrator.
 pub(crate) fn only(plan: &mut Plan, start: &mut Checkpoint, keep: impl Fn(&StepRow, &mut StepRow)) {
     let (inner, outer) = (start.inner.len() as u32, start.outer.len() as u32);
     for row in &mut plan.rows {
@@ -61,7 +64,7 @@ pub(crate) fn only(plan: &mut Plan, start: &mut Checkpoint, keep: impl Fn(&StepR
         *row = bare;
     }
     plan.integrator = Integrator::Euler;
-    // No clearance is too small: moves are limited to 5 µm only.
+    // The negative clearance leaves only the general limit of 5 µm per move.
     plan.clearance = -1e3;
     start.inner.vx.fill(0.0);
     start.inner.vy.fill(0.0);
@@ -89,8 +92,9 @@ fn assert_velocities(cpu: &InnerLoop, gpu: &InnerLoop, relative: f32) {
     assert_close("vy", &cpu.vy, &gpu.vy, relative);
 }
 
-/// Compares positions after a step from the same state whose velocities may differ by `relative`: a position may differ by as
-/// much, besides its own rounding (1e-6 of 500 µm is ten units in the last place).
+/// Compares the positions after a step from the same state, if the velocities may differ by
+/// `relative`. A position may differ by as much, plus its own rounding (1e-6 of 500 µm is ten units
+/// in the last place).
 fn assert_positions(cpu: &InnerLoop, gpu: &InnerLoop, relative: f32) {
     assert_eq!(cpu.id, gpu.id);
     for (what, cpu, gpu, speeds) in [("x", &cpu.x, &gpu.x, &cpu.vx), ("y", &cpu.y, &gpu.y, &cpu.vy)] {
@@ -124,7 +128,7 @@ fn pair_forces_match_where_lists_overflow() {
     if no_vulkan() {
         return;
     }
-    // 1,340 particles, all within range: more segments than the list of a block holds.
+    // 1,340 particles, all within range: more segments than the list of a block can hold.
     let plan = plan(&json!({ "particles": { "total": 1400, "outer": 60 } }), 4);
     let mut start = CpuSimulation::new(plan.clone(), 1).checkpoint();
     let mut plan = plan;
@@ -141,7 +145,7 @@ fn pair_forces_match_where_there_are_more_blocks_than_threads() {
     if no_vulkan() {
         return;
     }
-    // 4,940 particles are 309 blocks: lists are built in three rounds of 128.
+    // 4,940 particles form 309 blocks, so the lists are built in three rounds of 128 blocks.
     let mut plan = plan(&json!({ "particles": { "total": 5000, "outer": 60 } }), 4);
     let mut start = CpuSimulation::new(plan.clone(), 1).checkpoint();
     only(&mut plan, &mut start, |row, bare| bare.repulsion = row.repulsion);
@@ -149,7 +153,8 @@ fn pair_forces_match_where_there_are_more_blocks_than_threads() {
     assert_velocities(&cpu.inner, &gpu.inner, 2e-5);
 }
 
-/// The segment before the first particle of the block is also the one after its last.
+/// In a loop of one block, the segment before the block's first particle is also the segment after
+/// its last one.
 #[test]
 fn pair_forces_match_in_a_loop_of_one_block() {
     if no_vulkan() {
@@ -186,7 +191,7 @@ fn local_forces_match() {
         let (cpu, gpu) = both(&plan, &start);
         assert_velocities(&cpu.inner, &gpu.inner, relative);
     }
-    // Friction and damping act on moving particles.
+    // Friction and damping act only on moving particles.
     let (mut plan, mut moving) = (plan, start.clone());
     only(&mut plan, &mut moving, |row, bare| (bare.friction, bare.damping) = (row.friction, row.damping));
     (moving.inner.vx, moving.inner.vy) = (start.inner.vx, start.inner.vy);
@@ -210,7 +215,8 @@ fn integrate_matches() {
     }
 }
 
-/// Lists hold for the drift of eight calm steps, not for the moves in the stages of the ninth, which they cannot foresee.
+/// The lists allow for the drift of eight calm steps. They cannot foresee the moves within the
+/// stages of the ninth step.
 #[test]
 fn integrate_matches_where_stages_leave_the_lists_behind() {
     if no_vulkan() {
@@ -249,7 +255,7 @@ fn guard_matches() {
     assert_close("clearance", &cpu.clearance, &gpu.clearance, 1e-4);
     assert_close("x", &cpu.inner.x, &gpu.inner.x, 1e-5);
     assert_close("y", &cpu.inner.y, &gpu.inner.y, 1e-5);
-    // Particles that growth added have no earlier position to compare with.
+    // Particles that growth added have no earlier position, so only the original ones are compared.
     let mut cut = 0;
     for (k, id) in start.inner.id.iter().enumerate() {
         let i = gpu.inner.id.iter().position(|other| other == id).unwrap();
@@ -269,7 +275,7 @@ fn growth_matches() {
     for (seed, inner, outer) in [(9, 37, 5), (10, 300, 40), (11, 0, 0), (12, 100_000, 100_000)] {
         let (mut plan, start) = buckled(&json!({ "contortion": { "fraction": 0.5 } }), seed);
         for row in &mut plan.rows {
-            // With a target that cannot be reached, every edge with enough clearance is split.
+            // If the target is out of reach, every edge with enough clearance is split.
             row.inner_target = (start.inner.len() as u32 + inner).min(2000);
             row.outer_target = (start.outer.len() as u32 + outer).min(400);
         }
@@ -298,7 +304,7 @@ fn thickness_matches() {
     assert_close("scale", &cpu.inner.scale, &gpu.inner.scale, 2e-5);
 }
 
-/// Containment, anchors, sway and wall in a region with a notch and folds.
+/// Containment, anchors, sway and wall in an outline with a notch and folds.
 #[test]
 fn outlines_match() {
     if no_vulkan() {
@@ -332,7 +338,8 @@ fn outlines_match() {
     let (cpu, gpu) = both(&plan, &start);
     assert!(cpu.inner.len() > start.inner.len());
     assert_eq!(cpu.inner.id, gpu.inner.id);
-    // Corners of the outline are nearest to a range of points, so that anchors may differ where sides meet.
+    // A corner of the outline is the nearest point for a range of particles, so anchors may differ
+    // slightly there.
     assert_close("anchor_x", &cpu.inner.anchor_x, &gpu.inner.anchor_x, 1e-4);
     assert_close("anchor_y", &cpu.inner.anchor_y, &gpu.inner.anchor_y, 1e-4);
     let flat = |p: &[[f32; 2]]| p.iter().flatten().copied().collect::<Vec<f32>>();
@@ -340,7 +347,7 @@ fn outlines_match() {
     assert_close("outer velocities", &flat(&cpu.outer.v), &flat(&gpu.outer.v), 2e-3);
 }
 
-/// Both halves of the variety: ranges, and which edges are split.
+/// Both effects of variety: the ranges of forces and the choice of split edges.
 #[test]
 fn variety_matches() {
     if no_vulkan() {
@@ -359,12 +366,11 @@ fn variety_matches() {
     assert_ne!(cpu.inner.id, without.inner.id, "the same edges are split without variety");
 }
 
-/// Rows without variety.
 fn even(rows: &[StepRow]) -> Vec<StepRow> {
     rows.iter().map(|row| StepRow { asymmetry: 0.0, height: 0.0, thickness: 0.0, shift: [0.0; 2], ..*row }).collect()
 }
 
-/// The flow is that of the start of a step, in each of its evaluations.
+/// All evaluations within a step use the flow at the start of the step.
 #[test]
 fn sway_matches() {
     if no_vulkan() {
@@ -387,7 +393,8 @@ fn outer_matches() {
     }
     let (plan, start) = buckled(&json!({ "wall": { "lobing": 0.1 } }), 14);
     let (mut cpu, mut gpu) = (start.clone(), start);
-    // Several steps, each from its own state, so that the load on the wall changes.
+    // Each backend continues from its own state for several steps, so that the load on the wall
+    // changes.
     for _ in 0..5 {
         let mut simulation = CpuSimulation::resume(plan.clone(), &cpu, 1);
         simulation.step().unwrap();
@@ -400,7 +407,7 @@ fn outer_matches() {
     assert_close("outer velocities", &flat(&cpu.outer.v), &flat(&gpu.outer.v), 2e-3);
 }
 
-/// On a flat ellipse the wall buckles at the tips, so that particles are held between their neighbours.
+/// On a flat ellipse the wall buckles at the tips, so particles are limited by their neighbours.
 #[test]
 fn outer_matches_on_a_flat_ellipse() {
     if no_vulkan() {
@@ -431,7 +438,8 @@ fn outer_matches_on_a_flat_ellipse() {
     assert!(least < 0.25 * mean, "no particles come close to each other ({least} of {mean}): the test shows nothing");
 }
 
-/// Two straight strands 40 µm apart that come within the range of a barrier which was off when the lists were built.
+/// Two straight strands 40 µm apart come within the range of a barrier that was off when the lists
+/// were built.
 #[test]
 fn lists_follow_a_barrier_that_grows_between_growth_events() {
     if no_vulkan() {

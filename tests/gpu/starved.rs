@@ -6,11 +6,11 @@ use oviduct::sim::gpu::{AdapterKind, GpuDevice, run_batch};
 use serde_json::json;
 use std::process::Command;
 
-/// Set for a child process that is to run out of memory.
+/// Environment variable of the child process that runs out of memory.
 const CHILD: &str = "OVIDUCT_TEST_MEMORY_CHILD";
 
-/// Allocations of the driver itself fail: the address space of a child process is limited while it runs. Only a
-/// software adapter has its memory there.
+/// Allocations of the driver itself fail, because the test limits the address space of a child
+/// process. Only a software adapter keeps its memory in that address space.
 #[test]
 fn a_driver_without_memory_is_distinguished_from_other_faults() {
     if no_vulkan() || found()[0].kind != AdapterKind::Software {
@@ -26,7 +26,7 @@ fn a_driver_without_memory_is_distinguished_from_other_faults() {
         return;
     }
     let device = open();
-    // Everything that is created once exists.
+    // Run a batch first, so that the driver has made its one-time allocations.
     run_batch(&device, &plans(1), &mut Kept::new(1)).unwrap();
     let large = plan(
         &json!({ "particles": { "total": { "keys": [[0, 50_000], [1, 60_000]] }, "outer": 90 }, "wall": { "lobing": 0 } }),
@@ -41,13 +41,14 @@ fn a_driver_without_memory_is_distinguished_from_other_faults() {
     limit_address_space(None);
 }
 
-/// Limits the address space of this process to `bytes` more than now, or removes the limit.
+/// Limits the address space of this process to its current size plus `more` bytes, or removes the
+/// limit.
 fn limit_address_space(more: Option<u64>) {
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
     let has = status.lines().find_map(|line| line.strip_prefix("VmSize:")?.trim().strip_suffix(" kB")).unwrap();
     let limit = more.map_or("unlimited".to_owned(), |more| (1024 * has.parse::<u64>().unwrap() + more).to_string());
     let pid = std::process::id().to_string();
-    // Only the soft limit, so that it can be removed.
+    // Set only the soft limit, so that it can be removed again.
     let done = Command::new("prlimit").args(["--pid", &pid, &format!("--as={limit}:")]).status().unwrap();
     assert!(done.success(), "prlimit (Debian package util-linux) failed");
 }

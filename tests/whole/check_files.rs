@@ -1,5 +1,5 @@
-//! `oviduct check`: the surface that it reads from exported files is the certified one, and it refuses files that are not
-//! surfaces, or too large ones, in bounded time.
+//! `oviduct check`: the surface read from an exported file equals the certified one. The command
+//! refuses files that are not surfaces or are too large, in bounded time.
 
 use oviduct::export::glb::{GlbOptions, write_glb};
 use oviduct::export::obj::write_obj;
@@ -38,7 +38,7 @@ fn metadata() -> Metadata {
 
 fn same(mut read: Certificate, mut made: Certificate) {
     assert!(read.passed && made.passed, "{:?} {:?}", read.failures, made.failures);
-    // The last digits of sums depend on the order of triangles.
+    // The last digits of the sums depend on the order of the triangles.
     for (a, b) in [(&mut read.area_mm2, &mut made.area_mm2), (&mut read.volume_mm3, &mut made.volume_mm3)] {
         assert!((*a - *b).abs() < 1e-9 * b.abs());
         (*a, *b) = (0.0, 0.0);
@@ -71,7 +71,7 @@ fn glb_and_obj_hold_the_certified_surface() {
     same(check_surface(&surface.positions, &surface.triangles, &options), made);
 }
 
-/// The answer of the command for one file; it must come within two minutes, on a loaded machine too.
+/// Result of the command for one file. The limit of two minutes holds even on a loaded machine.
 fn check(file: &Path) -> Value {
     let mut command = Command::new(env!("CARGO_BIN_EXE_oviduct"));
     let mut child = command.args(["check", "--json"]).arg(file).stdout(Stdio::piped()).spawn().expect("it starts");
@@ -109,7 +109,7 @@ fn random_bytes_are_not_recognised_and_the_formats_are_named() {
     assert!(error.starts_with("the format is not recognised. Known formats"), "{error}");
 }
 
-/// A document of one triangle, placed by `nodes` nodes with the translations of `place`.
+/// A glTF document with one triangle and `nodes` instances of it, at the translations `place`.
 fn instances(nodes: u32, place: impl Fn(u32) -> Value) -> String {
     let data = "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";
     json!({

@@ -1,4 +1,5 @@
-//! The files of `deploy/`: they parse, their references and options exist, and their numbers are consistent.
+//! The files in `deploy/`: they parse, their references and options exist, and their numbers are
+//! consistent.
 #![allow(clippy::unwrap_used, reason = "a test fails by it")]
 
 use serde_json::Value;
@@ -10,7 +11,7 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("deploy")
 }
 
-/// All documents of a file, with merge keys (`<<`) applied.
+/// All YAML documents in a file, with merge keys (`<<`) applied.
 fn documents(path: &Path) -> Vec<Value> {
     let text = std::fs::read_to_string(path).unwrap();
     let mut documents: Vec<Value> = text
@@ -44,7 +45,7 @@ fn kubernetes() -> Vec<Value> {
     named.iter().flat_map(|file| documents(&root().join("kubernetes").join(file.as_str().unwrap()))).collect()
 }
 
-/// The options of a command.
+/// The options of a command, from its help.
 fn options(command: &str) -> BTreeSet<String> {
     let output = Command::new(env!("CARGO_BIN_EXE_oviduct")).args([command, "--help"]).output().unwrap();
     assert!(output.status.success(), "there is no command {command}");
@@ -106,12 +107,12 @@ fn compose_refers_to_what_exists() {
     assert!(services.contains_key("postgres") && services.contains_key("s3"));
 }
 
-/// The value of an option in a command line.
+/// Value of an option in a command line.
 fn option<'a>(args: &'a [String], name: &str) -> Option<&'a str> {
     args.iter().position(|arg| arg == name).map(|at| args[at + 1].as_str())
 }
 
-/// A duration in seconds, as the manifests write it.
+/// A duration in seconds, in the format of the manifests.
 fn seconds(text: &str) -> u64 {
     text.strip_suffix('s').unwrap_or_else(|| panic!("{text} is not in seconds")).parse().unwrap()
 }
@@ -124,7 +125,7 @@ impl Manifests {
         self.0.iter().filter(|d| d["kind"] == kind).collect()
     }
 
-    /// Each deployment with its only container and the arguments of that.
+    /// Each deployment with its only container and the container's arguments.
     fn containers(&self) -> Vec<(&Value, &Value, Vec<String>)> {
         let only = |d: &'_ Value| -> usize { d["spec"]["template"]["spec"]["containers"].as_array().unwrap().len() };
         self.of("Deployment")
@@ -193,7 +194,8 @@ fn the_manifests_refer_to_what_exists() {
     assert!(manifests.0.iter().all(|d| d["kind"] == "Namespace" || d["metadata"]["namespace"] == "oviduct"));
 }
 
-/// The time until SIGKILL covers everything that happens before, and readiness fails while connections are still accepted.
+/// The time until SIGKILL covers the whole shutdown, and readiness fails while connections are
+/// still accepted.
 #[test]
 fn pods_have_the_time_to_shut_down() {
     for (deployment, container, args) in Manifests(kubernetes()).containers() {
@@ -208,13 +210,13 @@ fn pods_have_the_time_to_shut_down() {
             assert_eq!(probe["httpGet"]["path"], "/readyz", "{place}");
             let notices = probe["periodSeconds"].as_u64().unwrap() * probe["failureThreshold"].as_u64().unwrap_or(3);
             assert!(pre_stop > 0 && drain > 0 && notices <= drain, "{place}: readiness fails after {notices} s");
-            // A download of a default model at 2 MB/s.
+            // A download of a default model at 2 MB/s takes up to 60 s.
             assert!(grace >= 60, "{place}: --grace {grace}");
         }
     }
 }
 
-/// Autoscalers start the kind of worker that the queued jobs need.
+/// Each autoscaler counts the jobs that its kind of worker can run.
 #[test]
 fn workers_are_scaled_by_the_jobs_that_they_can_run() {
     let manifests = Manifests(kubernetes());
@@ -229,13 +231,13 @@ fn workers_are_scaled_by_the_jobs_that_they_can_run() {
     for scaled in manifests.of("ScaledObject") {
         assert!(names.contains(scaled["spec"]["scaleTargetRef"]["name"].as_str().unwrap()));
     }
-    // While there is no GPU worker, the API must queue the jobs that start one.
+    // Without a GPU worker, the API must queue the jobs that make the autoscaler start one.
     let from_zero = manifests.of("ScaledObject").iter().any(|d| d["spec"]["minReplicaCount"] == 0);
     let serve = manifests.containers().into_iter().map(|(_, _, args)| args).find(|args| args[0] == "serve").unwrap();
     assert!(from_zero && serve.iter().any(|arg| arg == "--expect-gpu-workers"));
 }
 
-/// Threads beyond the CPUs of a pod would take turns on them.
+/// More threads than CPUs of the pod would only compete for them.
 #[test]
 fn cpu_threads_equal_the_cpus_that_a_pod_requests() {
     let manifests = Manifests(kubernetes());
@@ -249,7 +251,8 @@ fn cpu_threads_equal_the_cpus_that_a_pod_requests() {
     }
 }
 
-/// PostgreSQL's defaults for `max_connections` and `superuser_reserved_connections`.
+/// Connections for clients with PostgreSQL's default `max_connections`, minus
+/// `superuser_reserved_connections`.
 const POSTGRES_CONNECTIONS: u64 = 100 - 3;
 
 #[test]
@@ -266,7 +269,7 @@ fn all_replicas_together_fit_into_the_connections_of_postgresql() {
             None => deployment["spec"]["replicas"].as_u64().unwrap(),
         };
         let surge = deployment["spec"]["strategy"]["rollingUpdate"]["maxSurge"].as_u64().unwrap();
-        // One more connection of each process receives notifications.
+        // Each process uses one more connection, for notifications.
         sum += (replicas + surge) * (pool + 1);
     }
     assert!(sum <= POSTGRES_CONNECTIONS, "{sum} connections of {POSTGRES_CONNECTIONS}");
@@ -274,7 +277,7 @@ fn all_replicas_together_fit_into_the_connections_of_postgresql() {
     assert!(config.contains(&format!("up to {sum} connections")), "config.yaml must name {sum} connections");
 }
 
-/// The settings of a unit of systemd. Those that are given more than once keep all values.
+/// Settings of a systemd unit. A setting that occurs several times keeps all its values.
 fn unit(path: &str) -> BTreeMap<String, Vec<String>> {
     let mut settings: BTreeMap<String, Vec<String>> = BTreeMap::new();
     for line in std::fs::read_to_string(root().join(path)).unwrap().lines() {
@@ -296,7 +299,7 @@ fn the_unit_of_systemd_fits_its_options() {
     };
     let line: Vec<String> = only("ExecStart").split(' ').skip(1).map(str::to_owned).collect();
     assert_eq!(check_call("oviduct.service", &line, std::iter::empty()), "serve");
-    // Without TLS and keys it listens on loopback.
+    // Without TLS and API keys, the service listens on the loopback interface.
     for address in ["--addr", "--metrics-addr"] {
         assert!(option(&line, address).unwrap().starts_with("127.0.0.1:"), "{address}");
     }
@@ -304,14 +307,16 @@ fn the_unit_of_systemd_fits_its_options() {
     let drain = option(&line, "--drain-delay").map_or(0, seconds);
     let stop: u64 = only("TimeoutStopSec").parse().unwrap();
     assert!(stop >= drain + seconds(option(&line, "--grace").unwrap()) + 20, "SIGKILL after {stop} s");
-    // Exit code 2 is invalid usage, which a restart repeats; systemd gives up after some.
+    // Exit code 2 means invalid usage, which a restart cannot fix. systemd gives up after several
+    // restarts.
     assert_eq!((only("Restart").as_str(), only("NoNewPrivileges").as_str()), ("on-failure", "yes"));
     assert_eq!((only("ProtectSystem").as_str(), only("DynamicUser").as_str()), ("strict", "yes"));
     assert!(only("EnvironmentFile").starts_with('-'), "the file is optional");
     assert!(only("LimitNOFILE").parse::<u32>().unwrap() >= 65_536);
 }
 
-/// systemd's own check, where it is installed: names of settings, values, and how exposed the service is.
+/// Runs systemd's own check, if it is installed: names of settings, values, and exposure of the
+/// service.
 #[test]
 fn systemd_accepts_its_unit() {
     let path = tempfile::tempdir().unwrap();
@@ -333,8 +338,8 @@ fn systemd_accepts_its_unit() {
     }
 }
 
-/// The address, the size of bodies and the times of both proxies fit the defaults of the service. `tests/outside/proxy.py`
-/// runs nginx.
+/// The address, body size and timeouts of both proxies suit the defaults of the service.
+/// `tests/outside/proxy.py` runs nginx.
 #[test]
 fn proxies_leave_limits_to_the_service() {
     let read = |path: &str| std::fs::read_to_string(root().join(path)).unwrap();
@@ -344,7 +349,7 @@ fn proxies_leave_limits_to_the_service() {
     for (text, proxy) in [(&caddy, format!("reverse_proxy {address}")), (&nginx, format!("server {address};"))] {
         assert!(text.contains(&proxy), "{proxy}");
     }
-    // The default of --max-body is 1 MiB; held answers take up to 60 s.
+    // `--max-body` is 1 MiB by default, and the service holds responses for up to 60 s.
     for setting in ["client_max_body_size 2m;", "proxy_read_timeout 90s;", "proxy_buffering off;", "gzip off;"] {
         assert!(nginx.contains(setting), "{setting}");
     }
@@ -355,7 +360,7 @@ fn proxies_leave_limits_to_the_service() {
     assert!(!caddy.contains("\tencode"), "event streams must not be compressed");
 }
 
-/// What `docker build` lets through: the entries of `.dockerignore` after the `*` that hides everything.
+/// Paths that `.dockerignore` admits: the entries after the `*` that excludes everything.
 fn let_through() -> Vec<PathBuf> {
     let text = std::fs::read_to_string(root().join("../.dockerignore")).unwrap();
     let mut lines = text.lines().filter(|line| !line.is_empty() && !line.starts_with('#'));
@@ -368,7 +373,7 @@ fn let_through() -> Vec<PathBuf> {
     lines.map(path).collect()
 }
 
-/// Sources of the program, without those of tests, by their paths from the package's folder.
+/// Sources of the program, without those of tests, as paths from the package's folder.
 fn sources(dir: &Path, found: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(dir).unwrap() {
         let path = entry.unwrap().path();
@@ -381,7 +386,7 @@ fn sources(dir: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// A path without `..`.
+/// Resolves `..` in a path.
 fn plain(path: &Path) -> PathBuf {
     let mut plain = PathBuf::new();
     for part in path.components() {
@@ -394,7 +399,8 @@ fn plain(path: &Path) -> PathBuf {
     plain
 }
 
-/// The files and folders that a source includes. Of a path with a part that a macro inserts, the beginning.
+/// Files and folders that a source file includes. If a macro inserts a part of the path, only the
+/// beginning is returned.
 fn included(source: &Path) -> Vec<PathBuf> {
     let text = std::fs::read_to_string(source).unwrap();
     let package = Path::new(env!("CARGO_MANIFEST_DIR"));
@@ -403,14 +409,15 @@ fn included(source: &Path) -> Vec<PathBuf> {
         .into_iter()
         .flat_map(|mark| text.split(mark).skip(1))
         .map(literal)
-        // Others stay in a folder of sources, whichever calls the macro that they are in.
+        // Other included paths stay inside the source folders, whichever file calls the macro
+        // around them.
         .filter(|path| path.starts_with(".."))
         .map(|path| plain(&source.parent().unwrap().join(path)));
     let folders = text.split("#[folder = ").skip(1).map(|after| plain(&package.join(literal(after))));
     beside.chain(folders).collect()
 }
 
-/// What is missing in the image's build breaks it.
+/// The image's build fails if `.dockerignore` hides a file that the program includes.
 #[test]
 fn docker_builds_from_all_that_the_program_includes() {
     let package = Path::new(env!("CARGO_MANIFEST_DIR"));
@@ -460,7 +467,7 @@ fn the_guide_describes_every_option_as_its_help_does() {
             let option = option.trim_start_matches('-');
             let row = of_command.iter().find(|[call, ..]| call.split(' ').next() == Some(option));
             let [call, _, meaning] = row.unwrap_or_else(|| panic!("docs/operations.md lacks --{option} of {command}"));
-            // Values and defaults are laid out in another way by `--help`.
+            // `--help` lays out values and defaults differently, so compare the text before them.
             let meaning = meaning.split(" [default").next().unwrap().split(": `").next().unwrap();
             assert!(help.contains(meaning), "docs/operations.md on --{call} of {command}: {meaning}");
         }

@@ -1,10 +1,10 @@
-//! Links between the documents lead to files and headings that exist.
+//! Links in the Markdown documents lead to existing files and headings.
 #![expect(clippy::unwrap_used, reason = "a test fails by panic")]
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// All Markdown files of the root and of docs/.
+/// All Markdown files in the root folder and in `docs/`.
 fn documents() -> Vec<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let files = [root.to_owned(), root.join("docs")].map(|folder| std::fs::read_dir(folder).unwrap());
@@ -12,7 +12,7 @@ fn documents() -> Vec<PathBuf> {
     paths.filter(|path| path.extension().is_some_and(|extension| extension == "md")).collect()
 }
 
-/// The anchors of the headings of a document, as GitHub and GitLab form them.
+/// Anchors of a document's headings, as GitHub and GitLab generate them.
 fn anchors(text: &str) -> BTreeSet<String> {
     let headings = text
         .lines()
@@ -21,13 +21,13 @@ fn anchors(text: &str) -> BTreeSet<String> {
     headings.map(|heading| heading.to_lowercase().chars().filter(kept).collect::<String>().replace(' ', "-")).collect()
 }
 
-/// The targets of the links of a document that lead to no other site.
+/// Targets of a document's links, except links to other sites.
 fn targets(text: &str) -> impl Iterator<Item = &str> {
     let targets = text.split("](").skip(1).filter_map(|rest| rest.split_once(')')).map(|(target, _)| target);
     targets.filter(|target| !target.contains("://"))
 }
 
-/// The links of the document at `path` that lead nowhere.
+/// Targets of the broken links in the document at `path`.
 fn broken(path: &Path, text: &str) -> Vec<String> {
     let leads = |target: &str| {
         let (file, anchor) = target.split_once('#').unwrap_or((target, ""));

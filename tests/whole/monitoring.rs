@@ -1,5 +1,6 @@
-//! The Grafana dashboard and the alert rules name metrics and labels that exist, and docs/operations.md describes both.
-//! `tests/outside/promql.py` checks the syntax of their expressions.
+//! The Grafana dashboard and the alert rules name only existing metrics and labels, and
+//! `docs/operations.md` describes both. `tests/outside/promql.py` checks the syntax of their
+//! expressions.
 #![expect(clippy::unwrap_used, reason = "a test fails by panic")]
 
 use oviduct::metrics::{Fallback, Metrics};
@@ -18,7 +19,7 @@ fn read(path: &str) -> String {
     std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(path)).unwrap()
 }
 
-/// Every series of a registry in which each metric was used.
+/// All series of a registry in which each metric has been used.
 fn series() -> Series {
     let metrics = Metrics::default();
     metrics.set_jobs([("queued", 1)]);
@@ -57,7 +58,7 @@ fn matchers(text: &str) -> Vec<(String, String)> {
     found
 }
 
-/// The words of an expression, each with what follows it. Quoted texts are left out.
+/// The words of an expression, each with the text after it. Quoted text is skipped.
 fn words(expression: &str) -> Vec<(&str, &str)> {
     let is_word = |c: char| c.is_ascii_alphanumeric() || c == '_';
     let (mut found, mut at) = (Vec::new(), 0);
@@ -75,10 +76,11 @@ fn words(expression: &str) -> Vec<(&str, &str)> {
     found
 }
 
-/// Labels with the values that they are compared with.
+/// Labels and the values that an expression compares with them.
 type Matchers = Vec<(String, String)>;
 
-/// The series that an expression names, each with its matchers, and the labels in `by`, `on` and `ignoring`.
+/// Series that an expression names, each with its matchers; and the labels in `by`, `on`,
+/// `ignoring` and `without`.
 fn names(expression: &str) -> (Vec<(String, Matchers)>, BTreeSet<String>) {
     let (mut selected, mut grouped) = (Vec::new(), BTreeSet::new());
     for (word, after) in words(expression) {
@@ -94,7 +96,7 @@ fn names(expression: &str) -> (Vec<(String, Matchers)>, BTreeSet<String>) {
     (selected, grouped)
 }
 
-/// What an expression names that does not exist, in the metrics or in the rows of the guide.
+/// Names in an expression that do not exist in the metrics or in the table of the guide.
 fn faults(place: &str, expression: &str, series: &Series, guide: &BTreeMap<String, Described>) -> Vec<String> {
     let mut faults = Vec::new();
     let (selected, grouped) = names(expression);
@@ -115,7 +117,7 @@ fn faults(place: &str, expression: &str, series: &Series, guide: &BTreeMap<Strin
             if !labels.contains(label) {
                 faults.push(format!("{place}: {name} has no label {label}"));
             }
-            // Values of routes and of Grafana's variables are not listed.
+            // The guide lists neither routes nor Grafana's variables.
             let plain = value.split('|').filter(|value| value.bytes().all(|b| b.is_ascii_lowercase() || b == b'-'));
             let meaning = guide.get(family(name)).map_or("", |described| described.meaning.as_str());
             for value in plain.filter(|value| !value.is_empty() && !meaning.contains(&format!("`{value}`"))) {
@@ -129,19 +131,19 @@ fn faults(place: &str, expression: &str, series: &Series, guide: &BTreeMap<Strin
     faults
 }
 
-/// The name of the metric that a series belongs to, as the guide lists it.
+/// Name of the metric to which a series belongs, as the guide lists it.
 fn family(series: &str) -> &str {
     ["_bucket", "_sum", "_count"].iter().find_map(|suffix| series.strip_suffix(suffix)).unwrap_or(series)
 }
 
-/// A metric in docs/operations.md.
+/// Description of a metric in `docs/operations.md`.
 #[derive(Debug)]
 struct Described {
     labels: BTreeSet<String>,
     meaning: String,
 }
 
-/// The metrics in the table of docs/operations.md.
+/// The metrics in the table of `docs/operations.md`.
 fn guide() -> BTreeMap<String, Described> {
     let mut found = BTreeMap::new();
     for line in read("docs/operations.md")

@@ -1,11 +1,13 @@
-//! The committed description of the service is the one that the code makes, and it fits itself.
+//! The committed API description is the one that the code generates, and its examples match its
+//! schemas.
 
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeSet;
 use std::process::Command;
 
-/// Write it anew with `cargo run -- openapi > openapi.yaml`, or with `OVIDUCT_BLESS=1 cargo test --test whole openapi::`.
+/// To regenerate the file, run `cargo run -- openapi > openapi.yaml` or `OVIDUCT_BLESS=1 cargo test
+/// --test whole openapi::`.
 #[test]
 fn the_committed_description_is_up_to_date() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/openapi.yaml");
@@ -17,7 +19,8 @@ fn the_committed_description_is_up_to_date() {
     assert!(made == committed, "openapi.yaml is not what the code makes: cargo run -- openapi > openapi.yaml");
 }
 
-/// scripts/clients generates the types anew and compares them whole; this needs no Node.
+/// `scripts/clients` regenerates the types and compares the whole file. This test compares only the
+/// digest and needs no Node.
 #[test]
 fn the_types_of_the_typescript_client_are_of_the_committed_description() {
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/");
@@ -28,7 +31,7 @@ fn the_types_of_the_typescript_client_are_of_the_committed_description() {
     assert!(types.lines().any(|each| each == line), "run `npm run generate` in clients/typescript: no line {line}");
 }
 
-/// The order of members must not depend on the process, whose hash maps have seeds of their own.
+/// Each process seeds its hash maps differently; the order of members must not depend on that.
 #[test]
 fn other_processes_make_the_same_description() {
     let here = oviduct::http::openapi_yaml();
@@ -87,12 +90,13 @@ fn every_operation_has_a_summary_and_documents_its_faults() {
     assert_eq!(operations, 49);
 }
 
-/// All schemas of a document by their JSON pointers: the value of each `schema` and `schemas`, and what lies within.
+/// All schemas of a document by JSON pointer: the value of each `schema` and `schemas`, and the
+/// schemas inside them.
 fn schemas(place: &str, value: &Value, found: &mut Vec<(String, Value)>) {
     for (name, member) in value.as_object().into_iter().flatten() {
         let here = format!("{place}/{name}");
         match name.as_str() {
-            // Values, not schemas.
+            // These members contain values, not schemas.
             "example" | "examples" | "default" | "x-default" | "enum" => {}
             "schema" | "items" | "additionalProperties" | "propertyNames" | "not" | "contentSchema" => {
                 found.push((here.clone(), member.clone()));
@@ -163,7 +167,7 @@ fn every_media_type_has_a_schema_and_its_examples_fit_it() {
     let all: BTreeSet<_> =
         document["components"]["examples"].as_object().expect("there are some").keys().cloned().collect();
     assert_eq!(used, all, "each example is used");
-    // The data of an event is text, whose schema a validator does not apply.
+    // The data of an event is JSON in a string. Validators do not apply the schema of such content.
     let event = json!({ "$ref": "#/components/schemas/ModelEvent", "components": document["components"] });
     let data = document["components"]["examples"]["Event"]["value"]["data"].as_str().expect("it is text");
     assert!(jsonschema::is_valid(&event, &serde_json::from_str(data).expect("it is JSON")));

@@ -1,5 +1,5 @@
-//! The shaders without an adapter: all of them parse and are valid, and every structure, constant and workgroup size shared
-//! by host and shaders is the same on both sides.
+//! Checks of the shaders that need no adapter. All shaders parse and are valid, and every
+//! structure, constant and workgroup size that host and shaders share is the same on both sides.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panic")]
 
@@ -52,7 +52,7 @@ fn every_stage_has_its_file_and_its_entry_points() {
     }
 }
 
-/// Names, offsets and size of a structure in the layout of the shader.
+/// Member names, offsets and size of a structure in the shader's layout.
 fn structure(module: &Module, name: &str) -> (Vec<(String, u32)>, u32) {
     let (_, found) =
         module.types.iter().find(|(_, t)| t.name.as_deref() == Some(name)).unwrap_or_else(|| panic!("no {name}"));
@@ -163,10 +163,10 @@ fn constant(module: &Module, name: &str) -> Literal {
     literal(module, name).unwrap_or_else(|| panic!("no constant {name}"))
 }
 
-/// Constants of the outlines of regions.
+/// Constants of the outlines.
 const OUTLINES: [(&str, f32); 2] = [("DIRECTIONS", DIRECTIONS as f32), ("QUADRANT", (DIRECTIONS / 4) as f32)];
 
-/// Constants of the layout that the host also has.
+/// Constants of the memory layout that the host shares.
 const SHARED: [(&str, u32); 16] = [
     ("LANES", LANES as u32),
     ("SLICES", layout::SLICES),
@@ -189,15 +189,16 @@ const SHARED: [(&str, u32); 16] = [
 const INNER_SCALARS: [&str; 4] = ["ID", "REST", "SIGN", "SCALE"];
 const INNER_VECTORS: [&str; 3] = ["POSITION", "VELOCITY", "ANCHOR"];
 const OUTER_FIELDS: [&str; 5] = ["WALL_ID", "WALL_X", "WALL_Y", "WALL_VX", "WALL_VY"];
-/// Constants that only shaders need: fields with their widths, which must not overlap …
+/// Fields that only shaders use, with their widths. They must not overlap.
 const OWN_SCALARS: [&str; 5] = ["CLEARANCE", "COUNT", "WINNER", "BEFORE", "LIGHTER"];
 const OWN_VECTORS: [(&str, u32); 6] =
     [("STAGE", 4), ("SUM", 1), ("FIRST", 1), ("MIDDLE", 1), ("BUILT", 1), ("SWAY", 1)];
 const OWN_OUTER_FIELDS: [(&str, u32); 3] = [("WALL_PULL_X", 1), ("WALL_PULL_Y", 1), ("WALL_OLD", 5)];
-/// … a part of the skin, a coordinate beyond all ranges, words in shared memory, and how work is divided among threads.
+/// Other constants that only shaders use: memory layout, a coordinate beyond all ranges, and the
+/// division of work among threads.
 const OWN: [&str; 5] = ["SPARE", "DISTANT", "WORDS", "SLICE_MASK", "APART"];
 
-/// Random streams used by shaders.
+/// Random streams that shaders use.
 const STREAMS: [(&str, Stream); 2] = [("STREAM_CONTORTION", Stream::Contortion), ("STREAM_GROWTH", Stream::Growth)];
 
 #[test]
@@ -273,7 +274,7 @@ fn no_constant_and_no_structure_is_left_out() {
             let name = constant.name.as_deref().unwrap_or_default();
             assert!(compared.contains(name), "{name} of {} is compared with nothing", shader.name);
         }
-        // Structures of shaders only: arguments and results of functions, and what is in shared memory.
+        // Structures that only shaders use: arguments and results of functions, and shared memory.
         let known = [
             "StepRow",
             "Batch",
@@ -292,7 +293,8 @@ fn no_constant_and_no_structure_is_left_out() {
             let name = found.name.as_deref().unwrap_or_default();
             assert!(known.contains(&name), "{name} of {} is compared with nothing", shader.name);
         }
-        // A constant that pipelines set must exist by this name, or its default would be used silently.
+        // If no constant has the name that a pipeline sets, its default value would be used
+        // silently.
         let set: &[&str] = match shader.name {
             "integrate" => &["EULER", "EVALUATION"],
             _ => &[],

@@ -1,5 +1,5 @@
-//! Runs every target of the fuzzers over its corpus and over random changes of it, without libFuzzer. `scripts/fuzz` goes on
-//! from there.
+//! Runs every fuzz target over its corpus and over random mutations of it, without libFuzzer.
+//! `scripts/fuzz` continues with libFuzzer.
 
 mod mutations;
 mod seeds;
@@ -9,7 +9,7 @@ use oviduct::fuzzing::TARGETS;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// The files of a folder.
+/// The files in a folder.
 fn files(folder: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
     entries.map(|entry| entry.expect("the folder can be read").path()).collect()
@@ -28,7 +28,8 @@ fn every_input_of_the_corpora_holds() {
     }
 }
 
-/// `OVIDUCT_TEST_MUTATIONS=100000 cargo test --release --test whole corpus::` tries as many of each target.
+/// Each target gets 300 mutations by default. To run more: `OVIDUCT_TEST_MUTATIONS=100000 cargo
+/// test --release --test whole corpus::`.
 #[test]
 fn random_changes_of_the_corpora_hold() {
     let count = std::env::var("OVIDUCT_TEST_MUTATIONS").map_or(300, |count| count.parse().unwrap());
@@ -46,7 +47,8 @@ fn random_changes_of_the_corpora_hold() {
     }
 }
 
-/// `scripts/test` does not build the programs, so they are compared with what they should be.
+/// `scripts/test` does not build the programs of the fuzz targets, so this test compares their text
+/// with the expected text.
 #[test]
 fn every_target_has_a_program() {
     let paths = files(Path::new("fuzz/fuzz_targets"));

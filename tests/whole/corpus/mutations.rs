@@ -1,6 +1,7 @@
-//! Random changes of inputs, the same in every run: what libFuzzer does, without its guidance.
+//! Random mutations of inputs, the same in every run. They resemble libFuzzer's mutations, without
+//! coverage guidance.
 
-/// SplitMix64, and the inputs of a target.
+/// Mutations of a target's inputs, chosen by the random number generator SplitMix64.
 pub(crate) struct Mutations<'a> {
     inputs: &'a [Vec<u8>],
     state: u64,
@@ -26,7 +27,7 @@ impl<'a> Mutations<'a> {
         &self.inputs[self.below(self.inputs.len())]
     }
 
-    /// At most 64 bytes of these.
+    /// A random part of `bytes`, at most 64 bytes long.
     fn part<'b>(&mut self, bytes: &'b [u8]) -> &'b [u8] {
         let from = self.below(bytes.len());
         let length = self.below(64.min(bytes.len() - from) + 1);
@@ -43,7 +44,7 @@ impl<'a> Mutations<'a> {
                 let end = (at + 1 + self.below(64)).min(bytes.len());
                 bytes.drain(at..end);
             }
-            // A part of this input or of another, inserted or written over what is there.
+            // Inserts a part of this or another input, or overwrites bytes with it.
             choice => {
                 let own = bytes.clone();
                 let other = self.input();
@@ -58,7 +59,7 @@ impl<'a> Mutations<'a> {
 impl Iterator for Mutations<'_> {
     type Item = Vec<u8>;
 
-    /// An input with one to four changes.
+    /// An input with one to five changes.
     fn next(&mut self) -> Option<Vec<u8>> {
         let mut bytes = self.input().to_vec();
         for _ in 0..=self.below(4) {

@@ -1,5 +1,5 @@
-//! The binary inputs that the corpora begin with are what the program writes. After a change of a format write them
-//! again: `OVIDUCT_BLESS=1 cargo test --test whole corpus::`.
+//! Binary seeds of the corpora, which the program's own writers produce. After a change of a
+//! format, regenerate them: `OVIDUCT_BLESS=1 cargo test --test whole corpus::`.
 
 use oviduct::export::glb::{GlbOptions, write_glb};
 use oviduct::export::lod::levels;
@@ -22,7 +22,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
 use tempfile::TempPath;
 
-/// Requests a checkpoint at one step, and stops there.
+/// Requests a checkpoint at one step and stops there.
 struct StopAt {
     step: u32,
     now: AtomicU32,
@@ -61,7 +61,7 @@ fn metadata(sections: usize) -> Metadata {
     Metadata { preset: "pig".into(), seed: 7, digest, engine: "test".into(), length_mm: 60.0, sections }
 }
 
-/// Compares an input with the corpus, or writes it.
+/// Compares an input with the corpus; with `OVIDUCT_BLESS`, writes it.
 fn check(target: &str, name: &str, bytes: impl AsRef<[u8]>) -> Result<(), Box<dyn Error>> {
     let path = Path::new("fuzz/corpus").join(target).join(name);
     if std::env::var_os("OVIDUCT_BLESS").is_some() {
@@ -145,7 +145,7 @@ fn surfaces() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Small sections: a mask, and labels with an island and a pocket.
+/// Images of small sections: a mask, and tissue labels with an island and a pocket.
 fn images() -> Result<(), Box<dyn Error>> {
     let side = 48;
     let within = |i: usize, x: f64, y: f64, radius: f64| ((i % side) as f64 - x).hypot((i / side) as f64 - y) < radius;

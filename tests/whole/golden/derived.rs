@@ -1,4 +1,4 @@
-//! What the program makes of files of models: cuts, drawings, pictures, pages, conversions.
+//! Files that the program derives from models: cuts, drawings, pictures, pages, conversions.
 
 use super::hex;
 use oviduct::export::course::CourseDocument;
@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::Command;
 
-/// Runs the program in `at`, and returns what it prints.
+/// Runs the program in `at`; returns its output.
 fn run(at: &Path, line: &str) -> Vec<u8> {
     let arguments = line.split(' ');
     let output = Command::new(env!("CARGO_BIN_EXE_oviduct")).current_dir(at).env_clear().args(arguments).output();
@@ -19,7 +19,7 @@ fn run(at: &Path, line: &str) -> Vec<u8> {
     output.stdout
 }
 
-/// Digests of all files that come of one straight and one bent model.
+/// Digests of all files derived from one straight and one bent model.
 pub(super) fn digests() -> BTreeMap<String, String> {
     let folder = tempfile::tempdir().expect("a folder");
     let at = folder.path();
@@ -43,7 +43,7 @@ pub(super) fn digests() -> BTreeMap<String, String> {
     digests
 }
 
-/// What the service draws of a model, without a file.
+/// Drawings that the service creates without a file.
 fn drawings(dir: &Path, found: &mut dyn FnMut(&str, &[u8])) {
     let file = std::fs::File::open(dir.join("sections.bin")).expect("sections");
     let mut sections = SectionsReader::open(file).expect("sections");
@@ -56,7 +56,7 @@ fn drawings(dir: &Path, found: &mut dyn FnMut(&str, &[u8])) {
     found("course", &serde_json::to_vec(&CourseDocument::of(&spec)).expect("JSON"));
 }
 
-/// Makes files of a model, and returns their paths.
+/// Creates the derived files of a model; returns their paths.
 fn made(at: &Path, model: &str) -> Vec<String> {
     let mut made = vec![format!("{model}/manifest.json"), format!("{model}/report.html")];
     run(at, &format!("report {model}"));

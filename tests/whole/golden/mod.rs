@@ -1,8 +1,9 @@
-//! The files of small models, and what the program makes of them, have the recorded digests.
+//! The files of small models, and the files derived from them, have the recorded digests.
 //!
-//! `digests.json` holds the SHA-256 of every file of each model. When the engine changes on purpose, raise `version` in
-//! `Cargo.toml` (it is part of a model's digest, so a finished model of the old engine is never reused for a new one) and
-//! record them again: `OVIDUCT_BLESS=1 cargo test --test whole golden::`.
+//! `digests.json` contains the SHA-256 of every file of each model. After an intended change of the
+//! engine, raise `version` in `Cargo.toml`. The version is part of a model's digest, so finished
+//! models of the old engine are never reused. Then record the digests again: `OVIDUCT_BLESS=1 cargo
+//! test --test whole golden::`.
 
 mod derived;
 mod models;
@@ -13,19 +14,19 @@ use sha2::{Digest as _, Sha256};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Mutex;
 
-/// Digests of the files of each model, by name.
+/// Digests of the files of each model, by model name.
 type Digests = BTreeMap<String, BTreeMap<String, String>>;
 
 const PATH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/whole/golden/digests.json");
-/// Models that are grown at the same time.
+/// Number of models that are grown at the same time.
 const THREADS: usize = 2;
 
-/// SHA-256 in hex.
+/// SHA-256 in hexadecimal.
 fn hex(bytes: &[u8]) -> String {
     hex::encode(Sha256::digest(bytes))
 }
 
-/// Digests of the files of a model, read back from the disk.
+/// Digests of a model's files, read back from the disk.
 fn digests(model: &Model) -> BTreeMap<String, String> {
     let dir = tempfile::tempdir().expect("a folder");
     let request = Request {

@@ -1,5 +1,5 @@
-//! The models whose files are pinned. They have some hundred particles each, and together every preset,
-//! format, body, unit and choice.
+//! The models whose files are pinned. Each has a few hundred particles; together they cover every
+//! preset, format, body, unit and choice.
 
 use oviduct::generate::{Output, Outputs};
 use oviduct::model::{BodyKind, LengthUnit};
@@ -7,7 +7,7 @@ use oviduct::spec::{ModelSpec, preset, presets};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
-/// A model and what is written of it.
+/// A model and its outputs.
 pub(super) struct Model {
     pub(super) name: String,
     pub(super) preset: &'static str,
@@ -28,7 +28,7 @@ impl Model {
     }
 }
 
-/// A small model with all forces, all stages and growth of both loops, and with `change`.
+/// A small model with all forces, all stages, growth of both loops, and the changes in `change`.
 fn model(preset: &'static str, name: &str, change: &Value) -> Model {
     let mut patch = json!({
         "steps": 100, "burn_in": 30,
@@ -39,7 +39,7 @@ fn model(preset: &'static str, name: &str, change: &Value) -> Model {
     Model { name: format!("{preset} 7{name}"), preset, seed: 7, patch, outputs }
 }
 
-/// Formats of one body that need no more than a part of the surface at a time.
+/// Formats of one body that need only a portion of the surface at a time.
 const STREAMED: [Output; 9] = [
     Output::Glb,
     Output::Gltf,
@@ -51,7 +51,7 @@ const STREAMED: [Output; 9] = [
     Output::Centreline,
     Output::Lod,
 ];
-/// Formats whose unit can be chosen.
+/// Formats with a choice of units.
 const IN_UNITS: [Output; 6] =
     [Output::Obj, Output::Stl, Output::StlAscii, Output::Ply, Output::Vtp, Output::Centreline];
 
@@ -64,7 +64,8 @@ pub(super) fn models() -> Vec<Model> {
         let change = match &*preset.name {
             // With so few steps, deeper folds would move too fast.
             "colon" | "small-intestine" => json!({ "folds": { "depth": 0.05, "period_mm": 900 } }),
-            // Its coil is tight. Sections farther apart would be divided into millions of triangles.
+            // The coil is tight, so sections farther apart would be divided into millions of
+            // triangles.
             "mouse" => json!({ "solver": { "record_every": 2 }, "piece": { "to": 0.2 } }),
             _ => json!({}),
         };
@@ -82,7 +83,7 @@ pub(super) fn models() -> Vec<Model> {
     models
 }
 
-/// All files of one surface, in all units.
+/// One surface in all formats, bodies and units.
 fn forms() -> Vec<Model> {
     let coarse = json!({ "labels": { "voxel_um": 20, "slice_um": 1000 } });
     let of = |preset, name: &str| model(preset, name, &coarse);
@@ -112,7 +113,7 @@ fn forms() -> Vec<Model> {
     models
 }
 
-/// Other solvers, outlines and surfaces.
+/// Models with other solvers, outlines and surfaces.
 fn shapes() -> Vec<Model> {
     let lattice: Vec<Vec<f64>> = (0..9)
         .map(|row| {
@@ -137,7 +138,7 @@ fn shapes() -> Vec<Model> {
             }),
         ),
         model("pig", ", outline of a grid", &json!({ "outline": { "kind": "grid", "grid": lattice } })),
-        // Slabs in which sections are added and diagonals flipped; then warnings of poor growth.
+        // First slabs with inserted sections and flipped diagonals, then growth with warnings.
         model("pig", ", mended", &mended),
         model("paper", ", mended", &mended),
         model("pig", ", crowded", &json!({ "steps": 60, "particles": { "total": { "keys": [[0, 300], [1, 2000]] } } })),
@@ -162,7 +163,7 @@ fn shapes() -> Vec<Model> {
     models
 }
 
-/// Bent tubes.
+/// Models of bent tubes.
 fn courses() -> Vec<Model> {
     let bodies = [BodyKind::Tissue, BodyKind::Lumen];
     let bent = |name: &str, change: &Value| {
@@ -200,7 +201,7 @@ fn courses() -> Vec<Model> {
     ]
 }
 
-/// Tubes that contract.
+/// Models of tubes that contract.
 fn contractions() -> Vec<Model> {
     let of = |name: &str, change: &Value| {
         let mut patch = json!({
@@ -223,7 +224,7 @@ fn contractions() -> Vec<Model> {
     ]
 }
 
-/// The choices in values: the name and value of each member that is text or a boolean.
+/// Collects the choices in a spec: name and value of each member that is a string or a boolean.
 fn chosen(value: &Value, found: &mut BTreeSet<(String, String)>) {
     match value {
         Value::Object(members) => {
@@ -239,7 +240,7 @@ fn chosen(value: &Value, found: &mut BTreeSet<(String, String)>) {
     }
 }
 
-/// The choices that a schema offers.
+/// Collects the choices that a schema offers.
 fn offered(schema: &Value, found: &mut BTreeSet<(String, String)>) {
     let Some(members) = schema.as_object() else { return };
     for (name, schema) in ["properties", "$defs"].into_iter().filter_map(|of| members.get(of)?.as_object()).flatten() {

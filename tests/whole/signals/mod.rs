@@ -1,4 +1,5 @@
-//! Signals: a command can be stopped as soon as it has visible effects, and a service stops in order.
+//! Signals: a command can be stopped as soon as it has visible effects, and a service shuts down in
+//! order.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, missing_docs, reason = "a test fails by it")]
 
@@ -24,7 +25,8 @@ fn entries(folder: &Path) -> usize {
     std::fs::read_dir(folder).into_iter().flatten().count()
 }
 
-/// Waits until something holds, without sleeping: it may hold for microseconds only.
+/// Waits until `seen` returns true. Polls without sleeping, because the condition may hold for only
+/// a few microseconds.
 fn until(child: &mut Child, seen: impl Fn() -> bool) {
     while !seen() {
         assert!(child.try_wait().unwrap().is_none(), "the process ended");
@@ -36,7 +38,7 @@ fn a_generation_can_be_stopped_as_soon_as_its_directory_exists() {
     for _ in 0..10 {
         let at = tempfile::tempdir().unwrap();
         let out = at.path().join("out");
-        // The work of hours.
+        // This model would take hours.
         let endless = "steps=100000;solver={\"search\":\"all_pairs\",\"record_every\":100}";
         let mut child = oviduct(at.path(), &["generate", "--backend", "cpu", "--out", "out", "--set", endless]);
         until(&mut child, || entries(&out) > 0);
@@ -55,7 +57,7 @@ fn a_service_can_be_stopped_as_soon_as_it_answers() {
         let mut child = oviduct(at.path(), &["serve", "--addr", &address, "--gpu", "off"]);
         until(&mut child, || {
             let Ok(mut stream) = TcpStream::connect(&address) else { return false };
-            // The socket listens before the service answers.
+            // The socket listens before the service responds.
             stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
             let asked = stream.write_all(b"GET /readyz HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n");
             let mut answer = String::new();
@@ -94,7 +96,7 @@ fn service(at: &Path, options: &[&str]) -> (Child, String) {
     (child, url.trim().strip_prefix("http://").unwrap().to_owned())
 }
 
-/// The status line of the answer; `None` without a connection.
+/// Status line of the response; `None` without a connection.
 fn status(address: &str, path: &str) -> Option<String> {
     let mut stream = TcpStream::connect(address).ok()?;
     stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
@@ -112,7 +114,7 @@ fn readiness_fails_before_the_listener_closes() {
     terminate(&child);
     let stopped = Stopwatch::start();
     until(&mut child, || status(&address, "/readyz").is_some_and(|line| line.contains("503")));
-    // Not ready, but still serving.
+    // The service is not ready but still serves requests.
     let served = status(&address, "/models");
     assert!(stopped.elapsed() > Duration::from_secs(3) || served.is_some_and(|line| line.contains("200")));
     assert_eq!(child.wait().unwrap().code(), Some(0));
@@ -130,7 +132,7 @@ fn open_requests_have_the_grace_on_a_process_without_workers() {
     stream.write_all(format!("{head}content-length: {}\r\n\r\n{first}", body.len()).as_bytes()).unwrap();
     std::thread::sleep(Duration::from_millis(500));
     terminate(&child);
-    // Longer than the five seconds that last answers have without a grace.
+    // Longer than the five seconds that the service grants last responses without `--grace`.
     std::thread::sleep(Duration::from_millis(6500));
     assert!(child.try_wait().unwrap().is_none(), "the request was cut off");
     stream.write_all(rest.as_bytes()).unwrap();
