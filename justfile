@@ -1,17 +1,17 @@
-# Shortcuts; `just` lists them.
+# Shortcuts; `just` lists them
 
 default:
     @just --list
 
-# Everything that CI runs
+# Run everything that CI runs
 check:
     scripts/test
 
-# The same without tests/outside
+# Run everything except tests/outside
 quick:
     scripts/test quick
 
-# Fuzz what reads requests and files, 20 s a target
+# Fuzz the readers of requests and files, 20 s per target
 fuzz:
     scripts/fuzz
 

@@ -1,4 +1,5 @@
-//! Time of a certificate for a surface of the size of the paper's models: about 790,000 vertices, 1.6 million triangles.
+//! Duration of the certificate of a surface as large as the paper's models: about 790,000 vertices
+//! and 1.6 million triangles.
 
 #[path = "common/tube.rs"]
 mod tube;
@@ -34,7 +35,7 @@ fn bench(criterion: &mut Criterion) {
         });
     }
     let positions: Vec<[f64; 3]> = mesh.positions.iter().map(|p| p.map(f64::from)).collect();
-    // In an order without spatial coherence.
+    // An order without spatial coherence.
     let mut triangles = mesh.triangles.clone();
     let count = triangles.len();
     for i in 0..count {

@@ -1,8 +1,9 @@
-//! The cost of a claim, a heartbeat, a submission, a read of a job and the counts with 10^2 to 10^6 jobs queued and as many
-//! ended, on both stores.
+//! Cost of a claim, a heartbeat, a submission, a read of a job and the counts, with 10^2 to 10^6
+//! queued jobs and as many ended ones, on both databases.
 //!
-//! `cargo bench --bench claim [-- LONGEST [ROUNDS]]`. PostgreSQL is started from Debian's package, as in the tests. Each
-//! cell is the median of the rounds, with their least and greatest in brackets.
+//! Usage: `cargo bench --bench claim [-- LONGEST [ROUNDS]]`. PostgreSQL is started from Debian's
+//! package, as in the tests. Each cell contains the median of the rounds, with their minimum and
+//! maximum in parentheses.
 #![allow(missing_docs, unreachable_pub, clippy::print_stdout, reason = "a bench prints its results")]
 
 #[path = "../tests/common/postgres.rs"]
@@ -15,7 +16,7 @@ use cluster::Cluster;
 use oviduct::jobs::{Database, Store, open};
 use queue::{Costs, costs, fill_postgres, fill_sqlite, options};
 
-/// Measures a store in several rounds, and prints a row of the table.
+/// Measures a job store in several rounds and prints a row of the table.
 async fn measure(name: &str, rows: u64, rounds: usize, store: &Store) {
     let mut all: Vec<Costs> = Vec::new();
     for _ in 0..rounds {
@@ -36,7 +37,7 @@ async fn run(longest: u64, rounds: usize) {
     );
     println!("|---|---|---|---|---|---|---|---|---|");
     let sizes: Vec<u64> = (1..=3).map(|n| 100u64.pow(n)).filter(|rows| *rows <= longest).collect();
-    // In addition, the jobs that are claimed.
+    // The measurements claim some jobs, so queue these in addition.
     let taken = 100 * rounds as u64;
     for &rows in &sizes {
         let dir = tempfile::tempdir().expect("a folder");

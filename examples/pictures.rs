@@ -1,7 +1,7 @@
 //! Draws the pictures of the README: `cargo run --release --example pictures -- SEED OUT [PATCH]`.
 //!
-//! Grows the `pig` model of a seed, changed by a JSON patch if there is one. Writes `sections.png`,
-//! the sections at `STEPS`, and `model.png` to the folder OUT.
+//! Grows the `pig` model of a seed, optionally changed by a JSON patch. Writes `sections.png` (the
+//! sections at `STEPS`) and `model.png` to the folder OUT.
 
 use oviduct::mesh::Lofter;
 use oviduct::model::Section;
@@ -12,7 +12,7 @@ use oviduct::spec::{ModelSpec, preset};
 use std::error::Error;
 use std::path::Path;
 
-/// Steps of the sections in the sheet.
+/// Steps of the sections in `sections.png`.
 const STEPS: [f64; 7] = [0.0, 200.0, 425.0, 800.0, 1200.0, 1600.0, 2000.0];
 
 fn main() -> Result<(), Box<dyn Error>> {

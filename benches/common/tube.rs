@@ -1,22 +1,24 @@
-//! A synthetic folded tube, sound by construction, of any size: every section is star-shaped around its centre, lines
-//! along the tube keep their angle, and the centre wanders (a shear), so no two parts of the surface can meet.
+//! A synthetic folded tube of any size that cannot intersect itself. Every section is star-shaped
+//! around its centre, lines along the tube keep their angle, and the centre only shifts sideways
+//! from section to section (a shear).
 
 use std::f64::consts::TAU;
 
 /// Points of a closed contour.
 type Ring = Vec<[f32; 2]>;
 
-/// A tube: sections as rings in micrometres, surface in metres.
+/// A tube: sections in micrometres, surface in metres.
 pub(crate) struct Tube {
-    /// Place along the tube, inner and outer ring of each section.
+    /// Position along the tube, inner contour and outer contour of each section.
     pub(crate) sections: Vec<(f64, Ring, Ring)>,
     /// Vertices of the tissue.
     pub(crate) positions: Vec<[f32; 3]>,
-    /// Triangles, counter-clockwise from outside.
+    /// Triangles, counter-clockwise seen from outside.
     pub(crate) triangles: Vec<[u32; 3]>,
 }
 
-/// Grows a tube of `sections` sections with `inner` and `outer` points a ring and `folds` folds.
+/// Builds a tube of `sections` sections with `inner` and `outer` points per contour and `folds`
+/// folds.
 #[must_use]
 pub(crate) fn tube(sections: usize, inner: usize, outer: usize, folds: usize) -> Tube {
     let length = 300.0 * (sections - 1) as f64;
@@ -27,7 +29,7 @@ pub(crate) fn tube(sections: usize, inner: usize, outer: usize, folds: usize) ->
         let centre = [40.0 * (0.21 * t).sin(), 40.0 * (0.17 * t).cos()];
         [(centre[0] + r * angle.cos()) as f32, (centre[1] + r * angle.sin()) as f32]
     };
-    // Points lie closer in angle where the contour runs along the radius.
+    // The points are closer in angle where the contour is nearly radial.
     let angle = |i: usize, n: usize| {
         let u = i as f64 / n as f64;
         TAU * u + 0.45 / folds as f64 * (2.0 * TAU * folds as f64 * u).sin()
@@ -69,8 +71,9 @@ pub(crate) fn tube(sections: usize, inner: usize, outer: usize, folds: usize) ->
     tube
 }
 
-/// Closes an end: from the inner ring outward to a circle with as many points, from there to the outer ring. The
-/// triangles are then shuffled, as a triangulation hands them over in no order.
+/// Closes one end: triangles from the inner contour to a circle with as many points, and from this
+/// circle to the outer contour. The triangles are then shuffled, because a triangulation returns
+/// them in no useful order.
 #[expect(clippy::too_many_arguments, reason = "a part of `tube`, cut off for length")]
 fn cap(
     tube: &mut Tube,

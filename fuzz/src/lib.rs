@@ -1,4 +1,4 @@
-//! What the programs in `fuzz_targets` share: limits on the memory and the time that an input may take.
+//! Shared code of the programs in `fuzz_targets`: limits on memory and processor time per input.
 
 use cap::Cap;
 use cpu_time::ThreadTime;
@@ -7,19 +7,21 @@ use std::alloc::System;
 use std::sync::Once;
 use std::time::Duration;
 
-/// Most processor time of a run; unlike the time that libFuzzer limits, it does not depend on other processes.
+/// Maximum processor time per input. Unlike libFuzzer's time limit, it does not depend on other
+/// processes.
 const TIME: Duration = Duration::from_secs(5);
 
 #[global_allocator]
 static ALLOCATOR: Cap<System> = Cap::new(System, usize::MAX);
 
-/// Runs a target. An allocation beyond its limit fails, which ends the program like a panic.
+/// Runs a target. An allocation beyond the target's memory limit fails, which ends the program like
+/// a panic.
 pub fn run(target: &Target, bytes: &[u8]) {
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {
         let hook = std::panic::take_hook();
         std::panic::set_hook(Box::new(move |panic| {
-            // The trace of a panic takes memory too.
+            // Printing the panic needs memory, too.
             unlimited();
             hook(panic);
         }));
