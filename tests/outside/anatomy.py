@@ -1,6 +1,6 @@
-"""Grows models of the presets in full and compares them with published anatomy.
+"""Grows full models of the presets and compares them with published anatomy.
 
-Usage: anatomy.py OVIDUCT_BINARY [--seeds 1..3]
+Usage: anatomy.py OVIDUCT_BINARY [--seeds 1..3] [--presets pig,human,cow]
 """
 
 import argparse
@@ -11,20 +11,21 @@ import tempfile
 from grown import Oviduct
 
 PRESETS = ["pig", "human", "cow"]
-# Of the models of a preset, so many must be in a published range.
+# Minimum fraction of a preset's models that must lie in a published range.
 LEAST_INSIDE = 0.9
-# Published ranges that no model of a preset is in; docs/validation.md says why.
+# Published ranges that no model of a preset reaches; docs/validation.md gives the reasons.
 MISSED = {
     "pig": ["whole: tube length, follicular phase", "whole: tube length, luteal phase", "whole: tube length, adult nonpregnant range"],
     "human": ["whole: tube length right/left age 14-49", "isthmus: number of primary folds (conflicting report)"],
     "cow": [],
 }
-# How much a measure may change from one of 201 sections to the next, as a part of its difference between isthmus and ampulla.
+# Maximum change of a measure between two of the 201 sections, as a fraction of its difference
+# between isthmus and ampulla.
 MOST_STEP = {"perimeter_ratio": 0.05, "lumen_perimeter_mm": 0.05, "outer_diameter_mm": 0.1, "lumen_area_mm2": 0.1}
 
 
 def ranges(preset, models):
-    """A sentence for each published range that too few models are in."""
+    """Returns a sentence for each published range that too few models reach."""
     faults, met = [], 0
     for rows in zip(*(model["comparison"]["compared"] for model in models)):
         published, low, high = (rows[0][name] for name in ("published", "low", "high"))
@@ -44,7 +45,11 @@ def ranges(preset, models):
 
 
 def course(preset, morphometry):
-    """A sentence for what is not as published along the tube: branching, and a gradual change at the junction."""
+    """Returns a sentence for each deviation from the published course along the tube.
+
+    Checks that branching increases toward the ampulla and that measures change gradually at the
+    junction.
+    """
     along, regions = morphometry["along"], morphometry["regions"]
     orders = [regions[region]["quantities"]["branching_order"]["median"] for region in ("isthmus", "ampulla")]
     faults = [] if orders[0] <= 1 and orders[1] >= 2 else [f"{preset}: branching orders {orders}"]

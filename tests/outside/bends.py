@@ -1,11 +1,17 @@
 """Judges bent models with trimesh, pymeshlab, numpy and TetGen.
 
-Usage: bends.py OVIDUCT_BINARY [--presets pig] [--seeds 3-3] [--courses arc,random:1,...] [--set steps=400] [--fill]
+Usage: bends.py OVIDUCT_BINARY [--presets pig] [--seeds 3-3] [--courses arc,random:1,...]
+                [--set steps=400] [--fill]
 
-Each model is grown straight and along the courses. A bent surface must be one closed, oriented solid torus without self-intersections.
-On an arc, whose centre line is computed here, all vertices must be where the map puts those of the straight surface, and cuts of the
-program across the centre line must be those of the straight tube; so must be cuts by trimesh. With --fill, TetGen fills lumen and tissue of
-the first course. A course may be refused only with its place.
+Each model is grown straight and along the courses. A bent surface must be one closed, oriented
+solid torus without self-intersections.
+
+For an arc, this script computes the centre line itself. All vertices must lie where the bending map
+moves the vertices of the straight surface. Cuts across the centre line, by the program and by
+trimesh, must equal the cuts of the straight tube.
+
+With --fill, TetGen fills lumen and tissue of the first course. The program may refuse a course only
+if it names the place.
 """
 
 import argparse
@@ -34,14 +40,14 @@ PLACES = 8
 
 
 def course(name):
-    """The course of a name; random:SEED is a random one of tortuosity 1.5."""
+    """Returns the course with a name; `random:SEED` is a random course of tortuosity 1.5."""
     if name.startswith("random"):
         return {"shape": "random", "tortuosity": 1.5, "seed": int(name.partition(":")[2] or 1)}
     return SHAPES[name]
 
 
 def grow(binary, folder, preset, seed, settings, patch, bodies="tissue"):
-    """The report of a model; None if its course was refused with its place."""
+    """Grows a model; returns its report, or None if its course was refused with its place."""
     with open(os.path.join(folder, "patch.json"), "w", encoding="utf-8") as file:
         json.dump({"course": patch}, file)
     options = [f"--set={setting}" for setting in settings]
@@ -58,13 +64,13 @@ def grow(binary, folder, preset, seed, settings, patch, bodies="tissue"):
 
 
 def vertices(folder):
-    """The vertices of the OBJ file in its order, µm."""
+    """Returns the vertices of the OBJ file in their order, µm."""
     with open(os.path.join(folder, "model.obj"), encoding="utf-8") as file:
         return 1e6 * np.array([line.split()[1:4] for line in file if line.startswith("v ")], dtype=float)
 
 
 def on_arc(points, length, turn):
-    """Where the points of a straight tube are on an arc toward x."""
+    """Returns the positions of a straight tube's points on an arc that bends toward x."""
     radius = length / turn
     angle = points[:, 2] / radius
     inward = radius - points[:, 0]
@@ -72,7 +78,7 @@ def on_arc(points, length, turn):
 
 
 def arc_frame(place, length, turn):
-    """Origin, u, v and tangent of a place on an arc."""
+    """Returns origin, u, v and tangent at a place on an arc."""
     angle = place * turn / length
     sin, cos = math.sin(angle), math.cos(angle)
     origin = on_arc(np.array([[0.0, 0.0, place]]), length, turn)[0]
@@ -80,7 +86,7 @@ def arc_frame(place, length, turn):
 
 
 def judge_arc(binary, straight, bent, report):
-    """Compares a tube on an arc with the straight one, vertex by vertex and cut by cut."""
+    """Compares a tube on an arc with the straight tube, vertex by vertex and cut by cut."""
     length, turn = 1e3 * report["spec"]["length_mm"], math.radians(report["spec"]["course"]["turn_deg"])
     before, after = vertices(straight), vertices(bent)
     assert len(after) == len(before) + report["course"]["split"], "vertices"
@@ -101,7 +107,8 @@ def judge_arc(binary, straight, bent, report):
         with open(out, encoding="utf-8") as file:
             own = json.load(file)
         assert np.allclose(own["plane"]["u"], u, atol=1e-5) and np.allclose(own["plane"]["origin_um"], origin, atol=0.1)
-        # Flat triangles follow the map within a fraction of a micrometre; slivers may come and go.
+        # Flat triangles deviate from the map by a fraction of a micrometre, so the cuts may differ
+        # by one small island.
         for other in (found, sorted(depths(own), key=lambda ring: -ring[0])):
             assert islands(other) == islands(expected) or abs(islands(other) - islands(expected)) <= 1
             for (a, _), (b, _) in list(zip(other, expected))[:2]:
@@ -129,7 +136,7 @@ def fill(folder, report):
 
 
 def main():
-    """Judges the models that were asked for."""
+    """Judges the requested models."""
     parser = argparse.ArgumentParser()
     parser.add_argument("binary")
     parser.add_argument("--presets", default="pig")

@@ -1,8 +1,10 @@
-"""A deployment on several machines, simulated on one: two API processes, and workers that are started and stopped, over one
-PostgreSQL and one bucket of an S3 server (moto).
+"""Simulates a deployment on several machines: two API processes and changing workers.
 
-Every model must end once with the bytes of `oviduct generate`, although processes are killed meanwhile; both APIs show the
-same; events arrive through an API that neither accepted the model nor grows it.
+The processes share one PostgreSQL database and one bucket of an S3 server (moto). Every model must
+end once with the same bytes as `oviduct generate`, although processes are killed in the meantime.
+Both API processes must show the same models. Events must arrive through an API process that neither
+accepted the model nor grows it.
+
 Usage: cluster.py OVIDUCT_BINARY
 """
 
@@ -28,17 +30,17 @@ MODELS = 14
 
 
 class Bucket:
-    """An S3 server with an empty bucket, within a `with`."""
+    """An S3 server with one empty bucket, running inside a `with` block."""
 
     def __enter__(self):
-        # Another program may take a port before the server does.
+        # Another program may take the port before the server does.
         for _ in range(5):
             if self.starts(free_port()):
                 return self
         raise SystemExit("the S3 server did not start")
 
     def starts(self, port):
-        """Starts it on a port; returns whether it runs there."""
+        """Starts the server on a port; returns whether it runs there."""
         program = os.path.join(os.path.dirname(sys.executable), "moto_server")
         self.process = subprocess.Popen([program, "-H", "127.0.0.1", "-p", str(port)], stderr=subprocess.DEVNULL)
         self.variables = {
@@ -74,7 +76,7 @@ class Bucket:
 
 
 class Worker:
-    """`oviduct worker` with a directory of its own."""
+    """`oviduct worker` with its own directory."""
 
     def __init__(self, binary, folder, stores):
         data = tempfile.mkdtemp(dir=folder)
@@ -112,7 +114,7 @@ class Listener(threading.Thread):
 
 
 def spec_of(seed):
-    """The last model is large: its files are uploaded in parts."""
+    """Returns the spec of a model; the last model is large, so its files need multipart uploads."""
     large = {"steps": 2000, "particles": {"total": {"keys": [[0, 710], [1, 6000]]}}}
     return large if seed == MODELS - 1 else SMALL
 
@@ -133,7 +135,10 @@ def until_some_have_ended(service, count):
 
 
 def generated(binary, folder, seed):
-    """The hashes of the files of `oviduct generate`, without its manifest, which the service makes when asked."""
+    """Returns the hashes of the files of `oviduct generate`, without the manifest.
+
+    The service creates the manifest only on request.
+    """
     spec = os.path.join(folder, "spec.json")
     with open(spec, "w") as file:
         json.dump(spec_of(seed), file)
@@ -164,7 +169,7 @@ def main(binary, folder, cluster, bucket):
     workers.append(Worker(binary, folder, stores))
     b.start()
 
-    # Through an API that neither accepted it nor grows it.
+    # The events come through an API process that neither accepted the model nor grows it.
     endless = b.json("POST", "/models", {"spec": ENDLESS})["id"]
     listener = Listener(a, endless)
     assert listener.progressed.wait(900), listener.events

@@ -1,8 +1,9 @@
-"""Tests the live service against openapi.yaml with schemathesis, without keys and, with fewer cases, with one.
+"""Tests the live service against openapi.yaml with schemathesis.
 
 Usage: contract.py OVIDUCT_BINARY [--max-examples N]
 
-With --max-examples, the run without keys generates N requests per operation instead of schemathesis' default.
+Runs without API keys, and with fewer cases using an API key. With --max-examples, the run without
+keys generates N requests per operation instead of schemathesis' default.
 """
 
 import json
@@ -19,12 +20,14 @@ ROOT = os.path.join(HERE, "..", "..")
 
 
 def main(folder, keyed):
-    # One model in each final state; then a service that only queues, so that valid requests cost nothing.
+    # First create one model in each final state. Then run a service that only queues jobs, so that
+    # valid requests cost nothing.
     service = Service(BINARY, folder, "--queue-limit", "100000")
     options = list(OPTIONS)
     if keyed:
         service.add_key("judge", "admin")
-        # The header is added to every request, so none lacks it. tests/api/access.rs sends requests without a key.
+        # Every request gets the header, so none lacks it. tests/api/access.rs sends requests
+        # without a key.
         options = ["--header", f"Authorization: Bearer {service.key}", "--exclude-checks", "missing_required_header",
                    "--max-examples", "5", "--phases", "examples,fuzzing"]
     service.start()
@@ -34,7 +37,7 @@ def main(folder, keyed):
     service.start("--cpu-workers", "0")
     cancelled = service.json("POST", "/models", {"seed": 2, "spec": SMALL})["id"]
     service.json("POST", f"/models/{cancelled}/cancel")
-    # One that stays queued, so that every event stream has a first event at once.
+    # A model that stays queued, so that every event stream has a first event immediately.
     service.json("POST", "/models", {"seed": 3, "spec": SMALL})
 
     live = service.call("GET", "/openapi.yaml")[2]
@@ -62,7 +65,7 @@ def main(folder, keyed):
     print(done.stdout, flush=True)
     if done.returncode != 0:
         sys.exit(f"schemathesis ended with {done.returncode}; the end of the server's log:\n{service.tail()}")
-    # Afterwards the service is still ready.
+    # The service must still be ready afterwards.
     assert service.call("GET", "/readyz")[0] == 200
     service.stop()
     print(f"contract: the service {'with' if keyed else 'without'} keys conforms to openapi.yaml")
@@ -73,6 +76,6 @@ if __name__ == "__main__":
     BINARY = os.path.abspath(BINARY)
     if OPTIONS and (len(OPTIONS) != 2 or OPTIONS[0] != "--max-examples"):
         sys.exit(__doc__)
-    # Both at a time, since schemathesis uses one core.
+    # Both runs are concurrent, because schemathesis uses only one core.
     with tempfile.TemporaryDirectory() as first, tempfile.TemporaryDirectory() as second, ThreadPoolExecutor() as pool:
         list(pool.map(main, (first, second), (False, True)))

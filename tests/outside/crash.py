@@ -1,8 +1,10 @@
 """Kills a live server in each stage of a job and starts it again.
 
-Every accepted model must end once, with complete files; no incomplete file may ever be visible.
+Every accepted model must end once, with complete files. No incomplete file may ever be visible.
+
 Usage: crash.py OVIDUCT_BINARY [sqlite|postgres]
-The binary must be built with the feature fault-injection, which `cargo test` turns on.
+
+The binary must have the feature fault-injection, which `cargo test` enables.
 """
 
 import hashlib
@@ -23,14 +25,17 @@ OPTIONS = ["--lease", "2s", "--heartbeat", "500ms", "--max-attempts", "100"]
 
 
 def submit(service, seed, steps=None):
-    """Requests a model, without reuse."""
+    """Requests a model without reuse."""
     spec = SMALL if steps is None else {**SMALL, "steps": steps}
     body = {"seed": seed, "spec": spec, "outputs": ["glb", "obj"], "reuse": False}
     return service.json("POST", "/models", body, {"Idempotency-Key": f"crash-{seed}"})["id"]
 
 
 def submit_to_one_that_ends(service, seed):
-    """The same if the server may kill itself before it answers; the caller repeats the request with the same key."""
+    """Requests a model from a server that may kill itself before it responds.
+
+    The caller repeats the request with the same idempotency key.
+    """
     try:
         return submit(service, seed)
     except (OSError, http.client.HTTPException):
@@ -38,7 +43,7 @@ def submit_to_one_that_ends(service, seed):
 
 
 def verify(service, ids):
-    """Every accepted model has succeeded, once, and each of its files is complete."""
+    """Checks that every accepted model succeeded once and that each of its files is complete."""
     for model in ids:
         found = service.ended(model)
         assert found["status"] == "succeeded", found
@@ -59,7 +64,7 @@ def verify(service, ids):
 
 
 def stray(data):
-    """Incomplete files in the artifact store."""
+    """Returns the incomplete files in the artifact store."""
     found = []
     for folder, _, files in os.walk(os.path.join(data, "artifacts")):
         found += [os.path.join(folder, name) for name in files if "#" in name or name.endswith((".part", ".tmp"))]
@@ -67,7 +72,11 @@ def stray(data):
 
 
 def sweep(service, folder):
-    """If other processes may share the store, uploads of a killed process are deleted only once they are a day old."""
+    """Checks that the orphan sweep deletes the uploads of killed processes.
+
+    If other processes may share the artifact store, the sweep deletes only uploads that are at
+    least a day old. The files are therefore given an old time first.
+    """
     for path in stray(folder):
         os.utime(path, (0, 0))
     service.start()
@@ -94,7 +103,7 @@ def main(folder, *database):
         endings[ids[-1]] = ended
         service.stop()
 
-    # SIGKILL at arbitrary moments, with queued and running models.
+    # SIGKILL at arbitrary moments, while models are queued and running.
     service.start()
     waiting = [submit(service, 100 + i, steps=200) for i in range(6)]
     ids += waiting

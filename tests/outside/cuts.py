@@ -1,11 +1,14 @@
-"""Judges planar cuts with trimesh: islands in the ampulla, the same rings as `oviduct cut`, an isthmus without change.
+"""Judges planar cuts with trimesh.
 
 Usage: cuts.py OVIDUCT_BINARY [--presets pig,human] [--seeds 1-10] [--set steps=400]
 
-A model is grown with its preset and cut by trimesh at 40 places along the ampulla. At least 40 % of the cuts must have an island of
-over 500 µm², by trimesh and by the report alike; tissue and gaps must be as thick as promised. Some cuts, across and at angles, are
-compared ring by ring with those of the program. Where the preset neither sways nor leans, in the isthmus, the surface must have the
-very vertices of a model without both.
+Each model is cut by trimesh at 40 places along the ampulla. At least 40 % of the cuts must have an
+island of more than 500 µm², according to both trimesh and the report. Tissue and gaps must be as
+thick as promised.
+
+Some cuts, straight across and at angles, are compared ring by ring with the cuts of `oviduct cut`.
+In the isthmus, where the preset neither sways nor leans, the vertices must equal those of a model
+without sway and lean.
 """
 
 import argparse
@@ -24,12 +27,12 @@ LEAST_ISLAND_UM2 = 500.0
 LEAST_SHARE = 0.4
 LEAST_TISSUE_UM = 25.0
 LEAST_GAP_UM = 8.0
-# The walls of a tube without lean, for comparison.
+# Settings of the model without sway and lean.
 STRAIGHT = ("sway.strength=0", "lean.strength_um=0")
 
 
 def surface(folder):
-    """The whole surface as one mesh in micrometres, and the vertices of each wall."""
+    """Returns the whole surface as one mesh in micrometres, and the vertices of each wall."""
     scene = trimesh.load(os.path.join(folder, "model.glb"), process=False)
     walls = {name: np.asarray(next(mesh for key, mesh in scene.geometry.items() if name in key).vertices) * 1e6
              for name in ("inner_wall", "outer_wall")}
@@ -41,13 +44,13 @@ def surface(folder):
 
 
 def signed_area(line):
-    """Area within a closed line of points in a plane."""
+    """Returns the signed area within a closed line of points in a plane."""
     x, y = line[:, 0] - line[0, 0], line[:, 1] - line[0, 1]
     return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 
 
 def inside(line, point):
-    """Whether a point lies within a closed line, by the crossings of a ray."""
+    """Returns whether a point lies within a closed line, by the crossings of a ray."""
     x, y = line[:, 0], line[:, 1]
     u, v = np.roll(x, -1), np.roll(y, -1)
     crosses = (y > point[1]) != (v > point[1])
@@ -56,7 +59,10 @@ def inside(line, point):
 
 
 def rings(mesh, origin, normal, u, v):
-    """Areas and depths of the rings of a cut, largest first: even depths bound tissue, 0 the outermost."""
+    """Returns area and depth of each ring of a cut, largest first.
+
+    Rings of even depth bound tissue; the outermost ring has depth 0.
+    """
     section = mesh.section(plane_origin=origin, plane_normal=normal)
     if section is None:
         return []
@@ -70,12 +76,12 @@ def rings(mesh, origin, normal, u, v):
 
 
 def islands(found):
-    """Number of rings of tissue within lumen that count."""
+    """Returns the number of islands that are large enough to count."""
     return sum(1 for area, depth in found if depth >= 2 and depth % 2 == 0 and area >= LEAST_ISLAND_UM2)
 
 
 def own_cut(binary, folder, *place):
-    """The cut that the program makes."""
+    """Returns the cut that the program computes."""
     out = os.path.join(folder, "cut.json")
     subprocess.run([binary, "cut", os.path.join(folder, "model.glb"), *place, "--out", out], check=True, capture_output=True)
     with open(out, encoding="utf-8") as file:
@@ -83,7 +89,7 @@ def own_cut(binary, folder, *place):
 
 
 def depths(cut):
-    """Area and depth of each ring of a cut of the program."""
+    """Returns area and depth of each ring of a cut of the program."""
     found = []
     for ring in cut["rings"]:
         depth = 0 if ring["parent"] is None else found[ring["parent"]][1] + 1
@@ -94,14 +100,14 @@ def depths(cut):
 
 
 def compare(binary, folder, mesh, place, origin, normal):
-    """Compares a cut of the program with that of trimesh."""
+    """Compares a cut of the program with a cut by trimesh."""
     cut = own_cut(binary, folder, *place)
     plane = cut["plane"]
     u, v = np.array(plane["u"]), np.array(plane["v"])
     assert np.allclose(np.cross(u, v), np.array(normal) / np.linalg.norm(normal), atol=1e-12)
     theirs = rings(mesh, np.array(origin, dtype=float), np.array(normal, dtype=float), u, v)
     ours = sorted(depths(cut), key=lambda ring: -ring[0])
-    # Rings of less than a square micrometre are tips that one of the two may miss.
+    # One of the two programs may miss a tip of a fold: a ring of less than one square micrometre.
     theirs, ours = ([ring for ring in side if ring[0] > 1.0] for side in (theirs, ours))
     assert [depth for _, depth in ours] == [depth for _, depth in theirs], (place, ours, theirs)
     worst = max((abs(a - b) / (1.0 + b) for (a, _), (b, _) in zip(ours, theirs)), default=0.0)
@@ -150,7 +156,7 @@ def judge(binary, preset, seed, settings, full_size):
 
 
 def main():
-    """Judges the models that were asked for."""
+    """Judges the requested models."""
     parser = argparse.ArgumentParser()
     parser.add_argument("binary")
     parser.add_argument("--presets", default="pig")

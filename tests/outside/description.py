@@ -1,4 +1,4 @@
-"""Tests openapi.yaml with linters and with generators of clients.
+"""Tests openapi.yaml with linters and with client generators.
 
 Usage: description.py
 """
@@ -19,7 +19,7 @@ NODE = os.path.join(ROOT, "target", "judges", "node", "node_modules")
 
 
 class Loader(yaml.SafeLoader):
-    """YAML 1.2 as OpenAPI uses it: a time is text."""
+    """YAML 1.2 as OpenAPI uses it: a time is a string."""
 
 
 Loader.yaml_implicit_resolvers = {
@@ -29,9 +29,9 @@ Loader.yaml_implicit_resolvers = {
 
 
 def run(name, *command):
-    """The output of a program that must succeed."""
+    """Runs a program that must succeed; returns its output."""
     quiet = {"REDOCLY_TELEMETRY": "off", "REDOCLY_SUPPRESS_UPDATE_NOTICE": "true"}
-    # For ruff and the like, which are installed beside Python.
+    # The generator calls ruff, which is installed next to Python.
     path = os.path.dirname(sys.executable) + os.pathsep + os.environ["PATH"]
     done = subprocess.run(command, env={**os.environ, **quiet, "PATH": path}, capture_output=True, text=True)
     if done.returncode != 0:
@@ -69,7 +69,7 @@ def typescript(folder):
 
 def python(folder):
     generator = os.path.join(os.path.dirname(sys.executable), "openapi-python-client")
-    # With --fail-on-warning a part that it leaves out is an error.
+    # With --fail-on-warning, an omitted part of the description is an error.
     run("openapi-python-client", generator, "generate", "--path", DESCRIPTION, "--output-path",
         os.path.join(folder, "oviduct_client"), "--meta", "none", "--fail-on-warning",
         "--config", os.path.join(HERE, "openapi-python-client.yaml"))
@@ -82,7 +82,7 @@ def python(folder):
     models = importlib.import_module("oviduct_client.models")
     with open(DESCRIPTION, encoding="utf-8") as file:
         examples = yaml.load(file, Loader)["components"]["examples"]
-    # What is read and written again is the example. Times may be written in another way.
+    # Reading and writing an example must return the example, except for the format of times.
     for name in ["Model", "ModelList", "Batch", "Table", "WorkerList", "Ticket", "TicketRequest"]:
         value = examples[name]["value"]
         again = getattr(models, name).from_dict(value).to_dict()
@@ -93,7 +93,7 @@ def python(folder):
 
 
 def plain(value):
-    """A value without times, whose text the client changes."""
+    """Returns a value without times, because the client changes their format."""
     if isinstance(value, dict):
         return {name: plain(member) for name, member in value.items() if not name.endswith("_at")}
     return [plain(item) for item in value] if isinstance(value, list) else value

@@ -1,10 +1,14 @@
-"""Compares files of one surface in several formats, as other programs read them, with the OBJ file.
+"""Compares files of one surface in several formats, as other programs read them.
 
-Usage: formats.py FOLDER    (holds model.* in every format, and likewise lumen.* and regions.*; other .vtp files hold a line)
+Usage: formats.py FOLDER
 
-Each file is read by two programs or more, and must have the vertices, the triangles in their order with their corners in
-their order, and the patch of each triangle that the OBJ file has. Coordinates in the unit of the OBJ file must be equal;
-otherwise they may differ by the rounding of a 32-bit float.
+FOLDER contains model.* in every format, and likewise lumen.* and regions.*; other .vtp files
+contain a line.
+
+At least two programs read each file. The result must have the vertices of the OBJ file, its
+triangles with the same order of triangles and corners, and the patch of each triangle. Coordinates
+in the unit of the OBJ file must be equal. In other units they may differ by the rounding of a
+32-bit float.
 """
 
 import os
@@ -21,7 +25,7 @@ import vtk
 from vtk.util.numpy_support import vtk_to_numpy
 
 METRES = {"m": 1.0, "metres": 1.0, "mm": 1e-3, "um": 1e-6}
-# Of a coordinate, where units differ: two roundings of a 32-bit float.
+# Maximum relative difference of coordinates in different units: two roundings of a 32-bit float.
 ROUNDING = 2.0**-22
 
 
@@ -31,11 +35,11 @@ class Surface:
 
     # Coordinates of the corners of each triangle.
     corners: np.ndarray
-    # Name of the patch of each triangle; none if the program does not read it.
+    # Name of the patch of each triangle; None if the program does not read patches.
     patches: list | None = None
-    # All vertices, if the program keeps those of the file.
+    # All vertices, if the program keeps the vertices of the file.
     vertices: np.ndarray | None = None
-    # Sentences about anything else that is wrong.
+    # Sentences about other faults.
     faults: list = field(default_factory=list)
 
 
@@ -45,14 +49,14 @@ def indexed(vertices, triangles, patches=None):
 
 
 def joined(parts):
-    """A surface of parts, each a patch: (name, vertices, triangles)."""
+    """Joins parts (name, vertices, triangles) to one surface; each part is a patch."""
     surfaces = [indexed(vertices, triangles) for _, vertices, triangles in parts]
     patches = [name for (name, _, triangles) in parts for _ in range(len(triangles))]
     return Surface(np.concatenate([s.corners for s in surfaces]), patches, np.concatenate([s.vertices for s in surfaces]))
 
 
 def yardstick(path):
-    """The surface of an OBJ file, the names of its patches in order, and its unit."""
+    """Returns the surface of an OBJ file, the names of its patches in order, and its unit."""
     vertices, triangles, patches, names, unit = [], [], [], [], None
     with open(path, encoding="utf-8") as file:
         for line in file:
@@ -76,7 +80,7 @@ def output(reader, path):
 
 
 def polygons(data):
-    """Points and triangles of PolyData of VTK."""
+    """Returns points and triangles of a VTK PolyData object."""
     triangles = vtk_to_numpy(data.GetPolys().GetConnectivityArray()).reshape(-1, 3)
     return vtk_to_numpy(data.GetPoints().GetData()), triangles
 
@@ -129,11 +133,11 @@ def stl_vtk(path, _):
 
 
 def by_gmsh(path, _):
-    """Gmsh makes a surface of each solid of text STL, and keeps its name."""
+    """Reads text STL with Gmsh, which turns each solid into a surface with its name."""
     gmsh.initialize()
     try:
         gmsh.option.setNumber("General.Terminal", 0)
-        # Otherwise vertices that are near each other become one.
+        # With a tolerance, Gmsh would merge neighbouring vertices.
         gmsh.option.setNumber("Geometry.Tolerance", 0)
         gmsh.merge(path)
         tags, points, _ = gmsh.model.mesh.getNodes()
@@ -154,7 +158,7 @@ def by_gmsh(path, _):
 
 def ascii_trimesh(path, _):
     loaded = trimesh.load(path, process=False)
-    # One solid is a mesh, several are a scene.
+    # trimesh returns one solid as a mesh, several solids as a scene.
     meshes = loaded.geometry if isinstance(loaded, trimesh.Scene) else {loaded.metadata["name"]: loaded}
     surface = joined([(name, part.vertices.astype(np.float32), part.faces) for name, part in meshes.items()])
     surface.faults = normals(np.concatenate([part.face_normals for part in meshes.values()]), surface.corners)
@@ -172,7 +176,7 @@ def ascii_vtk(path, _):
 
 
 def ply_trimesh(path, _):
-    """Readers ignore comments, where the names of the patches are."""
+    """Reads a PLY file with trimesh, and the names of the patches from the comments itself."""
     mesh = trimesh.load(path, process=False)
     with open(path, "rb") as file:
         header = file.read(1 << 20).split(b"end_header\n")[0].decode()
@@ -228,7 +232,7 @@ def unit_length(vectors):
 
 
 def normals(stated, corners):
-    """Compares normals of triangles with those of their corners; zero stands for no area."""
+    """Compares the stated normals with those of the corners; zero means a triangle without area."""
     a, b, c = corners.transpose(1, 0, 2)
     cross = np.cross(b - a, c - a)
     length = np.linalg.norm(cross, axis=1, keepdims=True)
@@ -238,7 +242,7 @@ def normals(stated, corners):
 
 
 def unit_of(stem, extension):
-    """Metres in the unit that a file states; text STL has that of the binary file."""
+    """Returns the metres per unit that a file states; text STL uses the unit of the binary file."""
     path = f"{stem}.{extension}"
     match extension:
         case "glb" | "gltf":
@@ -260,7 +264,10 @@ def distinct(points):
 
 
 def compare(found, expected, factor):
-    """A sentence for each difference. `factor` is the unit of the expected surface in that of the found one."""
+    """Returns a sentence for each difference.
+
+    `factor` converts the unit of the expected surface to the unit of the found one.
+    """
     faults = list(found.faults)
     if found.corners.shape != expected.corners.shape:
         return [*faults, f"{len(found.corners)} triangles, not {len(expected.corners)}"]
@@ -273,10 +280,10 @@ def compare(found, expected, factor):
         first = wrong[0]
         faults.append(f"{len(wrong)} triangles differ, the first is {first}: {found.corners[first].tolist()}, "
                       f"not {scaled[first].tolist()}")
-    # All vertices, or in formats without a list of them those that triangles use.
+    # Formats without a list of vertices contain only the vertices that triangles use.
     own = distinct(found.corners if found.vertices is None else found.vertices)
     wanted = [distinct(np.float32(points * factor)) for points in (expected.vertices, expected.corners)]
-    # Two vertices may become one where they are rounded, but hardly ever do.
+    # Rounding could merge two vertices, but this is very unlikely.
     if not any(np.array_equal(own, points) if factor == 1.0 else len(own) == len(points) for points in wanted):
         faults.append(f"its {len(own)} vertices are not the {len(wanted[0])} expected")
     if found.patches is not None and found.patches != expected.patches:
@@ -287,7 +294,7 @@ def compare(found, expected, factor):
 
 
 def judge(stem):
-    """A sentence for each fault of the files of a surface."""
+    """Returns a sentence for each fault of a surface's files."""
     expected, names, unit = yardstick(f"{stem}.obj")
     faults = []
     for extension, readers in READERS.items():
@@ -307,13 +314,15 @@ def judge(stem):
     return faults + solids(text, expected.patches) if os.path.exists(text) else faults
 
 
-# Lines of text STL as the lexer of OpenFOAM takes them (STLsurfaceFormatASCII.L of OpenFOAM-dev).
+# Lines of text STL that the lexer of OpenFOAM accepts (STLsurfaceFormatASCII.L of OpenFOAM-dev).
 NUMBERS = r"( [-+]?(\d*\.\d+|\d+\.?)([eE][-+]?\d+)?){3}"
 LINES = re.compile(rf"facet normal{NUMBERS}|outer loop|vertex{NUMBERS}|endloop|endfacet|(end)?solid .+")
 
 
 def solids(path, patches):
-    """A sentence for each line of a text STL file that a flow solver might not take, and for wrong names of solids."""
+    """Returns a sentence for each line of a text STL file that OpenFOAM may refuse, and for wrong
+    names of solids.
+    """
     with open(path, encoding="utf-8") as file:
         lines = file.read().splitlines()
     faults = [f"{path}: the line {line!r}" for line in lines if not LINES.fullmatch(line)]
@@ -324,7 +333,7 @@ def solids(path, patches):
 
 
 def line(path):
-    """A sentence for each fault of a file of a line."""
+    """Returns a sentence for each fault of a file that contains a line."""
     data = output(vtk.vtkXMLPolyDataReader(), path)
     points = data.GetNumberOfPoints()
     order = vtk_to_numpy(data.GetLines().GetConnectivityArray())
@@ -343,7 +352,8 @@ def line(path):
 
 
 def main(folder):
-    # meshio takes text of STL for a count of triangles, and finds by its size that it is none.
+    # meshio first takes text STL for binary STL and warns about the implausible number of
+    # triangles.
     warnings.filterwarnings("ignore", category=RuntimeWarning, module="meshio")
     vtk.vtkObject.GlobalWarningDisplayOff()
     stems = [os.path.join(folder, stem) for stem in ("model", "lumen", "regions")]

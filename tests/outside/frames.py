@@ -1,10 +1,13 @@
 """Judges the frames of a contraction with VTK, trimesh and pymeshlab.
 
-Usage: frames.py FOLDER    (holds frames.xdmf, frames.bin, animation.glb, report.json and model.obj)
+Usage: frames.py FOLDER
 
-VTK reads the time series. Each frame must be one closed, oriented solid torus without self-intersections, of the volumes
-that the report states, and have the triangles of the model; its tissue must be that of the model within 2 %. In the
-animation each frame must be where the series has it.
+FOLDER contains frames.xdmf, frames.bin, animation.glb, report.json and model.obj.
+
+VTK reads the time series. Each frame must be one closed, oriented solid torus without
+self-intersections, with the volumes in the report and the triangles of the model. Its volume of
+tissue may differ from the model's by 2 %. Each frame of the animation must have the positions of
+the time series.
 """
 
 import json
@@ -20,12 +23,14 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOXdmf2 import vtkXdmfReader
 
 MOST_DEVIATION = 0.02
-# Positions of the animation are a base and a displacement, both in single precision, metres.
+# Tolerance of the animation in metres. Positions are sums of a base and a displacement, both in
+# single precision.
 NEAR_M = 1e-8
 
 
 def series(path):
-    """Times, and for each the points in metres, the triangles and their patches."""
+    """Returns the times; and for each time the points in metres, the triangles and their patches.
+    """
     reader = vtkXdmfReader()
     reader.SetFileName(path)
     reader.UpdateInformation()
@@ -46,7 +51,7 @@ def series(path):
 
 
 def animation(path):
-    """Times, and the positions of all patches for each frame, metres."""
+    """Returns the times, and the positions of all patches for each frame, metres."""
     with open(path, "rb") as file:
         content = file.read()
     length = struct.unpack_from("<I", content, 12)[0]
@@ -75,7 +80,7 @@ def animation(path):
 
 
 def volume(points, triangles):
-    """mm³."""
+    """Returns the enclosed volume, mm³."""
     a, b, c = (1e3 * points[triangles.T].astype(np.float64))
     return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6)
 

@@ -1,7 +1,8 @@
-// Judges .glb and .gltf files with the Khronos validator: any error or warning is a failure. A compressed file is judged as it is, and
-// again as decoded by meshoptimizer, since the validator does not look into compressed data.
-// Usage: node gltf.mjs <folder that holds node_modules> <file>…
-// Beside each compressed FILE.glb, FILE.decoded.glb is left for other judges.
+// Judges .glb and .gltf files with the Khronos validator: any error or warning is a failure. The
+// validator does not look into compressed data. A compressed file is therefore judged twice:
+// unchanged, and as decoded by meshoptimizer.
+// For each compressed FILE.glb, FILE.decoded.glb is kept for other judges.
+// Usage: node gltf.mjs <folder that contains node_modules> <file>…
 import { readFile, writeFile } from "node:fs/promises";
 import { createRequire } from "node:module";
 import { dirname, resolve } from "node:path";
@@ -45,7 +46,7 @@ function chunks(bytes) {
   return { json, data: bytes.subarray(28 + length, 28 + length + view.getUint32(20 + length, true)) };
 }
 
-// The same document with the data of its views decoded, and nothing else changed.
+// The same document with decoded data of its buffer views, otherwise unchanged.
 function decode({ json, data }) {
   const plain = new Uint8Array(json.buffers[1].byteLength);
   for (const view of json.bufferViews) {

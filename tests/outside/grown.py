@@ -1,4 +1,4 @@
-"""Grows models with `oviduct generate` and checks its output."""
+"""Grows models with `oviduct generate` and checks the output."""
 
 import hashlib
 import json
@@ -14,7 +14,7 @@ class Oviduct:
         self.binary = os.path.abspath(binary)
 
     def run(self, *arguments, expect=0):
-        """Runs a command; returns its stdout, or its stderr if it is expected to fail."""
+        """Runs a command; returns its stdout, or its stderr if the command is expected to fail."""
         done = subprocess.run([self.binary, *arguments], capture_output=True, text=True, timeout=3600)
         if done.returncode != expect:
             line = f"oviduct {' '.join(arguments)}"
@@ -22,7 +22,7 @@ class Oviduct:
         return done.stdout if expect == 0 else done.stderr
 
     def generate(self, out, *arguments):
-        """Grows a model; checks that its files match the output and that its certificate passed."""
+        """Grows a model; checks its files against the output, and that its certificate passed."""
         told = json.loads(self.run("generate", "--out", out, "--json", *arguments))
         assert sorted(os.listdir(out)) == sorted(file["name"] for file in told["files"]), "the files are not those in the output"
         for file in told["files"]:
@@ -39,7 +39,7 @@ class Oviduct:
 
 
 def grown(binary, folder, preset, seed, *settings):
-    """Grows a model with a surface in glTF; returns its report."""
+    """Grows a model with a glTF surface; returns its report."""
     options = [f"--set={setting}" for setting in settings]
     subprocess.run([binary, "generate", "--preset", preset, "--seed", str(seed), "--outputs", "glb", "--out", folder, *options],
                    check=True, capture_output=True)
@@ -48,7 +48,8 @@ def grown(binary, folder, preset, seed, *settings):
 
 
 def of_paper_size(told):
-    """A sentence for each property of a model that differs from the size of the paper's model."""
+    """Returns a sentence for each property in which a model differs in size from the paper's model.
+    """
     faults = []
     if told["sections"] != 201:
         faults.append(f"{told['sections']} sections, not 201")
@@ -57,7 +58,8 @@ def of_paper_size(told):
         faults.append(f"{start} particles at the start, not 710")
     if abs(end - 8300) > 0.005 * 8300:
         faults.append(f"{end} particles at the end, not 8300")
-    # Fewer than 8300 only if splits were refused for lack of space, which is reported.
+    # The number is below 8300 only if splits were refused for lack of space, which the summary
+    # reports.
     missing = told["summary"]["splits_missing"]
     if end + missing != 8300:
         faults.append(f"{end} particles at the end, {missing} splits reported missing, not 8300 together")

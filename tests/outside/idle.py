@@ -1,10 +1,11 @@
-"""Memory of idle event streams: 10,000 clients that follow queued models, and are told of their ends.
+"""Measures the memory of 10,000 idle event streams that follow queued models.
 
-    python3 tests/outside/idle.py target/release/oviduct [--streams 10000] [--models 20] [--seconds 30] [--processes 4]
+Usage: python3 tests/outside/idle.py target/release/oviduct [--streams 10000] [--models 20]
+       [--seconds 30] [--processes 4]
 
-The models wait behind others of higher priority while the streams are idle. Fails if the service then has more resident
-memory than 100 MB and 30 kB per stream (400 MB for 10,000). Then the others are cancelled and the models grow: fails unless
-every stream is sent the `end` event of the model that it follows within --wait seconds.
+While the streams are idle, the models stay queued because the workers are paused. Fails if the
+service then has more resident memory than 100 MB plus 30 kB per stream (400 MB for 10,000 streams).
+Then the models grow. Every stream must deliver the `end` event of its model within --wait seconds.
 """
 
 import argparse
@@ -27,7 +28,7 @@ BASE_MB, STREAM_MB = 100, 0.030
 
 
 class Stream:
-    """One event stream: what has arrived and was not taken yet, and whether the end was told."""
+    """One event stream: unprocessed bytes, and whether the `end` event arrived."""
 
     def __init__(self, port, model):
         self.model, self.rest, self.told = model, b"", False
@@ -37,7 +38,7 @@ class Stream:
         self.opened = False
 
     def take(self, piece):
-        """Reads the events that this piece completes."""
+        """Processes the events that this chunk completes."""
         *events, self.rest = (self.rest + piece).split(b"\n\n")
         for event in events:
             self.opened |= b"event: status" in event
@@ -47,7 +48,7 @@ class Stream:
 
 
 def follow(port, models, until, results):
-    """Opens a stream for each of these models and reads them until all are closed."""
+    """Opens a stream for each of these models and reads the streams until all are closed."""
     try:
         poll, streams = select.epoll(), {}
         for model in models:
@@ -66,7 +67,7 @@ def follow(port, models, until, results):
                     piece = b""
                 if piece:
                     stream.take(piece)
-                # The connection itself stays open for further requests after the end of the stream.
+                # The connection stays open for further requests after the end of the stream.
                 if stream.told or not piece:
                     told += stream.told
                     cut += not stream.told
@@ -82,7 +83,7 @@ def follow(port, models, until, results):
 
 
 def gather(results, kind, count, seconds):
-    """This many results of one kind."""
+    """Waits for this many results of one kind; returns them."""
     deadline, found = time.monotonic() + seconds, []
     while len(found) < count:
         try:
@@ -96,15 +97,15 @@ def gather(results, kind, count, seconds):
 
 
 def submit(service, count, spec):
-    """Ids of this many new models."""
+    """Submits this many models; returns their ids."""
     body = {"count": count, "spec": spec, "reuse": False}
     return service.json("POST", "/batches", body)["models"]
 
 
 def measure(service, options):
-    """Opens the streams and lets the models end; returns what does not hold."""
+    """Opens the streams and lets the models end; returns the violated conditions."""
     pid = service.process.pid
-    # While workers are paused no model grows, so the memory is that of the streams.
+    # While the workers are paused no model grows, so only the streams add memory.
     assert service.call("POST", "/workers/pause")[0] == 200
     models = submit(service, options.models, SMALL)
     before = megabytes(pid, "VmRSS")
@@ -166,7 +167,7 @@ def main():
     if descriptors != resource.RLIM_INFINITY and descriptors < options.streams + 500:
         raise SystemExit(f"{options.streams} streams need more than the {descriptors} descriptors allowed: `ulimit -n`")
     with tempfile.TemporaryDirectory() as data:
-        # At most half of the connections can be streams.
+        # At most half of the connections can be event streams.
         limits = ["--connections", str(2 * options.streams + 200), "--event-streams", str(options.streams)]
         workers = ["--cpu-workers", "1", "--cpu-threads", "1", "--gpu", "off"]
         service = Service(options.binary, data, *limits, *workers)

@@ -1,4 +1,4 @@
-"""Grows a small model with a label volume and reads it with tifffile and nibabel.
+"""Grows a small model with a label volume; reads the volume with tifffile and nibabel.
 
 Usage: labels.py OVIDUCT_BINARY
 """
@@ -16,14 +16,14 @@ from PIL import Image
 
 from grown import Oviduct
 
-# Without lean, so that slices can be compared with sections.
+# Without lean, slices of the volume can be compared with sections.
 SMALL = ["--set", "lean.strength_um=0", "--set", "steps=200", "--set", 'particles.total={"keys":[[0,400],[1,900]]}']
 VOXEL_UM, SLICE_UM = 5.0, 100.0
 FROM, TO = 0.2, 0.6
 
 
 def places(path):
-    """z of every section of a sections.bin, µm; see docs/sections-bin.md."""
+    """Returns z of every section of a sections.bin, µm; see docs/sections-bin.md."""
     with open(path, "rb") as file:
         content = file.read()
     index, count = struct.unpack("<QQ", content[-64:-48])
@@ -31,12 +31,12 @@ def places(path):
 
 
 def lumen_area(oviduct, sections, k, path):
-    """Area of the lumen of a section in µm², counted on its label image."""
+    """Returns the area of the lumen of a section, counted on its label image, µm²."""
     oviduct.run("section", sections, "--index", str(k), "--size", "2048", "--labels", "--out", path)
     with Image.open(path) as image:
         assert image.mode == "L", image.mode
         pixels = np.asarray(image)
-        # Pillow turns the pixels per metre of pHYs into dots per inch.
+        # Pillow converts the pixels per metre of the pHYs chunk to dots per inch.
         um_per_pixel = 25_400 / image.info["dpi"][0]
     assert set(np.unique(pixels)) == set(range(7)), np.unique(pixels)
     return (pixels == 1).sum() * um_per_pixel**2
@@ -66,19 +66,19 @@ def main(folder):
     assert header.get_xyzt_units()[0] == "micron" and header.get_data_dtype() == np.uint8
     assert np.allclose(header.get_zooms(), [VOXEL_UM, VOXEL_UM, SLICE_UM])
     assert np.array_equal(np.asarray(image.dataobj).T, stack), "the two volumes differ"
-    # Rows go down, y goes up; both matrices say the same.
+    # Rows run downward and y points upward, in both matrices.
     first = report["labels"]["first_um"]
     expected = np.diag([VOXEL_UM, -VOXEL_UM, SLICE_UM, 1.0])
     expected[:3, 3] = first
     assert np.allclose(image.affine, expected) and np.allclose(image.get_qform(), expected), image.affine
     assert first[2] == FROM * length_um + SLICE_UM / 2
 
-    # Inside out: every slice has every layer, surrounded by the outside.
+    # Every slice contains every tissue label, and its border contains only the outside.
     for plane in stack:
         assert set(np.unique(plane)) == set(range(7))
         assert not plane[[0, -1]].any() and not plane[:, [0, -1]].any()
 
-    # The lumen at a section lies between those of the slices around it.
+    # The area of the lumen at a section lies between the areas of the neighbouring slices.
     sections = os.path.join(out, "sections.bin")
     compared = 0
     for k, z in enumerate(places(sections)):

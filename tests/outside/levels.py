@@ -1,6 +1,9 @@
-"""Checks the levels of detail of a model with trimesh and pymeshlab: closed, with all patches, as near as they say.
+"""Checks the levels of detail of a model with trimesh and pymeshlab.
 
-Usage: levels.py FOLDER    (holds model.glb, report.json and the levels decoded by gltf.mjs)
+Usage: levels.py FOLDER
+
+FOLDER contains model.glb, report.json and the levels decoded by gltf.mjs. Each level must be
+closed, have all patches, and be as close to the full surface as the report states.
 """
 
 import json
@@ -14,13 +17,17 @@ import trimesh
 import mesh
 
 PATCHES = ["cap_ampulla", "cap_isthmus", "inner_wall", "outer_wall"]
-# Random points may lie farther away than the vertices, midpoints and centroids that the program measures.
+# Tolerances. Random points may be farther away than the vertices, midpoints and centroids that the
+# program measures.
 SLACK = 1.1
 SLACK_UM = 0.05
 
 
 def judge(path, level, meshes):
-    """A sentence for each fault of a level; `meshes` holds the full surface in micrometres as its mesh 0."""
+    """Returns a sentence for each fault of a level.
+
+    Mesh 0 of `meshes` is the full surface in micrometres.
+    """
     faults = []
     geometry = trimesh.load(path, process=False).geometry
     if sorted(geometry) != PATCHES:

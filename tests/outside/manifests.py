@@ -10,7 +10,7 @@ import kubernetes_validate
 import yaml
 
 VERSION = "1.31"
-# Kinds that are not part of Kubernetes.
+# Kinds that are not part of Kubernetes, so there is no schema.
 OTHERS = {"Kustomization", "ScaledObject", "TriggerAuthentication"}
 
 folder = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "deploy", "kubernetes")

@@ -1,6 +1,8 @@
-"""Checks surfaces with trimesh and pymeshlab: one closed, oriented solid torus without self-intersections.
+"""Checks with trimesh and pymeshlab that a surface is one closed, oriented solid torus.
 
-Usage: mesh.py FILE...    (.glb or .obj)
+Usage: mesh.py FILE...
+
+Each FILE is a .glb or .obj file. The surface must also be free of self-intersections.
 """
 
 import sys
@@ -12,25 +14,25 @@ import trimesh
 
 
 def body(path):
-    """The surface of a file (in metres) in micrometres, with vertices at equal positions merged."""
+    """Returns the surface of a file in micrometres, with vertices at equal positions merged."""
     scene = trimesh.load(path, process=False)
     mesh = scene.to_geometry() if isinstance(scene, trimesh.Scene) else scene
     positions, index = np.unique(np.asarray(mesh.vertices, dtype=np.float64), axis=0, return_inverse=True)
     faces = index.reshape(-1)[np.asarray(mesh.faces)]
-    # Strips are joined by degenerate triangles, which have a vertex twice.
+    # Degenerate triangles, which have a vertex twice, connect the parts of a triangle strip.
     a, b, c = faces.T
     return positions * 1e6, faces[(a != b) & (b != c) & (c != a)]
 
 
 @dataclass
 class Verdict:
-    """The results for one file."""
+    """Results for one file."""
 
     # A sentence for each fault.
     faults: list
-    # Self-intersecting faces (pymeshlab).
+    # Number of self-intersecting faces (pymeshlab).
     crossing: int
-    # Watertight, with consistent winding (trimesh).
+    # True if the surface is watertight with consistent winding (trimesh).
     closed: bool
 
 

@@ -1,8 +1,9 @@
-"""Grows models with the release binary and checks them with other programs; also checks bytes, refusals and exit codes.
+"""Grows models with the release binary and checks them with other programs.
 
 Usage: models.py OVIDUCT_BINARY [--night]
 
-With --night, other programs also judge the surfaces of paper size and of the demo, and formats in a second unit.
+Also checks equal bytes, refusals and exit codes. With --night, other programs also judge the
+surfaces of paper size and of the demo, and formats in a second unit.
 """
 
 import json
@@ -24,20 +25,24 @@ SMALL = ["--set", "steps=200", "--set", 'particles.total={"keys":[[0,400],[1,900
 
 
 def hashes(told):
-    # The report and the manifest repeat the spec.
+    # The report and the manifest contain the spec, which may differ in the neighbour search.
     own = {"report.json", "manifest.json"}
     return {file["name"]: file["sha256"] for file in told["files"] if file["name"] not in own}
 
 
 def formats(oviduct, out):
-    """Every format of every body, in two units: the same surface for other programs, repeatable, and convertible."""
+    """Checks every format of every body, in two units.
+
+    Other programs must read the same surface from every format. Generation must be repeatable, and
+    conversion must give the same surface.
+    """
     everything = ["--seed", "7", *SMALL, "--outputs", ",".join([*SURFACES, "centreline"]), "--bodies", "tissue,lumen,regions"]
     judge = [sys.executable, os.path.join(HERE, "formats.py")]
     grown = oviduct.generate(out("bodies"), *everything)
     assert hashes(oviduct.generate(out("bodies-again"), *everything)) == hashes(grown), "other bytes"
     files = [out(f"bodies/{stem}.{ending}") for stem in STEMS for ending in SURFACES.values()]
     subprocess.run([*judge, out("bodies")], check=True)
-    # Without the names of its patches, a file with both bodies is no sound surface.
+    # Without patch names, a file with both bodies is not a valid surface.
     oviduct.run("check", *(file for file in files if not file.endswith("regions.stl")))
     oviduct.run("check", out("bodies/regions.stl"), expect=1)
     glbs = [file for file in files if file.endswith((".glb", ".gltf"))]
@@ -46,7 +51,7 @@ def formats(oviduct, out):
         oviduct.generate(out("bodies-um"), *everything, "--units", "um")
         subprocess.run([*judge, out("bodies-um")], check=True)
 
-    # From VTP and from text to all the others.
+    # Convert from VTP and from text to all other formats.
     for number, source in enumerate(["vtp", "obj"] if NIGHT else ["vtp"]):
         for stem in STEMS:
             for ending in SURFACES.values():
@@ -61,7 +66,7 @@ def main(folder):
     oviduct = Oviduct(BINARY)
     generate = oviduct.generate
 
-    # The same bytes for every CPU backend and neighbour search.
+    # All CPU backends and neighbour searches must give the same bytes.
     small = generate(out("small"), "--seed", "7", "--outputs", "glb,obj", *SMALL)
     for i, other in enumerate(
         [["--backend", "cpu-single"], ["--set", "solver.search=grid"], ["--set", "solver.search=all_pairs"]]
@@ -73,10 +78,11 @@ def main(folder):
     assert generate(out("other"), "--seed", "8", *SMALL)["digest"] != small["digest"]
     generate(out("strips"), "--seed", "7", "--set", "mesh.strips=true", *SMALL)
 
-    # The size of the paper.
+    # A model of paper size.
     paper = generate(out("paper"), "--preset", "paper", "--seed", "1", "--outputs", "glb,obj")
     assert of_paper_size(paper) == [], of_paper_size(paper)
-    # With levels of detail, and with ten times as many triangles, on the CPU alone: drivers of GPUs take memory, too.
+    # A model with levels of detail, and one with ten times as many triangles. Both use only the
+    # CPU, because GPU drivers also use memory.
     detailed = generate(out("detailed"), "--preset", "paper", "--seed", "1", "--backend", "cpu", "--gpu", "off")
     many = generate(out("many"), "--preset", "paper", "--seed", "1", "--outputs", "vtp", "--units", "m", "--backend", "cpu",
                     "--gpu", "off", "--set", "solver.record_every=1")
@@ -85,10 +91,10 @@ def main(folder):
         if grown["peak_rss_bytes"] is not None:
             assert grown["peak_rss_bytes"] < most, f"{grown['peak_rss_bytes']} bytes at the peak, allowed are {most}"
     oviduct.run("check", "--euler", "0", out("many/model.vtp"))
-    # The demo below is of full size.
+    # The demo below covers the full size.
     generate(out("pig"), "--seed", "7", "--set", "steps=600")
 
-    # Frames of a contraction.
+    # The frames of a contraction.
     generate(out("contracting"), "--seed", "7", "--outputs", "obj", "--set", "contraction.frames=5", "--set", "length_mm=20", *SMALL)
     subprocess.run([sys.executable, os.path.join(HERE, "frames.py"), out("contracting")], check=True)
 
@@ -107,7 +113,7 @@ def main(folder):
 
     formats(oviduct, out)
 
-    # A surface with a hole fails the checks of `oviduct check` and of the other programs.
+    # `oviduct check` and the other programs must detect a hole in the surface.
     with open(out("small/model.obj")) as whole, open(out("hole.obj"), "w") as holed:
         lines = whole.readlines()
         first_face = next(i for i, line in enumerate(lines) if line.startswith("f "))
@@ -116,7 +122,7 @@ def main(folder):
     judged = subprocess.run([sys.executable, os.path.join(HERE, "mesh.py"), out("hole.obj")], capture_output=True)
     assert judged.returncode == 1, "the other programs did not find the hole"
 
-    # All faults are named; no file is left.
+    # The error message names all faults, and no file is left.
     said = oviduct.run("generate", "--out", out("bad"), "--set", "steps=-4", "--set", "colour=red", expect=2)
     assert "/spec/steps" in said and "/spec/colour" in said, said
     assert not os.path.exists(out("bad")) or os.listdir(out("bad")) == []
@@ -131,7 +137,7 @@ def main(folder):
     assert running.wait(900) == 130, running.returncode
     assert os.listdir(out("stopped")) == [], os.listdir(out("stopped"))
 
-    # The demo of the README.
+    # The demo from the README.
     done = subprocess.run([BINARY, "demo", "--exit"], cwd=folder, capture_output=True, text=True, timeout=3600)
     assert done.returncode == 0, done.stdout + done.stderr
     found = set(os.listdir(out("demo")))

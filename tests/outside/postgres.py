@@ -11,7 +11,7 @@ from service import free_port
 
 
 def programs():
-    """The directory of the programs of the newest installed PostgreSQL."""
+    """Returns the program directory of the newest installed PostgreSQL version."""
     found = [path for path in glob.glob("/usr/lib/postgresql/*/bin") if os.path.exists(f"{path}/initdb")]
     if not found:
         raise SystemExit("PostgreSQL is missing: run scripts/need, or apt-get install postgresql")
@@ -19,7 +19,10 @@ def programs():
 
 
 class Cluster:
-    """A running server, stopped and removed at the end of a `with`. If started by root, it runs as user `postgres`."""
+    """A running server, stopped and removed at the end of a `with` block.
+
+    If root starts the server, it runs as user `postgres`.
+    """
 
     def __enter__(self):
         self.bin = programs()
@@ -29,7 +32,7 @@ class Cluster:
         if self.user:
             os.chown(self.folder, self.user.pw_uid, self.user.pw_gid)
         self.run("initdb", "-U", "postgres", "-A", "trust", "-E", "UTF8", "--locale=C.UTF-8", "--no-sync")
-        # Another program may take a port before the server does.
+        # Another program may take the port before the server does.
         for _ in range(5):
             self.port = free_port()
             settings = f"-p {self.port} -c listen_addresses=127.0.0.1 -c unix_socket_directories="
@@ -51,11 +54,11 @@ class Cluster:
             raise SystemExit(fault)
 
     def attempt(self, program, *arguments):
-        """Runs a program; returns its output if it failed."""
+        """Runs a program; returns its output if the program failed."""
         who = {"user": self.user.pw_uid, "group": self.user.pw_gid, "extra_groups": []} if self.user else {}
         line = [f"{self.bin}/{program}", "-D", f"{self.folder}/data", *arguments]
         environment = {"PATH": f"{self.bin}:{os.environ['PATH']}", "LC_ALL": "C.UTF-8", "PGCTLTIMEOUT": "300"}
-        # Not a pipe: the server would hold it open.
+        # The output goes to a file, because the server would keep a pipe open.
         with open(f"{self.folder}/{program}.out", "wb") as out:
             code = subprocess.run(line, stdout=out, stderr=out, env=environment, cwd="/", **who).returncode
         if code == 0:

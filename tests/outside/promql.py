@@ -1,8 +1,8 @@
-"""The expressions of the alert rules and of the dashboard are valid PromQL.
+"""Checks that the expressions of the alert rules and of the dashboard are valid PromQL.
 
-    python3 tests/outside/promql.py
+Usage: python3 tests/outside/promql.py
 
-Whether the metrics that they name exist is checked by tests/whole/monitoring.rs.
+tests/whole/monitoring.rs checks that the metrics in the expressions exist.
 """
 
 import json
@@ -16,7 +16,7 @@ DEPLOY = pathlib.Path(__file__).parents[2] / "deploy"
 
 
 def expressions():
-    """Each expression with its place."""
+    """Yields each expression with its place."""
     rules = yaml.safe_load((DEPLOY / "prometheus/oviduct.rules.yaml").read_text())
     for group in rules["groups"]:
         for rule in group["rules"]:
@@ -24,7 +24,7 @@ def expressions():
     dashboard = json.loads((DEPLOY / "grafana/oviduct.json").read_text())
     for panel in dashboard["panels"]:
         for target in panel.get("targets", []):
-            # Variables that Grafana replaces by a duration.
+            # Grafana replaces these variables by a duration.
             yield panel["title"], re.sub(r"\$__(rate_interval|interval|range)", "5m", target["expr"])
 
 
@@ -34,7 +34,7 @@ def main():
         count += 1
         try:
             promql_parser.parse(expression)
-        except Exception as error:  # The parser raises ValueError, and other kinds in earlier versions.
+        except Exception as error:  # ValueError; earlier versions of the parser differ.
             faults.append(f"{place}: {error}: {expression}")
     if faults or count < 40:
         raise SystemExit("\n".join(faults) or f"only {count} expressions were found")

@@ -1,9 +1,10 @@
-"""The service behind a proxy that ends TLS, with the configurations in deploy/: nginx, and Caddy if it is installed.
+"""Tests the service behind a TLS proxy with the configurations in deploy/.
 
-    python3 tests/outside/proxy.py target/release/oviduct
+Usage: python3 tests/outside/proxy.py target/release/oviduct
 
-Over HTTP/2, at the root of a host and under a path: requests and problems, events that arrive at once, many streams on one
-connection, downloads with ranges and conditions.
+The proxies are nginx, and Caddy if it is installed. The service is tested over HTTP/2, at the root
+of a host and under a path: requests and problems, immediate events, many streams on one connection,
+downloads with ranges and conditions.
 """
 
 import contextlib
@@ -24,12 +25,12 @@ sys.path.insert(0, os.path.dirname(__file__))
 from service import SMALL, Service, free_port
 
 DEPLOY = pathlib.Path(__file__).resolve().parents[2] / "deploy"
-# More streams than the connections that a browser opens over HTTP/1.1.
+# More streams than a browser opens connections over HTTP/1.1.
 STREAMS = 20
 
 
 def certificate(folder):
-    """A certificate for localhost, and its key."""
+    """Creates a certificate for localhost; returns the paths of the certificate and its key."""
     files = [str(folder / name) for name in ("cert.pem", "key.pem")]
     subprocess.run(
         ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days", "2",
@@ -40,7 +41,7 @@ def certificate(folder):
 
 
 def replaced(text, changes):
-    """The text with each of these parts replaced; each must be there."""
+    """Replaces parts of a text; each part must occur."""
     for old, new in changes.items():
         assert old in text, f"the configuration has no {old!r}"
         text = text.replace(old, new)
@@ -49,7 +50,8 @@ def replaced(text, changes):
 
 @contextlib.contextmanager
 def nginx(folder, port, files):
-    """nginx with deploy/nginx; gives the addresses of the service, and that which is redirected."""
+    """Prepares nginx with deploy/nginx; returns the URLs of the service and the URL that redirects.
+    """
     tls, plain = free_port(), free_port()
     site = replaced((DEPLOY / "nginx/oviduct.conf").read_text(), {
         "server 127.0.0.1:8080;": f"server 127.0.0.1:{port};",
@@ -76,7 +78,7 @@ def nginx(folder, port, files):
 
 @contextlib.contextmanager
 def caddy(folder, port, files):
-    """Caddy with deploy/caddy."""
+    """Prepares Caddy with deploy/caddy; returns the same as `nginx`."""
     root, path = free_port(), free_port()
     tls = f"\n\ttls {files[0]} {files[1]}"
     site = replaced((DEPLOY / "caddy/Caddyfile").read_text(), {
@@ -92,7 +94,7 @@ def caddy(folder, port, files):
 
 @contextlib.contextmanager
 def running(line, port, log):
-    """A proxy while it runs, from when it listens."""
+    """Runs a proxy inside a `with` block, which begins when the proxy listens."""
     with open(log, "ab") as out:
         process = subprocess.Popen(line, stdout=out, stderr=out, env={**os.environ, "HOME": str(log.parent)})
     try:
@@ -102,7 +104,7 @@ def running(line, port, log):
                 httpx.get(f"http://localhost:{port}/")
                 break
             except httpx.RemoteProtocolError:
-                # It speaks TLS.
+                # The port expects TLS, so the proxy listens.
                 break
             except httpx.TransportError:
                 if process.poll() is not None or time.monotonic() > deadline:
@@ -115,26 +117,27 @@ def running(line, port, log):
 
 
 def events(stream):
-    """The events of a stream as they arrive: name, and time of arrival."""
+    """Yields the events of a stream as they arrive: name, and time of arrival."""
     for line in stream.iter_lines():
         if line.startswith("event:"):
             yield line.removeprefix("event:").strip(), time.monotonic()
 
 
 def check(client, base):
-    """The service at this address."""
+    """Checks the service at this URL."""
     answer = client.get(f"{base}/readyz")
     assert (answer.status_code, answer.http_version) == (200, "HTTP/2"), answer
     assert client.get(f"{base}/metrics").status_code == 404, "metrics are for operators"
 
-    # Problems of the service, not pages of the proxy.
+    # Errors must be problems of the service, not pages of the proxy.
     nowhere = client.get(f"{base}/nowhere")
     assert (nowhere.status_code, nowhere.headers["content-type"]) == (404, "application/problem+json"), nowhere
-    # A body of the greatest length that the service takes by default.
+    # A body of the maximum length that the service accepts by default.
     large = client.post(f"{base}/models", content=b" " * (1 << 20), headers={"content-type": "application/json"})
     assert (large.status_code, large.json()["type"]) == (400, "urn:oviduct:problem:invalid-json"), large
 
-    # While workers are paused a stream has one event, which a proxy with a buffer would keep.
+    # While the workers are paused, a stream has only one event. A buffering proxy would hold it
+    # back.
     assert client.post(f"{base}/workers/pause").json()["pause"]
     asked = client.post(f"{base}/models", json={"spec": SMALL, "reuse": False, "outputs": ["glb"]})
     assert asked.status_code == 202, asked.text
@@ -175,7 +178,7 @@ def main(binary):
     proxies = [nginx] + ([caddy] if shutil.which("caddy") else [])
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
-        # The workers of nginx run as another user.
+        # The worker processes of nginx run as another user.
         folder.chmod(0o755)
         files = certificate(folder)
         trusted = ssl.create_default_context(cafile=files[0])

@@ -1,6 +1,8 @@
-"""Sends invalid requests to a live server: each answer is a problem that names the place, and the service keeps running.
+"""Sends invalid requests to a live server.
 
 Usage: refusals.py OVIDUCT_BINARY
+
+Each response must be a problem that names the place, and the service must keep running.
 """
 
 import http.client
@@ -13,8 +15,8 @@ import tempfile
 
 from service import SMALL, Service
 
-# Name, body, status, slug of the problem, and the place that it must name: a JSON pointer, or the line and column of a
-# syntax error.
+# Name, body, status, slug of the problem, and the place that the problem must name: a JSON pointer,
+# or line and column of a syntax error.
 SCHEDULE = {"friction": {"keys": [[0, 0.1], [0.7, 0.1], [0.3, 0.1], [1, 0.1]]}}
 CASES = [
     ("unknown field", {"presett": "pig"}, 422, "invalid-request", "/presett"),
@@ -42,7 +44,10 @@ CASES = [
 
 
 def post(service, body, headers=None):
-    """Status, headers and body of the answer to POST /models, even if the server closes before it has read everything."""
+    """Returns status, headers and body of the response to POST /models.
+
+    Works even if the server closes the connection before it has read the whole body.
+    """
     connection = http.client.HTTPConnection("127.0.0.1", service.port, timeout=30)
     try:
         connection.putrequest("POST", "/models")
@@ -74,7 +79,7 @@ def check(name, answer, status, slug, place):
 
 
 def no_fault_injection(folder):
-    """A release build refuses to start with a fault armed, since it cannot inject any."""
+    """Checks that a release build refuses to start with an armed fault, which it cannot inject."""
     line = [BINARY, "serve", "--addr", "127.0.0.1:0", "--data", folder, "--gpu", "off"]
     ended = subprocess.run(line, env={**os.environ, "OVIDUCT_FAULT": "after-claim"}, capture_output=True, timeout=60)
     assert ended.returncode == 2 and b"fault-injection" in ended.stderr, ended
@@ -88,7 +93,7 @@ def main(folder):
         check(name, post(service, data), status, slug, place)
         assert service.call("GET", "/healthz")[0] == 200, name
 
-    # One answer names all faults of a request.
+    # One response names all faults of a request.
     many = {"seed": -1, "spec": {"steps": -5, "length_mm": "long", "colour": 1, "collision": {"gap_um": 1e9}}}
     faults = [fault["pointer"] for fault in json.loads(post(service, json.dumps(many).encode())[2])["errors"]]
     for place in ["/seed", "/spec/steps", "/spec/length_mm", "/spec/colour", "/spec/collision/gap_um"]:
@@ -102,7 +107,7 @@ def main(folder):
         with socket.create_connection(("127.0.0.1", service.port), timeout=5) as raw:
             raw.sendall(noise)
 
-    # It keeps running: nothing was queued, and it still grows models.
+    # The service keeps running: it has queued nothing, and it still grows models.
     assert service.json("GET", "/models")["models"] == []
     model = service.json("POST", "/models", {"seed": 1, "spec": SMALL})["id"]
     assert service.ended(model)["status"] == "succeeded"

@@ -1,10 +1,12 @@
-"""Grows models of full size, of many presets, seeds and courses, and has other programs judge some or all. Not part of
-scripts/test: a model takes 1 to 30 s, and a judgement up to a minute.
+"""Grows full models of many presets, seeds and courses and lets other programs judge them.
 
-Usage: seeds.py [--binary target/release/oviduct] [--presets paper|pig,human|all] [--seeds 1..20] [--courses straight,bent]
+Usage: seeds.py [--binary target/release/oviduct] [--presets paper|pig,human|all] [--seeds 1..20]
+                [--courses straight,bent]
                 [--judged 1] [--backend auto]
 
-Bent means the course of the preset, or an arc of 90° if the preset is straight. --judged N judges every Nth model.
+Bent means the course of the preset, or an arc of 90° if the preset is straight. --judged N judges
+every Nth model. scripts/test does not run this script: a model takes 1 to 30 s, and a judgement up
+to one minute.
 """
 
 import argparse
@@ -22,7 +24,7 @@ COLUMNS = {"preset": 20, "seed": 4, "course": 8, "sections": 8, "particles": 12,
 
 
 def seeds(text):
-    """`3`, `1..20`, or `1,5,7..9`."""
+    """Parses seeds such as `3`, `1..20`, or `1,5,7..9`."""
     found = []
     for part in text.split(","):
         first, _, last = part.partition("..")
@@ -31,7 +33,7 @@ def seeds(text):
 
 
 def course(wanted, own):
-    """The course that is asked for, of a preset with a course of its own."""
+    """Returns the requested course for a preset with the course `own`."""
     if wanted == "straight":
         return {"shape": "straight"}
     return own if own["shape"] != "straight" else {"shape": "arc", "turn_deg": 90}

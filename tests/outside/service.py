@@ -1,4 +1,4 @@
-"""A live service for the tests: the release binary on a free loopback port with a directory of its own."""
+"""Runs the service for tests: a binary on a free loopback port with its own directory."""
 
 import json
 import os
@@ -10,15 +10,15 @@ import time
 import urllib.error
 import urllib.request
 
-# A model that takes about a second: few steps and particles, all stages.
+# A model that takes about a second: few steps and particles, but all stages.
 SMALL = {"steps": 120, "particles": {"total": {"keys": [[0, 300], [1, 600]]}}, "lean": {"strength_um": 0}}
 
-# A model with hours of work; its first sections come soon.
+# A model that takes hours; its first sections come soon.
 ENDLESS = {"steps": 100_000, "solver": {"search": "all_pairs", "record_every": 100}}
 
 
 def free_port():
-    """A port that nobody listens on now, below those of outgoing connections."""
+    """Returns a port on which nobody listens, below the range of outgoing connections."""
     while True:
         port = random.randrange(15_000, 30_000)
         with socket.socket() as probe:
@@ -37,12 +37,12 @@ class Service:
         self.port = port or free_port()
         self.url = f"http://127.0.0.1:{self.port}"
         self.process = None
-        # Sent with every call, if there is one.
+        # API key that every call sends, if there is one.
         self.key = None
         self.log = open(os.path.join(data, "server.log"), "ab")
 
     def start(self, *options, **variables):
-        """Starts it and waits until it is ready."""
+        """Starts the service and waits until it is ready."""
         assert self.process is None
         line = [self.binary, "serve", "--addr", f"127.0.0.1:{self.port}", "--data", self.data]
         self.process = subprocess.Popen(
@@ -61,18 +61,18 @@ class Service:
         raise SystemExit(f"the service did not become ready:\n{self.tail()}")
 
     def add_key(self, owner, scopes):
-        """Makes a key, and sends it from now on."""
+        """Creates an API key, which all later calls send."""
         line = [self.binary, "keys", "add", "--data", self.data, "--owner", owner, "--scopes", scopes, "--json"]
         self.key = json.loads(subprocess.run(line, check=True, capture_output=True).stdout)["key"]
 
     def kill(self):
-        """Kills it with SIGKILL."""
+        """Kills the service with SIGKILL."""
         self.process.kill()
         self.process.wait()
         self.process = None
 
     def gone(self, seconds):
-        """Waits for it to exit; returns whether it did."""
+        """Waits for the service to exit; returns whether it did."""
         try:
             self.process.wait(seconds)
         except subprocess.TimeoutExpired:
@@ -81,7 +81,7 @@ class Service:
         return True
 
     def stop(self):
-        """Stops it with SIGTERM; it must exit with code 0."""
+        """Stops the service with SIGTERM; it must exit with code 0."""
         self.process.send_signal(signal.SIGTERM)
         code = self.process.wait(900)
         self.process = None
@@ -94,7 +94,7 @@ class Service:
             return log.read()[-4000:].decode(errors="replace")
 
     def call(self, method, path, body=None, headers=None):
-        """Status, headers and body of an answer."""
+        """Returns status, headers and body of a response."""
         data = None if body is None else json.dumps(body).encode()
         headers = {**({"Content-Type": "application/json"} if data else {}), **(headers or {})}
         if self.key:
@@ -107,7 +107,7 @@ class Service:
             return error.code, error.headers, error.read()
 
     def json(self, method, path, body=None, headers=None, expect=(200, 201, 202)):
-        """The JSON body of an answer with an expected status."""
+        """Returns the JSON body of a response, which must have an expected status."""
         status, _, content = self.call(method, path, body, headers)
         if status not in expect:
             raise SystemExit(f"{method} {path} answered {status}: {content.decode(errors='replace')[:2000]}")

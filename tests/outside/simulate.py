@@ -1,4 +1,4 @@
-"""Runs the scripts of examples/simulation on a small model, and checks what they write with meshio.
+"""Runs the scripts of examples/simulation on a small model; reads their output with meshio.
 
 Usage: simulate.py OVIDUCT_BINARY
 """
@@ -19,13 +19,13 @@ from grown import Oviduct
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 SCRIPTS = os.environ.get("SIMULATION_SCRIPTS", os.path.join(HERE, "..", "..", "examples", "simulation"))
-# Few particles at wide distances: a tube with folds and triangles that are not too thin.
+# Few particles at large distances: a tube with folds whose triangles are not too thin.
 SMALL = ["--set", "length_mm=3", "--set", "steps=200", "--set", "particles.edge_um=20",
          "--set", 'particles.total={"keys":[[0,250],[1,400]]}', "--set", 'particles.outer={"keys":[[0,60],[1,60]]}']
 
 
 def script(name, *arguments, expect=0):
-    """Runs a script; returns what it prints, or its reason if it is expected to fail."""
+    """Runs a script; returns its output, or its error message if it is expected to fail."""
     start = time.monotonic()
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run([sys.executable, os.path.join(SCRIPTS, name), *arguments], capture_output=True, text=True,
@@ -37,13 +37,15 @@ def script(name, *arguments, expect=0):
 
 
 def volume(points, cells):
-    """Volume of tetrahedra, mm³."""
+    """Returns the volume of tetrahedra, mm³."""
     a, b, c, d = (points[cells[:, k]] for k in range(4))
     return np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)).sum() / 6
 
 
 def expect_regions(mesh, region, patch, numbers, certified, tolerance):
-    """Checks a mesh of both regions: their volumes, and that they share the nodes of the wall and no others."""
+    """Checks a mesh of both regions: their volumes, and that they share exactly the nodes of the
+    wall.
+    """
     cells, triangles = mesh.cells_dict["tetra"], mesh.cells_dict["triangle"]
     nodes = {}
     for name, expected in certified.items():
@@ -56,10 +58,10 @@ def expect_regions(mesh, region, patch, numbers, certified, tolerance):
 
 
 def inside(points, cells, places):
-    """Whether each place is in a tetrahedron."""
+    """Returns for each place whether it lies in a tetrahedron."""
     corner = points[cells[:, 3]]
     turn = np.linalg.inv(np.stack([points[cells[:, k]] - corner for k in range(3)], axis=2))
-    # Where the plane of a face passes through a place, rounding may put it outside both tetrahedra.
+    # If a place lies in the plane of a face, rounding may put it outside both tetrahedra.
     found = []
     for place in places:
         shares = np.einsum("nij,nj->ni", turn, place - corner)
@@ -77,11 +79,11 @@ def main(folder):
                                       "--outputs", "vtp,stl-ascii,glb,centreline", *SMALL)
     with open(os.path.join(model, "report.json")) as file:
         report = json.load(file)
-    # In millimetres, as in the files.
+    # The volumes in mm³, the unit of the files.
     certified = {surface["body"]: surface["certificate"]["volume_mm3"] for surface in report["surfaces"]
                  if surface["unit"] == "mm" and surface["body"] != "regions"}
 
-    # TetGen: each body alone, and both.
+    # TetGen: each body alone, and both together.
     script("tetrahedra.py", model, "--out", out("tetrahedra"))
     for name, expected in certified.items():
         mesh = meshio.read(out(f"tetrahedra/{name}.vtu"))
@@ -108,7 +110,7 @@ def main(folder):
     assert leaving > 0 and abs(entering / leaving - 1) < 0.01, said
     assert os.path.getsize(out("flow/flow.png")) > 10_000 and os.path.getsize(out("flow/flow.vtu")) > 10_000
 
-    # Walkers: the same for the same seed, and in the tetrahedra of the lumen.
+    # Walkers: equal results for equal seeds, and all walkers inside the tetrahedra of the lumen.
     few = ["--walkers", "200", "--steps", "100"]
     tables = {}
     for name, seed in (("one", "1"), ("again", "1"), ("other", "2")):
@@ -127,7 +129,7 @@ def main(folder):
     script("view.py", model, "--out", out("view"))
     assert os.path.getsize(out("view/view.png")) > 10_000
 
-    # Files that are missing, and the lumen of another model.
+    # Missing files, and a lumen of another model.
     os.remove(os.path.join(model, "lumen.vtp"))
     assert "is missing" in script("flow.py", model, expect=1)
     shutil.copy(os.path.join(other, "lumen.vtp"), model)

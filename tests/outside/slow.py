@@ -1,9 +1,11 @@
-"""Slow readers: 2,000 clients download a file and take one byte a minute.
+"""Tests slow readers: 2,000 clients that download a file at one byte per minute.
 
-    python3 tests/outside/slow.py target/release/oviduct [--clients 2000] [--seconds 120] [--probe-ms 100]
+Usage: python3 tests/outside/slow.py target/release/oviduct [--clients 2000] [--seconds 120]
+       [--probe-ms 100]
 
-Meanwhile probes must answer within --probe-ms, submitted models must end, and memory and descriptors must stay bounded. The
-clients must be cut off. Prints what it measured; fails if one of these does not hold.
+In the meantime probes must respond within --probe-ms, submitted models must end, and memory and
+file descriptors must stay bounded. The service must disconnect the clients. Prints the
+measurements; fails if a condition is violated.
 """
 
 import argparse

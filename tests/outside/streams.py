@@ -1,10 +1,12 @@
-"""Memory of event streams: 1,000 readers of /events and 1,024 of one model, under 50 submissions a second.
+"""Measures the memory of 1,000 streams of /events and 1,024 streams of one model.
 
-    python3 tests/outside/streams.py target/release/oviduct [--all 1000] [--one 1024] [--rate 50] [--seconds 60]
+Usage: python3 tests/outside/streams.py target/release/oviduct [--all 1000] [--one 1024]
+       [--rate 50] [--seconds 60]
 
-Prints the resident memory of the service while the streams are read, and after they have gone. Fails if it was ever over
---limit (300 MB), or if more is left than after a run with one stream of each kind. A quarter of the readers of /events read
-nothing for the first half.
+In the meantime, models are submitted at --rate per second. A quarter of the readers of /events read
+nothing during the first half. Prints the resident memory of the service while the streams are read
+and after they have closed. Fails if the memory exceeds --limit (300 MB), or if more memory remains
+than after a run with one stream of each kind.
 """
 
 import argparse
@@ -23,13 +25,14 @@ from service import SMALL, Service
 
 
 def megabytes(pid, name):
-    """A value of /proc/PID/status, such as VmRSS."""
+    """Returns a value of /proc/PID/status, such as VmRSS, in MB."""
     with open(f"/proc/{pid}/status") as status:
         return next(int(line.split()[1]) / 1024 for line in status if line.startswith(name))
 
 
 def read_streams(port, paths, idle, until_idle, until, results):
-    """Opens the streams and reads them; those before `idle` are not read until `until_idle`."""
+    """Opens the streams and reads them; the first `idle` streams are read only after `until_idle`.
+    """
     poll, streams = select.epoll(), {}
     refused = 0
     for place, path in enumerate(paths):
@@ -65,7 +68,7 @@ def read_streams(port, paths, idle, until_idle, until, results):
 
 
 def submit(port, rate, until, results):
-    """Submits small models at this rate."""
+    """Submits small models at this rate per second."""
     connection, accepted, start = socket.create_connection(("127.0.0.1", port)), 0, time.monotonic()
     answer = connection.makefile("rb")
     waits = []
@@ -91,12 +94,16 @@ def submit(port, rate, until, results):
 
 
 def measure(options, to_all, to_one):
-    """Resident memory before, at most, and after; with so many streams of all models, and of one."""
+    """Returns the resident memory before, at the maximum, and after.
+
+    `to_all` and `to_one` are the numbers of streams of all models and of one model.
+    """
     with tempfile.TemporaryDirectory() as data:
         service = Service(options.binary, data, "--cpu-workers", "1", "--cpu-threads", "1", "--queue-limit", "100000")
         service.start()
         pid = service.process.pid
-        # Large enough to run for a good part of the test; levels of detail would take more memory than all streams.
+        # This model is large enough to run for much of the test. Levels of detail would take more
+        # memory than all streams.
         watched = service.json("POST", "/models", {"priority": 100, "outputs": ["glb"]})["id"]
         before = megabytes(pid, "VmRSS")
         results, now = multiprocessing.Queue(), time.monotonic()

@@ -1,6 +1,8 @@
-"""A Latin hypercube of small models, grown by a live service; its table and archive, read by Python's own modules.
+"""Grows a Latin hypercube of small models on a live service.
 
 Usage: studies.py OVIDUCT_BINARY
+
+Python's standard library reads the table and the archive.
 """
 
 import csv
@@ -20,7 +22,7 @@ GAPS = (25, 50)
 
 
 def check(manifest, files, models):
-    """The manifest lists these models, and exactly these files."""
+    """Checks that the manifest lists exactly these models and files."""
     assert [model["id"] for model in manifest["models"]] == models
     listed = {file["path"]: file for model in manifest["models"] for file in model["files"]}
     assert listed.keys() == files.keys() and len(files) == 2 * len(models), (listed.keys(), files.keys())

@@ -1,10 +1,13 @@
-"""Judges even and smooth surfaces with numpy, trimesh and VTK: angles, distances from the surface of every step, turns of contours.
+"""Judges even and smooth surfaces with numpy, trimesh and VTK.
 
-Usage: surfaces.py OVIDUCT_BINARY [--kind even] [--seeds 1-10] [--presets pig,human] [--length 5] [--set steps=200]
+Usage: surfaces.py OVIDUCT_BINARY [--kind even] [--seeds 1-10] [--presets pig,human] [--length 5]
+                   [--set steps=200]
 
-An even surface (mesh.resolution_um) of a piece of the ampulla is compared with the surface that is lofted through the sections of
-every step; a surface with smooth contours (mesh.smooth_um) with that of the same model without smoothing. Distances are from
-wall to wall, both ways, at vertices, midpoints of edges and centres of triangles.
+Checks the angles of triangles, the distances from a reference surface, and the turns of contours.
+The reference of an even surface (mesh.resolution_um) of a piece of the ampulla is the loft through
+the sections of every step. The reference of a surface with smooth contours (mesh.smooth_um) is the
+same model without smoothing. Distances are measured from wall to wall in both directions, at
+vertices, midpoints of edges and centres of triangles.
 """
 
 import argparse
@@ -22,19 +25,19 @@ from grown import grown
 HERE = os.path.dirname(os.path.abspath(__file__))
 TOLERANCE_UM = 4.0
 SMOOTH_UM = 5.0
-# Vertices of a wall whose distance is measured, at most.
+# Maximum number of vertices per wall whose distances are measured.
 SAMPLES = 200_000
 WALLS = ("inner_wall", "outer_wall")
 
 
 def straight(binary, folder, preset, seed, *settings):
-    """Generates a model; returns its report."""
-    # Without lean, so that contours lie in planes and distances are those of the loft.
+    """Generates a model without lean; returns its report."""
+    # Without lean, contours lie in planes, and distances are those of the loft.
     return grown(binary, folder, preset, seed, *settings, "lean.strength_um=0")
 
 
 def walls(folder):
-    """Vertices in micrometres and triangles of each wall."""
+    """Returns the vertices, in micrometres, and the triangles of each wall."""
     scene = trimesh.load(os.path.join(folder, "model.glb"), process=False)
     found = {}
     for name in WALLS:
@@ -44,13 +47,13 @@ def walls(folder):
 
 
 def places(vertices, triangles):
-    """Points on a surface: vertices, midpoints of edges, centres of triangles."""
+    """Returns points on a surface: vertices, midpoints of edges, centres of triangles."""
     edges = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
     return np.concatenate([vertices[np.unique(triangles)], vertices[edges].mean(axis=1), vertices[triangles].mean(axis=1)])
 
 
 def distances(points, vertices, triangles):
-    """Distances of points from a surface."""
+    """Returns the distances of points from a surface."""
     surface = vtk.vtkPolyData()
     corners = vtk.vtkPoints()
     corners.SetData(numpy_to_vtk(np.ascontiguousarray(vertices), deep=True))
@@ -66,14 +69,16 @@ def distances(points, vertices, triangles):
 
 
 def least_angles(vertices, triangles):
-    """The least angle of each triangle, degrees, and the ratio of its longest edge to its shortest."""
+    """Returns the minimum angle of each triangle in degrees, and the ratio of its longest to its
+    shortest edge.
+    """
     sides = np.stack([np.linalg.norm(vertices[triangles[:, k]] - vertices[triangles[:, k - 1]], axis=1) for k in range(3)], axis=1)
     a, b, c = np.sort(sides, axis=1).T
     return np.degrees(np.arccos(np.clip((b * b + c * c - a * a) / (2 * b * c), -1, 1))), c / a
 
 
 def judge_even(binary, preset, seed, length_mm, resolution_um):
-    # A piece of the ampulla; the one of all steps is a little longer.
+    # The reference covers a slightly longer piece of the ampulla.
     with open(os.path.join(HERE, "..", "..", "presets", f"{preset}.json"), encoding="utf-8") as file:
         tube_mm = json.load(file)["spec"]["length_mm"]
     begin, end = 0.6, 0.6 + length_mm / tube_mm
@@ -92,7 +97,7 @@ def judge_even(binary, preset, seed, length_mm, resolution_um):
     quality = certificate["quality"]
     assert len(angles) == certificate["triangles"]
     assert abs(share - quality["least_angles_from_20"]) < 1e-6, (share, quality)
-    # A triangle whose angle lies on the edge of a bin may be counted on the other side of it.
+    # A triangle whose angle lies on the boundary of a bin may be counted in the neighbouring bin.
     counted = np.histogram(angles, bins=np.arange(0, 61, 5))[0]
     assert np.abs(counted - quality["least_angles"]).sum() <= 4, (counted, quality)
     worst = {}
@@ -111,7 +116,10 @@ def judge_even(binary, preset, seed, length_mm, resolution_um):
 
 
 def greatest_turn(vertices, triangles):
-    """The greatest angle by which a contour turns, degrees: contours are the edges within a section."""
+    """Returns the maximum turn of a contour, degrees.
+
+    Contours are the edges within a section.
+    """
     edges = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
     edges = edges[vertices[edges[:, 0], 2] == vertices[edges[:, 1], 2]]
     ends = np.concatenate([edges, edges[:, ::-1]])
@@ -123,7 +131,7 @@ def greatest_turn(vertices, triangles):
 
 
 def sample(wall):
-    """Some vertices of a wall, in every run the same."""
+    """Returns a sample of a wall's vertices, the same in every run."""
     vertices = wall[0]
     return vertices if len(vertices) <= SAMPLES else np.random.default_rng(1).choice(vertices, SAMPLES, replace=False)
 
@@ -138,7 +146,7 @@ def judge_smooth(binary, preset, seed, settings):
         made, reference = walls(smooth), walls(plain)
     turn = max(greatest_turn(*made[name]) for name in WALLS)
     sharp = max(greatest_turn(*reference[name]) for name in WALLS)
-    # Contours are farthest apart at their points.
+    # The distance between contours is largest at their points.
     some = [(sample(made[name]), reference[name]) for name in WALLS] + [(sample(reference[name]), made[name]) for name in WALLS]
     worst = max(distances(points, *surface).max() for points, surface in some)
     print(f"{preset} {seed}: {certificate['triangles']} triangles, {summary['sections_added']} sections added; greatest turn "

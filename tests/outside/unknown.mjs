@@ -16,7 +16,8 @@ function vague(node) {
 }
 
 function visit(node, place) {
-  // Headers may have other fields than those described; that is no member of the description.
+  // Responses may have additional headers, so this index signature is not a member of the
+  // description.
   if (ts.isIndexSignatureDeclaration(node) && place.at(-1) === "headers") return;
   const name = node.name && (ts.isPropertySignature(node) || ts.isInterfaceDeclaration(node)) ? node.name.text : undefined;
   const here = name === undefined ? place : [...place, name];
@@ -25,7 +26,8 @@ function visit(node, place) {
 }
 
 for (const statement of source.statements) {
-  // Of these the names are used elsewhere; `webhooks` and `$defs` are empty because there are none.
+  // The names inside these interfaces are used elsewhere. `webhooks` and `$defs` are empty and
+  // therefore skipped.
   const name = statement.name?.text;
   if (ts.isInterfaceDeclaration(statement) && ["paths", "components", "operations"].includes(name)) visit(statement, []);
 }
