@@ -320,9 +320,7 @@ LINES = re.compile(rf"facet normal{NUMBERS}|outer loop|vertex{NUMBERS}|endloop|e
 
 
 def solids(path, patches):
-    """Returns a sentence for each line of a text STL file that OpenFOAM may refuse, and for wrong
-    names of solids.
-    """
+    """Returns a sentence for each line that OpenFOAM may refuse, and for wrong solid names."""
     with open(path, encoding="utf-8") as file:
         lines = file.read().splitlines()
     faults = [f"{path}: the line {line!r}" for line in lines if not LINES.fullmatch(line)]

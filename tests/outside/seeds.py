@@ -1,8 +1,7 @@
 """Grows full models of many presets, seeds and courses and lets other programs judge them.
 
 Usage: seeds.py [--binary target/release/oviduct] [--presets paper|pig,human|all] [--seeds 1..20]
-                [--courses straight,bent]
-                [--judged 1] [--backend auto]
+                [--courses straight,bent] [--judged 1] [--backend auto]
 
 Bent means the course of the preset, or an arc of 90° if the preset is straight. --judged N judges
 every Nth model. scripts/test does not run this script: a model takes 1 to 30 s, and a judgement up

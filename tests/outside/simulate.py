@@ -43,9 +43,7 @@ def volume(points, cells):
 
 
 def expect_regions(mesh, region, patch, numbers, certified, tolerance):
-    """Checks a mesh of both regions: their volumes, and that they share exactly the nodes of the
-    wall.
-    """
+    """Checks a mesh of both regions: volumes, and that they share exactly the wall's nodes."""
     cells, triangles = mesh.cells_dict["tetra"], mesh.cells_dict["triangle"]
     nodes = {}
     for name, expected in certified.items():

@@ -69,9 +69,7 @@ def distances(points, vertices, triangles):
 
 
 def least_angles(vertices, triangles):
-    """Returns the minimum angle of each triangle in degrees, and the ratio of its longest to its
-    shortest edge.
-    """
+    """Returns the minimum angle of each triangle (degrees) and its longest to shortest edge."""
     sides = np.stack([np.linalg.norm(vertices[triangles[:, k]] - vertices[triangles[:, k - 1]], axis=1) for k in range(3)], axis=1)
     a, b, c = np.sort(sides, axis=1).T
     return np.degrees(np.arccos(np.clip((b * b + c * c - a * a) / (2 * b * c), -1, 1))), c / a

@@ -1,4 +1,4 @@
-"""Live services for the tests: the binary that OVIDUCT_BINARY names, with temporary stores."""
+"""Live services for the tests: the binary OVIDUCT_BINARY with temporary stores."""
 
 import json
 import os
@@ -24,7 +24,7 @@ FIT = {
     "models": 1,
 }
 
-# A fit with more than half an hour of work: it ends only if a test cancels or deletes it.
+# A fit that takes more than half an hour, so it ends only if a test cancels or deletes it.
 ENDLESS_FIT = {
     **FIT,
     "spec": {
@@ -38,7 +38,7 @@ ENDLESS_FIT = {
 
 @pytest.fixture(scope="session", autouse=True)
 def environment():
-    """No settings of the developer's, and no layer of Mesa that prints errors."""
+    """Removes the developer's settings, and disables a Mesa layer that prints errors."""
     for name in ("OVIDUCT_URL", "OVIDUCT_KEY"):
         os.environ.pop(name, None)
     os.environ.setdefault("NODEVICE_SELECT", "1")
@@ -52,8 +52,8 @@ def binary(environment):
 
 
 def live(binary, folder, *options):
-    """A service that is stopped at the end; a generator, for fixtures."""
-    # ENDLESS is over the usual limit.
+    """Runs a service and stops it at the end; a generator for fixtures."""
+    # ENDLESS exceeds the default limit of the predicted time.
     service = Service(binary, str(folder), "--gpu", "off", "--grace", "1s", "--max-model-time", "30d", *options)
     try:
         yield service.start()
@@ -65,31 +65,31 @@ def live(binary, folder, *options):
 
 @pytest.fixture(scope="session")
 def service(binary, tmp_path_factory):
-    """A service without keys."""
+    """A service without API keys."""
     yield from live(binary, tmp_path_factory.mktemp("service"))
 
 
 @pytest.fixture
 def own_service(binary, tmp_path):
-    """A service of one test, which may kill it or look at all of its models."""
+    """A service for one test, which may kill it or list all of its models."""
     (tmp_path / "own").mkdir()
     yield from live(binary, tmp_path / "own")
 
 
 @pytest.fixture(scope="session")
 def failing_service(binary, tmp_path_factory):
-    """A service where every model fails: it may take only a millisecond."""
+    """A service in which every model fails, because the time limit is one millisecond."""
     yield from live(binary, tmp_path_factory.mktemp("failing"), "--job-timeout", "1ms", "--max-attempts", "1")
 
 
 class Keys:
-    """A service with keys."""
+    """A service with API keys."""
 
     def __init__(self, binary, folder, service):
         self.binary, self.folder, self.url = binary, folder, service.url
 
     def add(self, *options):
-        """The secret of a new key."""
+        """Creates an API key; returns its secret."""
         line = [self.binary, "keys", "add", "--data", str(self.folder), "--json", *options]
         return json.loads(subprocess.run(line, check=True, capture_output=True).stdout)["key"]
 
@@ -97,7 +97,8 @@ class Keys:
 @pytest.fixture(scope="session")
 def keyed(binary, tmp_path_factory):
     folder = tmp_path_factory.mktemp("keyed")
-    # The first key exists before the service starts, so that it asks for keys at once.
+    # The first API key is created before the service starts, so the service requires keys
+    # immediately.
     keys = Keys(binary, folder, type("Nowhere", (), {"url": ""}))
     keys.admin = keys.add("--owner", "admin", "--scopes", "admin")
     keys.lab = keys.add("--owner", "lab", "--scopes", "read,submit")
@@ -117,6 +118,6 @@ def client(service):
 
 @pytest.fixture(scope="session")
 def grown(service):
-    """A model that has succeeded, with all files."""
+    """A model that has succeeded, with all its files."""
     with Client(service.url) as client:
         return client.wait(client.submit(seed=7, spec=SMALL, outputs=["glb", "obj"], labels={"kept": "yes"}))

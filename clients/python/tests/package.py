@@ -1,4 +1,7 @@
-"""What the archives hold that `python -m build` makes: package.py SDIST WHEEL."""
+"""Checks the files in the archives of `python -m build`.
+
+Usage: package.py SDIST WHEEL
+"""
 
 import pathlib
 import sys

@@ -1,4 +1,4 @@
-"""A proxy that serves the service under a path, and disturbs what it passes on."""
+"""A proxy that serves the service under a path and injects faults into responses."""
 
 import http.client
 import http.server
@@ -9,16 +9,19 @@ HOP = {"connection", "transfer-encoding", "keep-alive"}
 
 
 class Relay:
-    """Passes requests below `/prefix/` to a service. Each list is used up by the requests that match `only`."""
+    """Forwards requests below `/prefix/` to a service.
+
+    Each request that matches `only` uses up one entry of each list.
+    """
 
     def __init__(self, url):
         target = urllib.parse.urlsplit(url).netloc
         relay = self
         self.only = ""
-        self.answers = []  # Instead of an answer of the service: (status, headers, body).
-        self.cuts = []  # Bytes of the body after which the connection is closed.
-        self.damage = False  # Whether the first byte of a body is changed.
-        self.requests = []  # Methods, paths and headers (with lower-case names) that came.
+        self.answers = []  # (status, headers, body) to send instead of the service's response.
+        self.cuts = []  # Number of bytes of the body after which the connection is closed.
+        self.damage = False  # True if the first byte of a body is changed.
+        self.requests = []  # Methods, paths and headers (names in lower case) received so far.
 
         class Handler(http.server.BaseHTTPRequestHandler):
             protocol_version = "HTTP/1.1"
@@ -68,7 +71,7 @@ class Relay:
 
             def answer(self, status, headers, chunks):
                 self.send_response_only(status)
-                # Without a length, the end of the body is that of the connection.
+                # Without a length, the end of the connection marks the end of the body.
                 self.close_connection = "content-length" not in headers
                 for name, value in headers.items():
                     self.send_header(name, value)

@@ -34,7 +34,7 @@ def client(relay):
 
 
 def unavailable(status, retry_after=None, name="store-unavailable"):
-    """A problem instead of an answer."""
+    """Returns a problem to send instead of the service's response."""
     headers = {"content-type": "application/problem+json"}
     if retry_after is not None:
         headers["retry-after"] = str(retry_after)
@@ -125,7 +125,7 @@ def test_a_name_that_leads_out_of_the_folder_is_refused(tmp_path, monkeypatch, n
             with pytest.raises(CheckFailed, match="not a name"):
                 client.download("a", name, path)
         assert list(tmp_path.rglob("*")) == [tmp_path / "outer", inner]
-        # The same answers with a good name.
+        # The same responses with a safe name.
         files[1]["name"] = "model..v2.obj"
         paths = client.download_all("a", inner)
         assert paths == [inner / "model.glb", inner / "model..v2.obj"]
@@ -217,7 +217,7 @@ def test_a_stream_that_breaks_goes_on_after_its_last_event(client, relay, grown)
 
 
 def test_a_wait_reconnects_more_than_a_thousand_times(monkeypatch):
-    """Behind a proxy that ends every stream at once, the record says when the model has ended."""
+    """If a proxy ends every stream immediately, the record shows when the model has ended."""
     streams, pauses = [], []
 
     def answer(request):
@@ -273,7 +273,7 @@ def test_addresses_are_checked(monkeypatch):
 
 
 def test_a_stream_is_given_up_only_after_an_outage(relay):
-    """The time that the caller takes for an event is no outage."""
+    """The time for which the caller handles an event does not count as an outage."""
     relay.only, relay.cuts = "/events", [2000]
     with Client(relay.url, outage=0.5) as client:
         stream = client.events(client.submit(seed=44, spec=SMALL))

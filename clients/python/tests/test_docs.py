@@ -1,4 +1,4 @@
-"""The examples of docs/clients.md, run in their order against a live service."""
+"""Runs the examples of docs/clients.md in their order against a live service."""
 
 import csv
 import re
@@ -11,7 +11,11 @@ DOCUMENT = ROOT / "docs/clients.md"
 
 
 def blocks():
-    """The Python blocks, by the heading before them; with lines before them, so that errors name the right line."""
+    """Yields the Python blocks, each with the heading before it.
+
+    Blank lines in front of a block keep its line numbers, so errors point to the line in the
+    document.
+    """
     text = DOCUMENT.read_text()
     (section,) = re.findall(r"^## Python\n.*?(?=^## |\Z)", text, re.MULTILINE | re.DOTALL)
     start = text.index(section)
@@ -22,7 +26,7 @@ def blocks():
     return found
 
 
-# They grow more than 50 models.
+# The examples grow more than 50 models.
 @pytest.mark.timeout(300)
 def test_the_examples_run(service, tmp_path, monkeypatch, capsys):
     pytest.importorskip("pandas")
@@ -32,7 +36,7 @@ def test_the_examples_run(service, tmp_path, monkeypatch, capsys):
     printed = {}
     for heading, code in blocks().items():
         if heading == "A study":
-            # It is a script of its own.
+            # The example of a study is a separate script.
             names["client"].close()
             names = {}
         exec(compile(code, str(DOCUMENT), "exec"), names)

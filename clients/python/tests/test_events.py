@@ -18,7 +18,7 @@ def test_the_events_of_a_model_end_with_it(client):
     sections = [event.section for event in events if event.section]
     assert sections and all(section.inner.shape[1] == 2 for section in sections)
     assert sections[0].outer.dtype == np.float32 and sections[-1].z_um > 0
-    # Nothing follows what is known.
+    # There are no events after the last known one.
     assert list(client.events(model, last_event_id=events[-1].id)) == []
     assert [event.model.spec["steps"] for event in client.events(model, spec=True)] == [ENDLESS["steps"]]
 

@@ -18,7 +18,7 @@ from oviduct import (
 
 @pytest.fixture(scope="module")
 def fitted(service):
-    """A fit that has succeeded, with its events."""
+    """A fit that has succeeded, and its events."""
     with Client(service.url) as client:
         fit = client.submit_fit(**FIT, labels={"kind": "fit"}, idempotency_key="fit")
         assert client.submit_fit(**FIT, labels={"kind": "fit"}, idempotency_key="fit").id == fit.id
@@ -36,7 +36,7 @@ def test_a_fit_is_followed_to_its_result(fitted, client):
     assert names[0] == "status" and "progress" in names and names.index("end") == len(names) - 1
     assert all(event.fit_id == fit.id and event.fit.request is None for event in events)
     assert events[-1].fit.result == fit.result and events[-1].fit.raw["result"] == fit.raw["result"]
-    # Nothing follows what is known.
+    # There are no events after the last known one.
     assert list(client.fit_events(fit, last_event_id=events[-1].id)) == []
     states = []
     assert client.wait_fit(fit.id, progress=states.append).result == fit.result and states[-1] == fit
@@ -46,7 +46,7 @@ def test_fits_are_validated(fitted, client, grown):
     fit, _ = fitted
     valid = client.validate_fit(**FIT)
     assert valid.digest == fit.digest and valid.request == fit.request and valid.seconds > 0
-    # A labelled section of a model, as the bytes of an image.
+    # The tissue labels of a section, as the bytes of an image.
     image = {"region": "ampulla", "png": client.section_png(grown, 0, labels=True), "pixel_um": 5}
     image |= {"tissue": [2, 3, 4, 5, 6], "quantities": ["lumen_perimeter_mm"]}
     (target,) = client.validate_fit(spec=FIT["spec"], images=[image]).request["targets"]

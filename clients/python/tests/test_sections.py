@@ -59,7 +59,7 @@ def area(points):
 
 
 def test_the_surface_is_cut_across_and_along(client, grown):
-    # Without a lean, the cut at the place of a section is the section.
+    # Without lean, a cut at the position of a section equals the section.
     section = client.section(grown, 6)
     cut = client.cut(grown, z_um=section.z_um)
     assert [ring.kind for ring in cut.rings] == ["tissue", "lumen"] and (cut.islands, cut.pockets) == (0, 0)
@@ -88,7 +88,7 @@ def test_the_surface_is_cut_across_and_along(client, grown):
 def test_a_leaning_surface_has_islands(client):
     keys = {"keys": [[0, 0], [0.2125, 0], [0.33, 1000], [1, 1000]], "ease": "smooth"}
     sway = {"strength": {"keys": [[0, 0], [0.25, 0], [0.35, 3], [1, 3]], "ease": "smooth"}}
-    # Half of the cuts across such a model pass through islands.
+    # Half of the cuts across this model pass through islands.
     spec = {"steps": 600, "length_mm": 12, "sway": sway, "lean": {"strength_um": keys, "wavelength_um": 200}}
     model = client.wait(client.submit(seed=3, spec=spec))
     end = client.sections(model).z_um[-1]
@@ -121,7 +121,7 @@ def test_damage_with_right_hashes_is_found(data):
 
     (offset,) = struct.unpack_from("<Q", data, len(data) - 64)
     assert signed(bytearray(data)) == data
-    # In the first entry: the offset, the length, the points of the inner ring, the checksum.
+    # Bytes of the first entry: offset, length, number of inner points, checksum.
     for at in (0, 8, 12, 15, 40):
         changed = bytearray(data)
         changed[offset + at] ^= 1

@@ -1,7 +1,7 @@
-"""The requests of the interface, and what to read from their answers. Nothing here sends anything.
+"""Builds the requests of the HTTP interface and parses their responses; sends nothing.
 
-A call is a request with a function of the answer. docs/http.md and openapi.yaml in the repository of the service
-describe the interface.
+A call is a pair: a request, and a function that parses the response. docs/http.md and openapi.yaml
+in the repository of the service describe the interface.
 """
 
 from __future__ import annotations
@@ -48,24 +48,25 @@ from .types import (
 T = TypeVar("T")
 Call = tuple[Request, Callable[[httpx.Response], T]]
 Params = tuple[tuple[str, str], ...]
-# Models, batches or fits of a page of a list.
+# Number of models, batches or fits on a page of a list.
 PAGE = 100
 
 
 def segment(text: str) -> str:
-    """A name as one segment of a path; raises ValueError for one that would lead to another path."""
+    """Returns a name as one path segment; raises ValueError if the name would lead to another path.
+    """
     if text in ("", ".", ".."):
         raise ValueError(f"not a name: {text!r}")
     return quote(text, safe="")
 
 
 def key(ref: ModelRef | BatchRef | FitRef) -> str:
-    """The id of a model, a batch or a fit, as a segment of a path."""
+    """Returns the id of a model, a batch or a fit as a path segment."""
     return segment(str(ref.id if isinstance(ref, (Model, Batch, Fit)) else ref))
 
 
 def json(response: httpx.Response) -> Any:
-    """The JSON body; raises UnexpectedAnswer if there is none."""
+    """Returns the JSON body; raises UnexpectedAnswer if the body is not JSON."""
     try:
         return response.json()
     except ValueError:
@@ -93,7 +94,7 @@ def _nothing(_: httpx.Response) -> None:
 
 
 def _moment(time: datetime.datetime | str) -> str:
-    """RFC 3339; a time without a zone is local."""
+    """Returns a time in RFC 3339; a time without a zone is local time."""
     return time if isinstance(time, str) else time.astimezone(datetime.timezone.utc).isoformat()
 
 
@@ -102,7 +103,7 @@ def _labels(labels: types.Labels | None) -> Params:
 
 
 def filter_params(given: Mapping[str, Any], kind: Any = ModelFilter) -> Params:
-    """Query parameters of conditions of a kind; those that are None are left out."""
+    """Returns the conditions of a filter as query parameters, without those that are None."""
     _known(given, kind)
     params = [(name, given.get(name)) for name in ("status", "preset", "owner")]
     batch = given.get("batch")
@@ -114,7 +115,7 @@ def filter_params(given: Mapping[str, Any], kind: Any = ModelFilter) -> Params:
 
 
 def _known(given: Mapping[str, Any], kind: Any) -> None:
-    """Python does not check the names of keyword arguments of a TypedDict."""
+    """Checks the names of keyword arguments, which Python does not check for a TypedDict."""
     for name in given:
         if name not in kind.__annotations__:
             raise TypeError(f"unexpected keyword argument {name!r}; there are {', '.join(kind.__annotations__)}")
@@ -125,7 +126,7 @@ def _given(members: Mapping[str, Any]) -> Json:
 
 
 def _body(options: ModelOptions, **members: Any) -> Json:
-    """The body of a request; members that are None are left to the service."""
+    """Returns the body of a request, without members that are None."""
     _known(options, ModelOptions)
     body = _given({**options, **members})
     if "outputs" in body:

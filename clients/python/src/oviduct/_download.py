@@ -1,4 +1,4 @@
-"""Downloads: into a temporary file that is renamed at the end, resumed after a broken connection, checked."""
+"""Downloads files into temporary files, resumes broken transfers, and checks the result."""
 
 from __future__ import annotations
 
@@ -27,10 +27,11 @@ PathLike = str | os.PathLike[str]
 
 
 def fetch(request: Request, sink: BinaryIO, file: File | None, retries: int) -> Steps[None]:
-    """Writes the body of an answer to a sink.
+    """Writes the body of a response to a sink.
 
-    With `file`, size and SHA-256 are checked, and a broken transfer goes on where it broke. Without, it begins anew.
-    Gives up after `retries` tries in a row that brought nothing new.
+    With `file`, checks size and SHA-256, and resumes a broken transfer. Without `file`, starts a
+    broken transfer again from the beginning. Gives up after `retries` consecutive attempts without
+    new bytes.
     """
     tries = done = most = 0
     digest = hashlib.sha256()
@@ -41,7 +42,7 @@ def fetch(request: Request, sink: BinaryIO, file: File | None, retries: int) -> 
         try:
             response: httpx.Response = check((yield Open(opened)))
             if _start(response) != done:
-                # The whole file, although a part was asked for.
+                # The response is the whole file although the request had a range.
                 done, digest = 0, hashlib.sha256()
                 sink.seek(0)
                 sink.truncate()
@@ -72,14 +73,14 @@ def fetch(request: Request, sink: BinaryIO, file: File | None, retries: int) -> 
 
 
 def _start(response: httpx.Response) -> int:
-    """Where in the file the body begins."""
+    """Returns the offset in the file at which the body begins."""
     match = re.match(r"bytes (\d+)-", response.headers.get("content-range", ""))
     return int(match[1]) if response.status_code == 206 and match else 0
 
 
 @contextlib.contextmanager
 def replaced(path: Path) -> Iterator[BinaryIO]:
-    """A temporary file in the same folder, which takes the place of `path` if all goes well, and else is deleted."""
+    """Opens a temporary file that replaces `path` on success and is deleted otherwise."""
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:
         with open(part, "x+b") as sink:
@@ -90,8 +91,9 @@ def replaced(path: Path) -> Iterator[BinaryIO]:
 
 
 def local(name: str) -> str:
-    """The name of a file of a model, for a file in a folder; raises CheckFailed for one that could lead elsewhere."""
-    # A backslash, a drive or a stream (`:`) has a meaning on Windows only, but is refused on every system.
+    """Returns the name of a model's file as a local name; raises CheckFailed for an unsafe name."""
+    # A backslash, a drive or a stream (`:`) has a meaning only on Windows, but every system refuses
+    # it.
     if name.startswith(".") or not re.fullmatch(r"[^/\\:\x00-\x1f]+", name):
         raise CheckFailed(f"not a name for a file: {name!r}")
     return name
@@ -103,13 +105,13 @@ def _target(path: PathLike | None, name: str) -> Path:
 
 
 def named(ref: ModelRef, name: str, retries: int) -> Steps[File | None]:
-    """A file of a model as its record describes it; None if it has no such file."""
+    """Returns a file of a model from its record; None if the record has no such file."""
     model = ref if isinstance(ref, Model) and ref.files else (yield from call(*_calls.model(ref), retries))
     return next((file for file in model.files if file.name == name), None)
 
 
 def _fetch_named(ref: ModelRef, name: str, sink: BinaryIO, retries: int) -> Steps[None]:
-    # If the record names no such file, the answer to the request says why.
+    # If the record has no such file, the response to the request explains why.
     file = yield from named(ref, name, retries)
     yield from fetch(_calls.file(ref, name), sink, file, retries)
 
@@ -125,7 +127,7 @@ def download(ref: ModelRef, name: str, path: PathLike | None, retries: int) -> S
 def download_all(ref: ModelRef, folder: PathLike, retries: int) -> Steps[list[Path]]:
     """Saves all files of a model."""
     model = yield from call(*_calls.model(ref), retries)
-    # All names are checked before anything is written.
+    # Check all names before writing any file.
     targets = [(file.name, Path(folder) / local(file.name)) for file in model.files]
     Path(folder).mkdir(parents=True, exist_ok=True)
     paths = []
@@ -135,7 +137,7 @@ def download_all(ref: ModelRef, folder: PathLike, retries: int) -> Steps[list[Pa
 
 
 def content(ref: ModelRef, name: str, parse: Callable[[bytes], T], retries: int) -> Steps[T]:
-    """What `parse` makes of the bytes of a file."""
+    """Downloads a file of a model; returns its parsed content."""
     sink = io.BytesIO()
     yield from _fetch_named(ref, name, sink, retries)
     parsed: T = yield Work(lambda: parse(sink.getvalue()))
@@ -143,7 +145,7 @@ def content(ref: ModelRef, name: str, parse: Callable[[bytes], T], retries: int)
 
 
 def archive(ref: BatchRef, path: PathLike, files: Sequence[str] | None, retries: int) -> Steps[Path]:
-    """Saves an archive of the files of a batch, and checks it by its manifest."""
+    """Saves an archive of a batch's files, and checks the archive with its manifest."""
     target = Path(path)
     form = "tar" if target.suffix == ".tar" else "zip"
     with replaced(target) as sink:

@@ -1,4 +1,4 @@
-"""The two loops that do the steps of an operation, over httpx."""
+"""Runs the steps of an operation over httpx: one loop for threads, one for asyncio."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _HEADERS = {"user-agent": f"oviduct-python/{VERSION}"}
 
 
 class _Key(httpx.Auth):
-    """Sends the key; does not show it. httpx drops it when a redirect leads to another host."""
+    """Sends the API key and never shows it; httpx drops it on a redirect to another host."""
 
     def __init__(self, key: str) -> None:
         key = key.strip()
-        # httpx would name the value in its error.
+        # The error of httpx would contain the API key.
         if not key or not all("!" <= character <= "~" for character in key):
             raise ValueError("the key must consist of visible ASCII characters")
         self._key = key
@@ -38,7 +38,7 @@ class _Key(httpx.Auth):
 
 
 class Options:
-    """What both clients have: address, key and limits."""
+    """Settings of both clients: address, API key and limits."""
 
     def __init__(self, url: str | None, key: str | None, timeout: float, retries: int, outage: float) -> None:
         url = url or os.environ.get("OVIDUCT_URL") or "http://127.0.0.1:8080"
@@ -50,12 +50,12 @@ class Options:
         key = os.environ.get("OVIDUCT_KEY") if key is None else key
         self.address = address.copy_with(path=address.path.rstrip("/") + "/")
         self.auth = _Key(key) if key else None
-        # For people: without the user name and the password that an address may have.
+        # The address without user name and password, for messages.
         self.shown = str(self.address.copy_with(userinfo=b""))
         self.timeout, self.retries, self.outage = timeout, retries, outage
 
     def url(self, path: str) -> str:
-        """The URL of a path of the service."""
+        """Returns the URL of a path of the service."""
         return str(self.address) + path
 
     def request(self, http: httpx.Client | httpx.AsyncClient, request: Request) -> httpx.Request:
@@ -70,25 +70,27 @@ class Options:
         )
 
     def how(self, request: Request) -> dict[str, Any]:
-        # Downloads may be redirected to the artifact store. A redirect of anything else means a wrong address.
+        # The service may redirect downloads to the artifact store. Any other redirect means that
+        # the address is wrong.
         return {"auth": self.auth, "follow_redirects": request.method == "GET"}
 
 
 def _lost(error: httpx.RequestError) -> ConnectionFailed:
-    # A new exception: the frames and the request of that of httpx hold the key.
+    # Raise a new exception, because the exception of httpx refers to the request and thereby to the
+    # API key.
     text = str(error) or "no answer in time"
     return ConnectionFailed(f"{type(error).__name__}: {text}")
 
 
 class _Result:
-    """The result of steps."""
+    """The result of an operation's steps."""
 
     def __init__(self, value: Any) -> None:
         self.value = value
 
 
 class _Exchange:
-    """Does the steps of one operation; keeps the answer that it reads."""
+    """Runs the steps of one operation; keeps the open response between the steps."""
 
     def __init__(self, http: httpx.Client, options: Options) -> None:
         self._http, self._options = http, options
@@ -117,7 +119,7 @@ class _Exchange:
 
 
 class Driver:
-    """Does steps, and waits meanwhile."""
+    """Runs the steps of operations in the calling thread."""
 
     def __init__(self, options: Options, http: httpx.Client | None) -> None:
         self._options = options
@@ -125,25 +127,25 @@ class Driver:
         self._http = http or httpx.Client()
 
     def close(self) -> None:
-        """Closes the connections, unless they are those of an httpx client that was handed in."""
+        """Closes the connections, unless the caller passed the httpx client."""
         if self._owned:
             self._http.close()
 
     def _run(self, steps: Steps[T]) -> T:
-        """The result of steps."""
+        """Runs the steps; returns their result."""
         with contextlib.closing(self._drive(steps)) as drive:
             result = next(value.value for value in drive if isinstance(value, _Result))
         return result  # type: ignore[no-any-return]
 
     def _iterate(self, steps: Steps[None]) -> Iterator[Any]:
-        """What steps emit."""
+        """Runs the steps; yields the values that they emit."""
         with contextlib.closing(self._drive(steps)) as drive:
             for value in drive:
                 if not isinstance(value, _Result):
                     yield value
 
     def _drive(self, steps: Steps[Any]) -> Generator[Any, None, None]:
-        """What steps emit, then their result."""
+        """Runs the steps; yields the values that they emit, then their result."""
         exchange = _Exchange(self._http, self._options)
         answer: Any = None
         failure: ConnectionFailed | None = None
@@ -168,7 +170,7 @@ class Driver:
 
 
 class _AsyncExchange:
-    """Does the steps of one operation; keeps the answer that it reads."""
+    """Runs the steps of one operation; keeps the open response between the steps."""
 
     def __init__(self, http: httpx.AsyncClient, options: Options) -> None:
         self._http, self._options = http, options
@@ -197,7 +199,7 @@ class _AsyncExchange:
 
 
 class AsyncDriver:
-    """Does steps, and lets other tasks run meanwhile."""
+    """Runs the steps of operations as part of an asyncio task."""
 
     def __init__(self, options: Options, http: httpx.AsyncClient | None) -> None:
         self._options = options
@@ -205,12 +207,12 @@ class AsyncDriver:
         self._http = http or httpx.AsyncClient()
 
     async def aclose(self) -> None:
-        """Closes the connections, unless they are those of an httpx client that was handed in."""
+        """Closes the connections, unless the caller passed the httpx client."""
         if self._owned:
             await self._http.aclose()
 
     async def _run(self, steps: Steps[T]) -> T:
-        """The result of steps."""
+        """Runs the steps; returns their result."""
         async with contextlib.aclosing(self._drive(steps)) as drive:
             async for value in drive:
                 if isinstance(value, _Result):
@@ -218,14 +220,14 @@ class AsyncDriver:
         raise AssertionError("steps end with a result")
 
     async def _iterate(self, steps: Steps[None]) -> AsyncIterator[Any]:
-        """What steps emit."""
+        """Runs the steps; yields the values that they emit."""
         async with contextlib.aclosing(self._drive(steps)) as drive:
             async for value in drive:
                 if not isinstance(value, _Result):
                     yield value
 
     async def _drive(self, steps: Steps[Any]) -> AsyncGenerator[Any, None]:
-        """What steps emit, then their result."""
+        """Runs the steps; yields the values that they emit, then their result."""
         exchange = _AsyncExchange(self._http, self._options)
         answer: Any = None
         failure: ConnectionFailed | None = None

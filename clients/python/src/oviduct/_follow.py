@@ -1,4 +1,4 @@
-"""Following models, batches and fits: event streams that survive lost connections, and waits."""
+"""Follows models, batches and fits with event streams that survive lost connections, and waits."""
 
 from __future__ import annotations
 
@@ -27,40 +27,41 @@ from .errors import (
 )
 from .types import Batch, BatchRef, Event, Fit, FitEvent, FitRef, Model, ModelRef, read_event, read_fit_event
 
-# A model or a fit, and an event of such.
+# A model or a fit, and an event of a model or a fit.
 S = TypeVar("S", Model, Fit)
 E = TypeVar("E", Event, FitEvent)
 ReadEvent = Callable[[str, Any, str | None, str], E]
 
-# Longest silence of a stream, in seconds: the service sends at least a comment every 15 seconds.
+# Maximum silence of an event stream, seconds. The service sends at least a comment every 15
+# seconds.
 SILENCE = 45.0
 
 
 class Limits(Protocol):
-    """How long to try."""
+    """Limits for attempts to reach the service."""
 
     @property
     def retries(self) -> int: ...
     @property
     def outage(self) -> float:
-        """Seconds without contact after which a stream is given up."""
+        """Seconds without contact after which an event stream is given up."""
         ...
 
 
 @dataclass(frozen=True)
 class BatchProgress:
-    """How far a batch is."""
+    """Progress of a batch."""
 
     ended: int
-    """Models that have ended."""
+    """Number of models that have ended."""
     total: int
-    """All models."""
+    """Number of all models."""
     fraction: float
-    """Mean fraction of the models, 0 to 1."""
+    """Mean progress of the models, 0 to 1."""
 
 
 def figures(state: Model | Fit) -> tuple[float, str]:
-    """Fraction and text of a progress bar of a model or a fit."""
+    """Returns fraction and text for the progress bar of a model or a fit."""
     if state.has_ended:
         return 1.0, state.status
     if state.status == "running" and state.progress:
@@ -70,7 +71,7 @@ def figures(state: Model | Fit) -> tuple[float, str]:
 
 
 def batch_figures(progress: BatchProgress) -> tuple[float, str]:
-    """Fraction and text of a progress bar of a batch."""
+    """Returns fraction and text for the progress bar of a batch."""
     return progress.fraction, f"{progress.ended} of {progress.total} models"
 
 
@@ -82,7 +83,7 @@ class Deadline:
         self._end = None if seconds is None else time.monotonic() + seconds
 
     def left(self) -> float:
-        """Seconds that are left; raises WaitTimeout after the end."""
+        """Returns the remaining seconds; raises WaitTimeout after the end."""
         if self._end is None:
             return float("inf")
         left = self._end - time.monotonic()
@@ -101,12 +102,13 @@ def follow(
     look: Callable[[], Steps[bool | None]] | None = None,
     deadline: Deadline | None = None,
 ) -> Steps[None]:
-    """Follows a stream until the service says that it is over, or `handle` returns True for an event.
+    """Follows an event stream until the service ends it or `handle` returns True for an event.
 
-    After a lost connection, it connects again with the id of the last event. Before that it calls `look`, which returns
-    whether what is followed is over, or None if the service could not be asked.
+    After a lost connection, calls `look` and reconnects with the id of the last event. `look`
+    returns whether the followed model, batch or fit has ended, or None if the service did not
+    respond.
     """
-    away: float | None = None  # Since when there was no contact.
+    away: float | None = None  # Time since which there was no contact.
     tries = 0
     while True:
         error: ConnectionFailed | Problem = ConnectionFailed("the stream was closed before its end")
@@ -152,7 +154,7 @@ def follow(
 def events(
     request: Request, reads: ReadEvent[E], limits: Limits, last_id: str | None, *, of_one: bool = True
 ) -> Steps[None]:
-    """Emits the events of a stream. That of one model or fit is over with its `end`."""
+    """Emits the events of a stream. The stream of one model or fit ends with its `end` event."""
 
     def handle(event: E) -> Steps[bool]:
         yield Emit(event)
@@ -162,7 +164,7 @@ def events(
 
 
 def _asked(request: Request, parse: Callable[[httpx.Response], Any]) -> Steps[Any]:
-    """The answer to one request; None if the service cannot be asked now."""
+    """Sends one request; returns the parsed response, or None if the service is unavailable."""
     try:
         return parse(check((yield Send(request))))
     except ConnectionFailed:
@@ -182,7 +184,7 @@ def _wait(
     timeout: float | None,
     display: Display[S],
 ) -> Steps[S]:
-    """Waits until a model or a fit has ended. `state_of` an event raises if it was deleted."""
+    """Waits until a model or a fit has ended; `state_of` raises for the event of a deletion."""
     deadline = Deadline(timeout)
 
     def handle(event: E) -> Steps[bool]:
@@ -199,7 +201,7 @@ def _wait(
 
     with display:
         yield from follow(request, reads, limits, handle=handle, look=look, deadline=deadline)
-        # The events leave the spec of a model and the request of a fit out.
+        # The events omit the spec of a model and the request of a fit.
         state = yield from call(*record, limits.retries)
         display.show(state)
     return state
@@ -240,7 +242,7 @@ def wait_fit(ref: FitRef, limits: Limits, timeout: float | None, display: Displa
 
 
 def wait_batch(ref: BatchRef, limits: Limits, timeout: float | None, display: Display[BatchProgress]) -> Steps[Batch]:
-    """Waits until all models of a batch have ended, in whatever way."""
+    """Waits until all models of a batch have ended."""
     record = _calls.batch(ref)
     deadline = Deadline(timeout)
     parts: dict[str, float] = {}
@@ -254,7 +256,7 @@ def wait_batch(ref: BatchRef, limits: Limits, timeout: float | None, display: Di
         if event.name == "end":
             parts[event.model_id] = 1.0
         elif event.model and event.model.progress:
-            # Just below 1, which is for models that have ended.
+            # Just below 1, because 1 marks models that have ended.
             parts[event.model_id] = min(event.model.progress.fraction, 0.999)
         show(sum(part == 1.0 for part in parts.values()))
         return False

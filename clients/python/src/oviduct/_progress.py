@@ -1,4 +1,4 @@
-"""Progress of a wait: a bar by tqdm if it is installed, else a line on stderr; or a function of the caller."""
+"""Shows the progress of a wait: with tqdm if installed, with a line on stderr, or by a callback."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any, Generic, Protocol, TypeVar
 
 S = TypeVar("S")
-# Seconds between lines where lines cannot be rewritten.
+# Seconds between lines on an output that cannot rewrite its last line.
 PAUSE = 5.0
 
 
@@ -18,7 +18,7 @@ class _Bar(Protocol):
 
 
 class _Tqdm:
-    """A bar by tqdm, in a notebook as a widget."""
+    """A tqdm bar; in a notebook, a widget."""
 
     def __init__(self, tqdm: Any) -> None:
         self._bar = tqdm(total=100, bar_format="{desc} {percentage:3.0f}%|{bar}| {elapsed}")
@@ -32,7 +32,7 @@ class _Tqdm:
 
 
 class _Line:
-    """A line on stderr, rewritten on a terminal."""
+    """A line on stderr, which a terminal rewrites."""
 
     def __init__(self) -> None:
         self._terminal = sys.stderr.isatty()
@@ -66,7 +66,7 @@ def _bar() -> _Bar:
 
 
 class Display(Generic[S]):
-    """Shows states. `progress`: whether to show them, or a function that gets each."""
+    """Shows states; `progress` is True, False, or a function that is called with each state."""
 
     def __init__(self, progress: bool | Callable[[S], object], figures: Callable[[S], tuple[float, str]]) -> None:
         self._progress, self._figures = progress, figures

@@ -20,7 +20,7 @@ class Message:
     """The last id that the stream has sent."""
 
     def json(self) -> Any:
-        """The data; raises UnexpectedAnswer if it is not JSON."""
+        """Returns the parsed data; raises UnexpectedAnswer if the data is not JSON."""
         try:
             return json.loads(self.data)
         except ValueError as error:
@@ -28,11 +28,11 @@ class Message:
 
 
 class Parser:
-    """Takes the bytes of a stream in pieces of any size."""
+    """Parses the bytes of a stream, in chunks of any size."""
 
     def __init__(self, last_id: str | None = None) -> None:
         self.last_id = last_id
-        """The last id, also one that came without an event."""
+        """The last id, even if no event followed it."""
         self._decode = codecs.getincrementaldecoder("utf-8-sig")("replace").decode
         self._line = ""
         self._after_cr = False
@@ -41,11 +41,12 @@ class Parser:
         self._id = last_id
 
     def feed(self, chunk: bytes) -> list[Message]:
-        """The events that these bytes complete."""
+        """Returns the events that these bytes complete."""
         messages = []
         text = self._decode(chunk)
         if self._after_cr and text:
-            # A line that ended with the CR of the chunk before: an LF here belongs to it.
+            # The last chunk ended with CR, so an LF at the beginning of this chunk belongs to that
+            # line end.
             text = text.removeprefix("\n")
             self._after_cr = False
         self._after_cr = self._after_cr or text.endswith("\r")
@@ -58,7 +59,7 @@ class Parser:
         return messages
 
     def _take(self, line: str) -> Message | None:
-        """Takes a line; an empty one ends an event."""
+        """Processes a line; returns the event that an empty line ends."""
         if not line:
             name, data = self._name or "message", self._data
             self._name, self._data, self.last_id = "", [], self._id

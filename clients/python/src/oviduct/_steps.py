@@ -1,7 +1,7 @@
 """Operations as steps, written once for the synchronous and the asynchronous client.
 
-An operation is a generator. It yields what is to be done (a request, a pause, …), is sent the result, and returns the
-result of the whole. `_drive.py` has the two loops that do these things.
+An operation is a generator. It yields steps (a request, a pause, …), receives their results, and
+returns the result of the operation. The two loops in `_drive.py` run the steps.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import httpx
 from .errors import ConnectionFailed, Problem, UnexpectedAnswer, problem_of
 
 T = TypeVar("T")
-# Longest `Retry-After` that is waited for, in seconds.
+# Maximum `Retry-After` for which an operation waits, seconds.
 PATIENCE = 60.0
 
 
@@ -30,47 +30,50 @@ class Request:
     params: tuple[tuple[str, str], ...] = ()
     headers: Mapping[str, str] = field(default_factory=dict)
     body: Any = None
-    """Sent as JSON, if it is not None."""
+    """Sent as JSON unless it is None."""
     silence: float | None = None
-    """Seconds without a byte after which the connection counts as lost; None: the timeout of the client."""
+    """Seconds without a byte after which the connection is lost; None: the client's timeout."""
 
 
 @dataclass(frozen=True)
 class Send:
-    """Send a request; the result is the answer with its body."""
+    """Sends a request; the result is the response with its body."""
 
     request: Request
 
 
 @dataclass(frozen=True)
 class Open:
-    """Send a request; the result is the answer, whose body `Read` gets unless the status is one of an error."""
+    """Sends a request; the result is the response.
+
+    `Read` returns the body, except for an error status: then the response contains its body.
+    """
 
     request: Request
 
 
 @dataclass(frozen=True)
 class Read:
-    """The result is the next bytes of the answer that was opened last, or None at its end."""
+    """Reads the response that was opened last; the result is the next bytes, or None at its end."""
 
 
 @dataclass(frozen=True)
 class Sleep:
-    """Pause."""
+    """Pauses."""
 
     seconds: float
 
 
 @dataclass(frozen=True)
 class Work:
-    """Call a function that computes, or reads and writes files, for some time; the result is its value."""
+    """Calls a function that computes or accesses files for some time; the result is its value."""
 
     call: Callable[[], Any]
 
 
 @dataclass(frozen=True)
 class Emit:
-    """Hand a value to the caller, who iterates."""
+    """Passes a value to the caller's iteration."""
 
     value: Any
 
@@ -80,25 +83,27 @@ Steps = Generator[Step, Any, T]
 
 
 def backoff(tries: int) -> float:
-    """Seconds to wait after so many failed tries: about 0.25, 0.5, 1, … up to 8."""
-    # The exponent is bounded: a wait may try more than a thousand times, and 2 ** 1024 is too large for a float.
+    """Returns the seconds to wait after this many failed attempts: about 0.25, 0.5, 1, … up to 8.
+    """
+    # The exponent is limited, because a wait may need more than a thousand attempts and 2 ** 1024
+    # overflows a float.
     return float(0.25 * 2 ** min(tries - 1, 5) * random.uniform(0.8, 1.2))
 
 
 def delay(error: ConnectionFailed | Problem, tries: int) -> float | None:
-    """Seconds to wait before the next try after an error; None if none would help."""
+    """Returns the seconds to wait before a retry, or None if a retry cannot succeed."""
     if isinstance(error, ConnectionFailed):
         return backoff(tries)
     if not error.is_transient:
         return None
     if error.retry_after is None:
         return backoff(tries)
-    # With some randomness, so that clients that were refused together do not come back together.
+    # The random part keeps clients that were refused together from retrying together.
     return error.retry_after + random.uniform(0, 0.25) if error.retry_after <= PATIENCE else None
 
 
 def check(response: httpx.Response) -> httpx.Response:
-    """The answer, if its status is one of success; raises Problem if it is not."""
+    """Returns a successful response; raises Problem for an error status."""
     if response.status_code >= 400:
         raise problem_of(response)
     if not response.is_success:
@@ -108,9 +113,10 @@ def check(response: httpx.Response) -> httpx.Response:
 
 
 def send(request: Request, retries: int) -> Steps[httpx.Response]:
-    """Sends a request, and again after lost connections and transient problems.
+    """Sends a request; retries after lost connections and transient problems.
 
-    Every request of this package may be repeated: those that make something carry an idempotency key.
+    Every request of this package may be repeated: requests that create something carry an
+        idempotency key.
     """
     tries, lost = 0, False
     while True:
@@ -120,7 +126,7 @@ def send(request: Request, retries: int) -> Steps[httpx.Response]:
         except ConnectionFailed as failure:
             error, lost = failure, True
         except Problem as problem:
-            # A deletion whose answer was lost may have been done.
+            # The deletion may have succeeded although its response was lost.
             if problem.status == 404 and lost and request.method == "DELETE":
                 return httpx.Response(204)
             error = problem
@@ -132,5 +138,5 @@ def send(request: Request, retries: int) -> Steps[httpx.Response]:
 
 
 def call(request: Request, parse: Callable[[httpx.Response], T], retries: int) -> Steps[T]:
-    """Sends a request; the result is what `parse` makes of the answer."""
+    """Sends a request; returns the parsed response."""
     return parse((yield from send(request, retries)))

@@ -53,9 +53,9 @@ if TYPE_CHECKING:
 
 
 class AsyncClient(AsyncDriver):
-    """`Client` for asyncio: the same methods with the same arguments. Those that iterate are for `async for`.
+    """`Client` for asyncio: the same methods with the same arguments. Iterators are asynchronous.
 
-    What computes for long, such as the check of an archive, runs in a thread.
+    Long computations, such as the check of an archive, run in a thread.
     """
 
     def __init__(
@@ -338,7 +338,7 @@ class AsyncClient(AsyncDriver):
         return await self._call(_calls.change_worker(name, "drain"))
 
 
-# Checkers and editors read the signatures above; the words are the same for both clients.
+# Type checkers and editors read the signatures above. Both clients share the docstrings.
 for _name, _method in vars(AsyncClient).items():
     if callable(_method) and not _method.__doc__:
         _method.__doc__ = getattr(getattr(Client, _name, None), "__doc__", None)

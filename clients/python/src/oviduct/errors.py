@@ -1,4 +1,4 @@
-"""Exceptions. All of them are an `OviductError`."""
+"""Exceptions of this package, all subclasses of `OviductError`."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ class OviductError(Exception):
 
 
 class ConnectionFailed(OviductError):
-    """The service could not be reached, or the connection was lost, as often as was tried."""
+    """The service could not be reached, or the connection was lost, at every attempt."""
 
 
 class UnexpectedAnswer(OviductError):
-    """The answer is not one of the oviduct service, such as the page of a proxy."""
+    """The response is not one of the oviduct service, but for example the page of a proxy."""
 
 
 class CheckFailed(OviductError):
-    """A file does not have the size, the hash or the format that it should have, or its name is unsafe."""
+    """A file has the wrong size, hash or format, or an unsafe name."""
 
 
 class WaitTimeout(OviductError, TimeoutError):
-    """What was waited for did not end in time. It goes on."""
+    """The model, batch or fit did not end in time. The service keeps running it."""
 
 
 def _failure(what: str, failed: Model | Fit) -> str:
@@ -44,7 +44,10 @@ def _failure(what: str, failed: Model | Fit) -> str:
 
 
 class ModelFailed(OviductError):
-    """A model failed. `model.problem` has the type of the problem, such as `urn:oviduct:problem:certificate`."""
+    """A model failed.
+
+    `model.problem` has the problem type, such as `urn:oviduct:problem:certificate`.
+    """
 
     def __init__(self, model: Model) -> None:
         super().__init__(_failure("model", model))
@@ -60,7 +63,7 @@ class ModelCancelled(OviductError):
 
 
 class ModelDeleted(OviductError):
-    """A model was deleted while it was waited for."""
+    """A model was deleted during the wait."""
 
     def __init__(self, model_id: str) -> None:
         super().__init__(f"model {model_id} was deleted")
@@ -68,7 +71,7 @@ class ModelDeleted(OviductError):
 
 
 class FitFailed(OviductError):
-    """A fit failed. `fit.problem` has the type of the problem."""
+    """A fit failed. `fit.problem` has the problem type."""
 
     def __init__(self, fit: Fit) -> None:
         super().__init__(_failure("fit", fit))
@@ -84,7 +87,7 @@ class FitCancelled(OviductError):
 
 
 class FitDeleted(OviductError):
-    """A fit was deleted while it was waited for."""
+    """A fit was deleted during the wait."""
 
     def __init__(self, fit_id: str) -> None:
         super().__init__(f"fit {fit_id} was deleted")
@@ -93,11 +96,11 @@ class FitDeleted(OviductError):
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault of a request: where it is, and what is wrong."""
+    """One fault of a request: its place and a description."""
 
     detail: str
     pointer: str | None = None
-    """JSON pointer into the body of the request, such as `/spec/collision/gap_um`."""
+    """JSON pointer into the request body, such as `/spec/collision/gap_um`."""
     parameter: str | None = None
     """Name of a query parameter."""
     header: str | None = None
@@ -105,12 +108,12 @@ class Fault:
 
     @property
     def place(self) -> str:
-        """The pointer, or the name of the parameter or of the header."""
+        """The JSON pointer, or the name of the parameter or header."""
         return self.pointer if self.pointer is not None else self.parameter or self.header or ""
 
 
 def _faults(errors: Any) -> Iterator[Fault]:
-    """The faults in the member `errors` of a problem. What has other types, such as that of a proxy, is left out."""
+    """Yields the faults in the member `errors` of a problem; skips values of other types."""
     for error in errors if isinstance(errors, list) else ():
         if not isinstance(error, dict):
             continue
@@ -121,23 +124,23 @@ def _faults(errors: Any) -> Iterator[Fault]:
 
 
 class Problem(OviductError):
-    """An answer with an error status (RFC 9457). Subclasses are for those that a caller may want to tell apart."""
+    """A response with an error status (RFC 9457). Subclasses distinguish the common cases."""
 
     def __init__(self, status: int, members: Mapping[str, Any], *, retry_after: float | None = None) -> None:
         self.status = status
-        """Status of the answer."""
+        """HTTP status."""
         self.type = str(members.get("type", "about:blank"))
-        """`urn:oviduct:problem:` and a stable name; `about:blank` if the answer is not one of the service."""
+        """`urn:oviduct:problem:` and a stable name; `about:blank` for other responses."""
         self.title = str(members.get("title", ""))
-        """The same for every problem of the type."""
+        """Title, equal for all problems of the type."""
         self.detail = str(members.get("detail", ""))
-        """What happened."""
+        """Description of this occurrence."""
         self.errors = tuple(_faults(members.get("errors")))
-        """The faults of the request."""
+        """Faults of the request."""
         self.request_id: str | None = members.get("request_id")
-        """Id of the request. Quote it in reports."""
+        """Id of the request, to quote in a report."""
         self.retry_after = retry_after
-        """Seconds after which another attempt may succeed."""
+        """Seconds after which a retry may succeed."""
         self.members = dict(members)
         """All members of the problem, such as `limit` and `prediction`."""
         super().__init__(str(self))
@@ -152,7 +155,7 @@ class Problem(OviductError):
 
     @property
     def is_transient(self) -> bool:
-        """Whether the same request may succeed later."""
+        """True if the same request may succeed later."""
         return self.status in (429, 502, 503, 504)
 
     def __str__(self) -> str:
@@ -166,23 +169,23 @@ def _problem_again(kind: type[Problem], status: int, members: Mapping[str, Any],
 
 
 class Unauthorized(Problem):
-    """401: a key is needed, or the key is not valid."""
+    """401: the request needs a valid API key."""
 
 
 class Forbidden(Problem):
-    """403: the key lacks the scope for this."""
+    """403: the API key lacks the required scope."""
 
 
 class NotFound(Problem):
-    """404: there is no such thing, or it belongs to another owner."""
+    """404: the resource does not exist or belongs to another owner."""
 
 
 class Conflict(Problem):
-    """409: the state does not allow this, such as a retry of a model that has not failed."""
+    """409: the state forbids the operation, such as a retry of a model that has not failed."""
 
 
 class InvalidRequest(Problem):
-    """422 `invalid-request`: `errors` has each fault with its place."""
+    """422 `invalid-request`: `errors` lists each fault with its place."""
 
 
 class CostLimit(Problem):
@@ -190,15 +193,15 @@ class CostLimit(Problem):
 
 
 class TooManyRequests(Problem):
-    """429: a limit is reached; `retry_after` has the seconds to wait."""
+    """429: a limit is reached; `retry_after` is the time to wait, in seconds."""
 
 
 class RateLimited(TooManyRequests):
-    """429 `rate-limited`: too many requests with this key."""
+    """429 `rate-limited`: too many requests with this API key."""
 
 
 class QuotaExceeded(TooManyRequests):
-    """429 `quota-exceeded`: the owner has too many models that have not ended, or too many bytes of files."""
+    """429 `quota-exceeded`: the owner has too many unfinished models or too many bytes of files."""
 
 
 class QueueFull(TooManyRequests):
@@ -206,7 +209,7 @@ class QueueFull(TooManyRequests):
 
 
 class ServerError(Problem):
-    """5xx: the service, or a proxy before it, failed or is not available."""
+    """5xx: the service, or a proxy in front of it, failed or is unavailable."""
 
 
 _BY_NAME: dict[str, type[Problem]] = {
@@ -225,7 +228,7 @@ _BY_STATUS: dict[int, type[Problem]] = {
 
 
 def retry_after(response: httpx.Response) -> float | None:
-    """The seconds of `Retry-After`, which may also be a date (RFC 9110, section 10.2.3)."""
+    """Returns the seconds of `Retry-After`, which may also be a date (RFC 9110, section 10.2.3)."""
     text = response.headers.get("retry-after", "").strip()
     if text.isascii() and text.isdigit():
         return float(text)
@@ -239,7 +242,7 @@ def retry_after(response: httpx.Response) -> float | None:
 
 
 def problem_of(response: httpx.Response) -> Problem:
-    """The problem in an answer with an error status whose body has been read."""
+    """Returns the problem in an error response whose body has been read."""
     status = response.status_code
     members: Any = None
     if "json" in response.headers.get("content-type", ""):

@@ -1,4 +1,7 @@
-"""Cross sections and cuts as numpy arrays, and the reader of `sections.bin` (docs/sections-bin.md of the service)."""
+"""Cross sections and cuts as numpy arrays, and the reader of `sections.bin`.
+
+docs/sections-bin.md of the service describes the file.
+"""
 
 from __future__ import annotations
 
@@ -26,10 +29,10 @@ _HEADER_MAX, _POINTS_MAX = 1 << 20, 1 << 24
 
 @dataclass(frozen=True, eq=False)
 class Ring:
-    """A closed contour, counter-clockwise: the last point connects to the first."""
+    """A closed contour, counter-clockwise; the last point connects to the first."""
 
     ids: npt.NDArray[np.uint32]
-    """Ids of the particles, shape (n,). A particle has the same id in every section."""
+    """Particle ids, shape (n,). A particle has the same id in every section."""
     points: npt.NDArray[np.float32]
     """Points, shape (n, 2), micrometres."""
 
@@ -45,13 +48,13 @@ class Section:
     """A cross section."""
 
     index: int
-    """From 0 at the isthmus end."""
+    """Index, 0 at the isthmus end."""
     z_um: float
     """Position along the tube, micrometres."""
     step: float
-    """Time step; fractional if the section was added to mend a slab."""
+    """Time step; fractional for a section that was added to mend a slab."""
     added: bool
-    """Whether it was added to mend a slab."""
+    """True for a section that was added to mend a slab."""
     inner: Ring
     """Boundary of the lumen."""
     outer: Ring
@@ -59,7 +62,7 @@ class Section:
 
 
 def section_of(answer: Any) -> Section:
-    """A section from its JSON; raises UnexpectedAnswer if it is not one."""
+    """Parses a section from JSON; raises UnexpectedAnswer for other JSON."""
 
     def ring(part: Any) -> Ring:
         points = np.asarray(part["points"], np.float32).reshape(-1, 2)
@@ -80,10 +83,10 @@ def section_of(answer: Any) -> Section:
 
 @dataclass(frozen=True)
 class Plane:
-    """A plane with coordinates u and v in it; lengths in micrometres."""
+    """A plane with coordinates u and v; lengths in micrometres."""
 
     origin_um: tuple[float, float, float]
-    """Where u and v are 0."""
+    """Point at which u and v are 0."""
     normal: tuple[float, float, float]
     """Unit normal."""
     u: tuple[float, float, float]
@@ -94,20 +97,25 @@ class Plane:
 
 @dataclass(frozen=True, eq=False)
 class CutRing:
-    """A closed ring of a cut: the last point connects to the first."""
+    """A closed ring of a cut; the last point connects to the first."""
 
     kind: str
-    """`tissue`; `lumen`, its largest hole; `island`, tissue that is not connected to the wall in this plane; `pocket`,
-    lumen that is not connected to the rest."""
+    """`tissue`, `lumen`, `island` or `pocket`.
+
+    `lumen` is the largest hole of the tissue, `island` is tissue that this plane separates from the
+    wall, and `pocket` is lumen that this plane separates from the rest.
+    """
     parent: int | None
-    """Index of the ring that directly surrounds it."""
+    """Index of the ring that directly surrounds this ring."""
     area_um2: float
-    """Area within it, with all that it surrounds."""
+    """Area within the ring, including everything that the ring surrounds."""
     perimeter_um: float
-    """Its length."""
+    """Length of the ring."""
     points: npt.NDArray[np.float64] = field(repr=False)
-    """u and v, shape (n, 2), micrometres: counter-clockwise around tissue and islands, clockwise around lumen and
-    pockets."""
+    """u and v, shape (n, 2), micrometres.
+
+    Counter-clockwise around tissue and islands, clockwise around lumen and pockets.
+    """
 
     def __len__(self) -> int:
         return len(self.points)
@@ -118,11 +126,11 @@ class Cut:
     """A planar cut of the surface of a model."""
 
     file: str
-    """The file that was cut."""
+    """Name of the file that was cut."""
     plane: Plane
     """The plane."""
     tissue_area_um2: float
-    """Area of the tissue, islands included."""
+    """Area of the tissue, including islands."""
     lumen_area_um2: float
     """Area of lumen and pockets, without islands."""
     islands: int
@@ -130,11 +138,11 @@ class Cut:
     pockets: int
     """Number of pockets."""
     rings: tuple[CutRing, ...] = field(repr=False)
-    """The rings, each after the one that surrounds it."""
+    """The rings, each after the ring that surrounds it."""
 
 
 def cut_of(answer: Any) -> Cut:
-    """A cut from its JSON; raises UnexpectedAnswer if it is not one."""
+    """Parses a cut from JSON; raises UnexpectedAnswer for other JSON."""
 
     def vector(part: Any) -> tuple[float, float, float]:
         x, y, z = (float(value) for value in part)
@@ -161,7 +169,7 @@ def cut_of(answer: Any) -> Cut:
 
 @dataclass(frozen=True, eq=False)
 class Sections(Sequence[Section]):
-    """All cross sections of a model, from the isthmus end to the ampulla end; each is decoded when it is taken."""
+    """All cross sections of a model, isthmus end first; each is decoded on access."""
 
     header: dict[str, Any]
     """`units`, `engine`, `preset`, `seed`, `digest`, `length_mm`."""
@@ -170,9 +178,9 @@ class Sections(Sequence[Section]):
     step: npt.NDArray[np.float64] = field(repr=False)
     """Time steps, shape (number of sections,)."""
     added: npt.NDArray[np.bool_] = field(repr=False)
-    """Which sections were added to mend a slab, shape (number of sections,)."""
+    """True for sections that were added to mend a slab, shape (number of sections,)."""
     points: npt.NDArray[np.int64] = field(repr=False)
-    """Points of the inner and of the outer ring, shape (number of sections, 2)."""
+    """Numbers of points of the inner and the outer contour, shape (number of sections, 2)."""
     _data: bytes = field(repr=False)
     _index: npt.NDArray[Any] = field(repr=False)
 
@@ -213,7 +221,7 @@ class Sections(Sequence[Section]):
 
 
 def _ring(planes: bytes, n: int) -> Ring:
-    """A ring from its three planes of differences, whose bytes are stored least significant first."""
+    """Decodes a ring from three planes of differences, least significant bytes first."""
     lanes = np.frombuffer(planes, np.uint8).reshape(3, 4, n)
     mapped = np.ascontiguousarray(lanes.transpose(0, 2, 1)).view("<u4").reshape(3, n).astype(np.uint32)
     differences = (mapped >> np.uint32(1)) ^ -(mapped & np.uint32(1)).astype(np.uint32)
@@ -222,7 +230,10 @@ def _ring(planes: bytes, n: int) -> Ring:
 
 
 def read_sections(source: bytes | str | os.PathLike[str]) -> Sections:
-    """Reads `sections.bin` from its bytes or a path. Raises CheckFailed if it is damaged, or of another version."""
+    """Reads `sections.bin` from bytes or a path.
+
+    Raises CheckFailed for a damaged file or another version.
+    """
     if isinstance(source, bytes):
         data = source
     else:

@@ -1,7 +1,7 @@
-"""What the service answers, as frozen dataclasses.
+"""Responses of the service as frozen dataclasses.
 
-Members that this version does not know are ignored, so that it works with a newer service; `raw` of a model, of a
-batch and of a fit has the whole answer. Members that an older service leaves out have their defaults.
+Unknown members are ignored, so this version works with a newer service; `raw` of a model, a batch
+and a fit contains the whole response. Members that an older service omits have their defaults.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ ENDED = ("succeeded", "failed", "cancelled")
 
 
 def read(kind: type[T], answer: Any) -> T:
-    """An instance of a dataclass from the JSON object of an answer.
+    """Creates an instance of a dataclass from the JSON object of a response.
 
-    Raises UnexpectedAnswer if it is no object, or lacks a member that has no default.
+    Raises UnexpectedAnswer if the response is not an object or lacks a member without a default.
     """
     try:
         members: Json = {}
@@ -55,7 +55,7 @@ def _all(kind: type[T]) -> dict[str, Callable[[Any], tuple[T, ...]]]:
 
 
 def _moment(text: str) -> datetime.datetime:
-    """An RFC 3339 time. Python 3.10 takes neither `Z` nor other than 3 or 6 decimals."""
+    """Parses an RFC 3339 time. Python 3.10 accepts neither `Z` nor other than 3 or 6 decimals."""
     match = re.fullmatch(r"(.{19})(?:\.(\d+))?(Z|z|[+-]\d\d:\d\d)", text)
     if match is None:
         raise ValueError(f"not a time: {text!r}")
@@ -75,12 +75,12 @@ _POINTS = {"convert": _points}
 
 @dataclass(frozen=True)
 class Progress:
-    """Progress of a model that runs."""
+    """Progress of a running model."""
 
     stage: str
     """`simulate`, `mesh`, `certify`, `measure`, `export` or `store`."""
     fraction: float
-    """Fraction of the whole, 0 to 1, never decreasing within an attempt."""
+    """Progress, 0 to 1; never decreases within an attempt."""
     step: int = 0
     steps: int = 0
     particles: int = 0
@@ -94,12 +94,12 @@ class File:
 
     name: str
     bytes: int
-    """Size."""
+    """Size in bytes."""
     sha256: str
-    """Lower-case hex."""
+    """SHA-256 in lower-case hexadecimal."""
     media_type: str = "application/octet-stream"
     href: str = ""
-    """URL; absolute, unlike in the answer of the service."""
+    """Absolute URL; relative in the response of the service."""
 
 
 @dataclass(frozen=True)
@@ -107,25 +107,25 @@ class Queue:
     """Place in the queue."""
 
     position: int | None = None
-    """Number of models and fits ahead, counted up to 1000; None once it has left the queue."""
+    """Number of models and fits ahead, at most 1000; None after the model has left the queue."""
     wait_seconds: float | None = None
     """Seconds between acceptance and the first attempt."""
 
 
 @dataclass(frozen=True)
 class Backend:
-    """What computes or computed a model."""
+    """The backend that computes or computed a model."""
 
     requested: str = "auto"
     used: str | None = None
     device: str | None = None
     fallback: str | None = None
-    """Why it is not the backend that one would expect."""
+    """Reason why an `auto` model ran on the CPU instead of a GPU; None if no fallback happened."""
 
 
 @dataclass(frozen=True)
 class ModelProblem:
-    """Why a model or a fit failed."""
+    """The reason why a model or a fit failed."""
 
     type: str
     title: str = ""
@@ -142,7 +142,7 @@ class ModelWarning:
 
 @dataclass(frozen=True)
 class Model:
-    """A model: the request, its progress and its result."""
+    """A model: its request, progress and result."""
 
     id: str
     status: str
@@ -168,25 +168,25 @@ class Model:
     expires_at: datetime.datetime | None = field(default=None, metadata=_TIME)
     files: tuple[File, ...] = field(default=(), metadata=_all(File))
     summary: Json | None = field(default=None, hash=False)
-    """Counts and measures, once it has succeeded; `certificate` has the figures of the certificate."""
+    """Counts and measures of a succeeded model; `certificate` has those of the certificate."""
     warnings: tuple[ModelWarning, ...] = field(default=(), metadata=_all(ModelWarning))
     problem: ModelProblem | None = field(default=None, metadata=_as(ModelProblem))
     digest: str = ""
     reused_from: str | None = None
     retry_of: str | None = None
     spec: Json | None = field(default=None, hash=False, repr=False)
-    """The complete spec; None in lists and events unless it was asked for."""
+    """The complete spec; None in lists and events unless requested."""
     raw: Json = field(default_factory=dict, repr=False, compare=False)
-    """The whole answer."""
+    """The whole response."""
 
     @property
     def has_ended(self) -> bool:
-        """Whether it has succeeded, failed or was cancelled. It never changes then."""
+        """True if the model has succeeded, failed or was cancelled; it never changes after that."""
         return self.status in ENDED
 
 
 def read_model(answer: Any, url: str) -> Model:
-    """A model from an answer that came from this URL, to which the references of its files are relative."""
+    """Parses a model from a response; the references of its files are relative to `url`."""
     model = read(Model, answer)
     files = tuple(dataclasses.replace(file, href=urljoin(url, file.href)) for file in model.files)
     return dataclasses.replace(model, files=files)
@@ -194,7 +194,7 @@ def read_model(answer: Any, url: str) -> Model:
 
 @dataclass(frozen=True)
 class LiveSection:
-    """The last section of a model that grows, thinned to at most 512 points per contour."""
+    """The last section of a growing model, thinned to at most 512 points per contour."""
 
     index: int
     step: int
@@ -215,15 +215,15 @@ class Event:
     status: str
     """Status of the model, or `deleted`."""
     model: Model | None = None
-    """Its whole state; None if it was deleted."""
+    """Whole state of the model; None if it was deleted."""
     section: LiveSection | None = None
-    """Its latest contour, in `section` events."""
+    """Latest section of the model, in `section` events."""
     id: str | None = None
-    """Cursor of the stream: `last_event_id` of a stream that goes on here."""
+    """Cursor of the stream; pass it as `last_event_id` to resume after this event."""
 
 
 def read_event(name: str, data: Any, cursor: str | None, url: str) -> Event:
-    """An event of a stream from this URL."""
+    """Parses an event of the stream at `url`."""
     if not isinstance(data, dict) or "id" not in data or "status" not in data:
         raise UnexpectedAnswer("the event has no model")
     model = None if data["status"] == "deleted" else read_model(data, url)
@@ -233,7 +233,7 @@ def read_event(name: str, data: Any, cursor: str | None, url: str) -> Event:
 
 @dataclass(frozen=True)
 class Counts:
-    """Number of models of a batch by status."""
+    """Number of a batch's models by status."""
 
     total: int = 0
     queued: int = 0
@@ -244,7 +244,7 @@ class Counts:
 
     @property
     def ended(self) -> int:
-        """Models that have succeeded, failed or were cancelled."""
+        """Number of models that have succeeded, failed or were cancelled."""
         return self.succeeded + self.failed + self.cancelled
 
 
@@ -254,10 +254,10 @@ class StudyModel:
 
     id: str
     point: int
-    """Index of its point in the design."""
+    """Index of the model's point in the design."""
     seed: int
     values: Json
-    """The varied values by their JSON pointers."""
+    """Varied values by JSON pointer."""
 
 
 @dataclass(frozen=True)
@@ -270,7 +270,7 @@ class Study:
 
 @dataclass(frozen=True)
 class Batch:
-    """A batch: many models of one spec, or of the points of a study."""
+    """A batch: several models of one spec, or of the points of a study."""
 
     id: str
     counts: Counts = field(metadata=_as(Counts))
@@ -278,59 +278,59 @@ class Batch:
     priority: int = 0
     owner: str | None = None
     models: tuple[str, ...] = field(default=(), metadata=_TUPLE, repr=False)
-    """Ids of its models, in the order of the request; empty in lists."""
+    """Ids of the models in the order of the request; empty in lists."""
     study: Study | None = field(default=None, metadata=_as(Study), repr=False)
     raw: Json = field(default_factory=dict, repr=False, compare=False)
-    """The whole answer."""
+    """The whole response."""
 
     @property
     def has_ended(self) -> bool:
-        """Whether all of its models have ended."""
+        """True if all models of the batch have ended."""
         return self.counts.ended == self.counts.total
 
 
 @dataclass(frozen=True)
 class FitProgress:
-    """Progress of a fit that runs."""
+    """Progress of a running fit."""
 
     stage: str
     """`search`, then `verify`."""
     fraction: float
-    """Fraction of the whole, 0 to 1, never decreasing."""
+    """Progress, 0 to 1; never decreases."""
     evaluations: int = 0
-    """Candidates measured so far."""
+    """Number of candidates measured so far."""
     evaluations_most: int = 0
-    """Candidates at most."""
+    """Maximum number of candidates."""
     models: int = 0
-    """Models grown in full so far."""
+    """Number of full models grown so far."""
     misfit: float | None = None
-    """Least misfit so far."""
+    """Minimum misfit so far."""
     eta_seconds: float | None = None
     """Seconds until all evaluations are used."""
 
 
 @dataclass(frozen=True)
 class FitResult:
-    """What a fit found. docs/fitting.md of the service describes the members."""
+    """The result of a fit. docs/fitting.md of the service describes the members."""
 
     preset: str
     spec: Json = field(hash=False, repr=False)
     """The complete spec, for `Client.submit`."""
     parameters: tuple[Json, ...] = field(default=(), hash=False, metadata=_TUPLE)
-    """The parameters that were varied: `parameter`, `end`, `unit`, `start`, `value`, `from`, `to`."""
+    """Varied parameters: `parameter`, `end`, `unit`, `start`, `value`, `from`, `to`."""
     targets: tuple[Json, ...] = field(default=(), hash=False, metadata=_TUPLE)
-    """The targets: `region`, `quantity`, `value`, `low`, `high`, `measured`, `deviation`, `met`, `models_mean`, …"""
+    """Targets: `region`, `quantity`, `value`, `low`, `high`, `measured`, `deviation`, …"""
     unmet: tuple[Json, ...] = field(default=(), hash=False, metadata=_TUPLE)
-    """Targets that the search did not meet: `region`, `quantity`, `why`, `nearest`, `conflicts`, `bounds`."""
+    """Missed targets: `region`, `quantity`, `why`, `nearest`, `conflicts`, `bounds`."""
     search: Json = field(default_factory=dict, hash=False, repr=False)
-    """Why it `ended`, its `evaluations`, `misfit`, `start_misfit`, `history`, …"""
+    """The search: why it `ended`, `evaluations`, `misfit`, `start_misfit`, `history`, …"""
     models: tuple[Json, ...] = field(default=(), hash=False, metadata=_TUPLE)
-    """Models of the spec that were grown in full: `seed`, `certified`, `failure`, `measures`."""
+    """Full models of the spec: `seed`, `certified`, `failure`, `measures`."""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A fit, which is a search for parameters: the request, its progress and its result."""
+    """A fit, a search for parameters: its request, progress and result."""
 
     id: str
     status: str
@@ -351,15 +351,15 @@ class Fit:
     problem: ModelProblem | None = field(default=None, metadata=_as(ModelProblem))
     digest: str = ""
     request: Json | None = field(default=None, hash=False, repr=False)
-    """The request with everything that it left open; None in lists and events."""
+    """The request with the defaults of omitted members; None in lists and events."""
     result: FitResult | None = field(default=None, metadata=_as(FitResult), repr=False)
-    """The result, once it has succeeded; None in lists."""
+    """The result of a succeeded fit; None in lists."""
     raw: Json = field(default_factory=dict, repr=False, compare=False)
-    """The whole answer."""
+    """The whole response."""
 
     @property
     def has_ended(self) -> bool:
-        """Whether it has succeeded, failed or was cancelled. It never changes then."""
+        """True if the fit has succeeded, failed or was cancelled; it never changes after that."""
         return self.status in ENDED
 
 
@@ -373,13 +373,13 @@ class FitEvent:
     status: str
     """Status of the fit, or `deleted`."""
     fit: Fit | None = None
-    """Its whole state, without the request; None if it was deleted."""
+    """Whole state of the fit without the request; None if it was deleted."""
     id: str | None = None
-    """Cursor of the stream: `last_event_id` of a stream that goes on here."""
+    """Cursor of the stream; pass it as `last_event_id` to resume after this event."""
 
 
 def read_fit_event(name: str, data: Any, cursor: str | None, _: str) -> FitEvent:
-    """An event of the stream of a fit."""
+    """Parses an event of a fit's stream."""
     if not isinstance(data, dict) or "id" not in data or "status" not in data:
         raise UnexpectedAnswer("the event has no fit")
     fit = None if data["status"] == "deleted" else read(Fit, data)
@@ -388,13 +388,13 @@ def read_fit_event(name: str, data: Any, cursor: str | None, _: str) -> FitEvent
 
 @dataclass(frozen=True)
 class FitValidation:
-    """A request for a fit that is valid."""
+    """A valid request for a fit."""
 
     request: Json = field(repr=False)
-    """The request with everything that it left open: targets measured in images, the parameters that are varied."""
+    """The request with defaults, targets measured in images, and the parameters to vary."""
     digest: str = ""
     seconds: float = 0.0
-    """Predicted seconds on one core, if all evaluations are used."""
+    """Predicted seconds on one core if all evaluations are used."""
 
 
 @dataclass(frozen=True)
@@ -418,7 +418,7 @@ class Cost:
     vertices: int = 0
     triangles: int = 0
     bytes: Mapping[str, int] = field(default_factory=dict)
-    """Size by output."""
+    """Size in bytes by output."""
     memory_bytes: int = 0
     seconds: Mapping[str, Estimate] = field(default_factory=dict, metadata={"convert": _estimates})
     """Seconds by backend."""
@@ -426,12 +426,12 @@ class Cost:
 
 @dataclass(frozen=True)
 class Validation:
-    """A request that is valid, and what it would cost."""
+    """A valid request and its predicted cost."""
 
     preset: str
     cost: Cost = field(metadata=_as(Cost))
     seed: int | None = None
-    """None if it would be drawn."""
+    """None if the service would draw a seed."""
     digest: str | None = None
     spec: Json = field(default_factory=dict, repr=False)
     """The complete spec."""
@@ -445,7 +445,7 @@ class BatchCost:
     """Seconds to grow all models one after the other, by backend."""
     bytes: int = 0
     memory_bytes: int = 0
-    """Memory of the model that needs most."""
+    """Memory of the largest model."""
 
 
 @dataclass(frozen=True)
@@ -458,19 +458,19 @@ class Point:
 
 @dataclass(frozen=True)
 class BatchValidation:
-    """A request for a batch that is valid, and what it would cost."""
+    """A valid request for a batch and its predicted cost."""
 
     preset: str
     models: int
     cost: BatchCost = field(metadata=_as(BatchCost))
     points: tuple[Point, ...] = field(default=(), metadata=_all(Point), repr=False)
     seeds: tuple[int, ...] | None = field(default=None, metadata=_TUPLE)
-    """None if they would be drawn."""
+    """None if the service would draw the seeds."""
 
 
 @dataclass(frozen=True)
 class Preset:
-    """A preset, without its values; `Client.preset` reads these."""
+    """A preset without its values; `Client.preset` returns these."""
 
     name: str
     title: str = ""
@@ -482,27 +482,27 @@ class Preset:
 
 @dataclass(frozen=True)
 class Applied:
-    """What a request for many models did."""
+    """Result of a bulk request."""
 
     count: int
-    """Number of models that were cancelled or deleted, or with `dry_run` would be."""
+    """Number of models that were cancelled or deleted, or would be with `dry_run`."""
     dry_run: bool = False
 
 
 @dataclass(frozen=True)
 class Ticket:
-    """A ticket: the right to one GET of one path within 60 seconds, without a key."""
+    """A ticket: the right to one GET of one path within 60 seconds, without an API key."""
 
     ticket: str = field(repr=False)
     path: str
     expires_at: datetime.datetime | None = field(default=None, metadata=_TIME)
     url: str = field(default="", repr=False)
-    """The URL of the path, with the ticket."""
+    """URL of the path, including the ticket."""
 
 
 @dataclass(frozen=True)
 class Pause:
-    """A pause of a worker or of all."""
+    """A pause of one worker or of all workers."""
 
     since: datetime.datetime = field(metadata=_TIME)
     by: str | None = None
@@ -519,7 +519,7 @@ class Worker:
     backend: str = ""
     device: str = ""
     jobs: tuple[str, ...] = field(default=(), metadata=_TUPLE)
-    """Ids of the models and fits that it runs."""
+    """Ids of the models and fits that the worker runs."""
     jobs_done: int = 0
     heartbeat_at: datetime.datetime | None = field(default=None, metadata=_TIME)
     pause: Pause | None = field(default=None, metadata=_as(Pause))
@@ -531,7 +531,7 @@ class Workers:
 
     workers: tuple[Worker, ...] = field(metadata=_all(Worker))
     pause: Pause | None = field(default=None, metadata=_as(Pause))
-    """The pause of all workers; None while those that are active start models."""
+    """Pause of all workers; None if active workers start models."""
 
     def __iter__(self) -> Iterator[Worker]:
         return iter(self.workers)
@@ -550,12 +550,12 @@ class Health:
 
 @dataclass(frozen=True)
 class Table(Sequence[Json]):
-    """The models of a batch, one row each: a sequence of dicts by column."""
+    """The models of a batch as a sequence of rows, each a dict by column."""
 
     columns: tuple[str, ...]
-    """`id`, `status`, `seed`, the JSON pointer of each varied parameter, `problem`, and the figures by dotted names."""
+    """`id`, `status`, `seed`, pointers of varied parameters, `problem`, measures by dotted name."""
     rows: tuple[tuple[Any, ...], ...] = field(repr=False)
-    """Cells; a value that a model does not have is None."""
+    """Cells; None for a value that a model does not have."""
 
     @overload
     def __getitem__(self, index: int) -> Json: ...
@@ -570,20 +570,23 @@ class Table(Sequence[Json]):
         return len(self.rows)
 
     def column(self, name: str) -> list[Any]:
-        """The cells of a column; raises KeyError if there is none of this name."""
+        """Returns the cells of a column; raises KeyError if there is no such column."""
         if name not in self.columns:
             raise KeyError(name)
         at = self.columns.index(name)
         return [row[at] for row in self.rows]
 
     def to_pandas(self) -> pandas.DataFrame:
-        """The table as a data frame. Raises ImportError without pandas (`pip install 'oviduct[pandas]'`)."""
+        """Returns a data frame.
+
+        Raises ImportError without pandas (`pip install 'oviduct[pandas]'`).
+        """
         import pandas
 
         return pandas.DataFrame(list(self.rows), columns=list(self.columns))
 
 
-# What requests take.
+# Arguments of requests.
 
 ModelRef = Model | str | UUID
 BatchRef = Batch | str | UUID
@@ -593,82 +596,84 @@ Labels = Mapping[str, str]
 
 
 class ModelOptions(TypedDict, total=False):
-    """Members of a request that models and batches have in common."""
+    """Members that requests for models and for batches share."""
 
     preset: str
     """Name of a preset; `pig` by default."""
     spec: Mapping[str, Any]
-    """Changes of the preset, as a merge patch (RFC 7396): `{"collision": {"gap_um": 30}}`."""
+    """Changes of the preset as a merge patch (RFC 7396): `{"collision": {"gap_um": 30}}`."""
     outputs: Sequence[str]
-    """`glb` and `lod` (the default), `gltf`, `obj`, `stl`, `stl-ascii`, `ply`, `vtp`, `centreline`, `labels`.
-    `sections.bin` and `report.json` are always written; a spec with `contraction.frames` also gives `frames.xdmf`,
-    `frames.bin` and `animation.glb`."""
+    """`glb` and `lod` (default), `gltf`, `obj`, `stl`, `stl-ascii`, `ply`, `vtp`, `centreline`, `labels`.
+
+    `sections.bin` and `report.json` are always written. A spec with `contraction.frames` also gives
+    `frames.xdmf`, `frames.bin` and `animation.glb`.
+    """
     bodies: Sequence[str]
-    """The surfaces in these files: `tissue` (the default), `lumen`, `regions` (both, their wall once)."""
+    """The surfaces: `tissue` (the default), `lumen`, `regions` (both, with one shared wall)."""
     units: str
-    """`m`, `mm` or `um`; by default metres in OBJ and glTF, millimetres in the others."""
+    """`m`, `mm` or `um`; by default metres in OBJ and glTF, millimetres in other formats."""
     labels: Labels
-    """Names and values of your own, to find models by."""
+    """Names and values of your choice, to find models by."""
     backend: str
     """`auto` (the default), `gpu`, `cpu` or `cpu-single`."""
     priority: int
-    """-100 to 100; of the queued models, those of higher priority are started first."""
+    """-100 to 100; workers claim queued models of higher priority first."""
     reuse: bool
-    """Whether another model of the same spec and seed may be reused; True by default."""
+    """True (the default) if the files of another model of the same spec and seed may be used."""
 
 
 class FitFilter(TypedDict, total=False):
-    """Conditions; a fit must match all of them."""
+    """Conditions of a list of fits; a fit must match all of them."""
 
     status: str
     preset: str
     labels: Labels
     owner: str
     created_after: datetime.datetime | str
-    """Start of the time of acceptance, included."""
+    """Earliest time of acceptance, included."""
     created_before: datetime.datetime | str
-    """End of the time of acceptance, not included."""
+    """Latest time of acceptance, excluded."""
 
 
 class ModelFilter(FitFilter, total=False):
-    """Conditions; a model must match all of them."""
+    """Conditions of a list of models; a model must match all of them."""
 
     batch: BatchRef
 
 
 class FitTarget(TypedDict, total=False):
-    """A measure to be reached: `value`, or `low` and `high`."""
+    """A measure to reach: `value`, or `low` and `high`."""
 
     region: str
     """`isthmus`, `junction`, `ampulla`, `whole`, or `tube` for a measure of the whole tube."""
     quantity: str
-    """Its name in the report of a model."""
+    """Name of the measure in a model's report."""
     value: float
-    """The value to be reached; by default the middle of `low` and `high`."""
+    """Value to reach; by default the middle of `low` and `high`."""
     low: float
     high: float
-    """The range that is accepted; 5 % of the value to both sides by default."""
+    """Upper end of the accepted range; by default the range is 5 % of the value on both sides."""
     source: str
-    """Where it comes from."""
+    """Origin of the value."""
 
 
 class SectionImage(TypedDict, total=False):
-    """A section to be measured, as an image."""
+    """An image of a section to measure."""
 
     region: str
     png: bytes | str
-    """The bytes of a PNG, or these in base64."""
+    """Bytes of a PNG file, or these in base64."""
     pixel_um: float
     """Side of a pixel, micrometres."""
     tissue: Sequence[int]
-    """Values of pixels that are tissue; by default all but 0."""
+    """Pixel values that mean tissue; by default all values except 0."""
     quantities: Sequence[str]
     """Quantities that become targets."""
     tolerance: float
-    """Accepted range as a part of the value to both sides; 0.1 by default."""
+    """Accepted range as a fraction of the value on both sides; 0.1 by default."""
 
 
-# `from` cannot be the name of a member of a class.
+# `from` is a keyword, so it cannot be declared in a class.
 FitVariable = TypedDict(
     "FitVariable",
     {"parameter": str, "end": Literal["isthmus", "ampulla"], "from": float, "to": float},
@@ -677,41 +682,41 @@ FitVariable = TypedDict(
 
 
 class FitOptions(TypedDict, total=False):
-    """Members of a request for a fit; `targets`, `targets_csv` or `images` is needed."""
+    """Members of a request for a fit; requires `targets`, `targets_csv` or `images`."""
 
     preset: str
     """Name of a preset; `pig` by default."""
     spec: Mapping[str, Any]
-    """The spec that the search starts from, as a merge patch of the preset."""
+    """Spec at which the search starts, as a merge patch of the preset."""
     targets: Sequence[FitTarget]
-    """Measures to be reached."""
+    """Measures to reach."""
     targets_csv: str
-    """The same as CSV with the columns `region`, `quantity`, `value`, `low`, `high`."""
+    """Targets as CSV with the columns `region`, `quantity`, `value`, `low`, `high`."""
     images: Sequence[SectionImage]
-    """Sections to be measured as targets."""
+    """Sections to measure as targets."""
     vary: Sequence[FitVariable]
-    """The parameters to search for; by default those that the targets depend on."""
+    """Parameters to search; by default those that affect the targets."""
     evaluations: int
-    """Candidates at most; 70 by default."""
+    """Maximum number of candidates; 70 by default."""
     seeds: int
-    """Number of seeds of each candidate, four times as many for measures that cost little; 4 by default."""
+    """Number of seeds per candidate, 4 by default; inexpensive measures use four times as many."""
     models: int
-    """Models of the result that are grown in full; 4 by default."""
+    """Number of full models of the result; 4 by default."""
     seed: int
-    """First of the seeds, and the seed of the search; 0 by default."""
+    """First seed of the models, and seed of the search; 0 by default."""
     labels: Labels
-    """Names and values of your own, to find fits by."""
+    """Names and values of your choice, to find fits by."""
     priority: int
-    """-100 to 100; of the queued models and fits, those of higher priority are started first."""
+    """-100 to 100; workers claim queued models and fits of higher priority first."""
 
 
 class Vary(TypedDict, total=False):
-    """The design of a study (docs/studies.md)."""
+    """The design of a study (docs/studies.md of the service)."""
 
     design: Literal["grid", "zip", "lhs"]
     samples: int
-    """Number of points; `lhs` only."""
+    """Number of points; only with `lhs`."""
     seed: int
-    """Of the points; `lhs` only."""
+    """Seed of the design; only with `lhs`."""
     values: Mapping[str, Sequence[Any] | Mapping[str, Any]]
-    """The values of each parameter, by its JSON pointer in the spec."""
+    """Values of each parameter, by JSON pointer into the spec."""
