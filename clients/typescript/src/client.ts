@@ -42,31 +42,50 @@ import type {
 
 /** Options of a client. */
 export interface OviductOptions {
-  /** Sent as `Authorization: Bearer`. It appears in no error and no URL. */
+  /** API key, sent as `Authorization: Bearer`. No error and no URL contains it. */
   key?: string | undefined;
-  /** Sends the requests; the global `fetch` by default. */
+  /** Function that sends requests; the global `fetch` by default. */
   fetch?: typeof fetch | undefined;
-  /** Receives events; the global one by default. `null` for `fetch`, which is used too where there is none. */
+  /**
+   * Class that receives events; the global `EventSource` by default.
+   *
+   * With `null`, or if there is no global one, events are received with `fetch`.
+   */
   eventSource?: EventSourceClass | null | undefined;
-  /** Milliseconds until an answer must begin, and that its body may then pause; 60,000 by default. */
+  /**
+   * Maximum wait for the beginning of a response, and for its next bytes, in milliseconds; 60,000
+   * by default.
+   */
   timeout?: number | undefined;
-  /** How often a request is sent at most, if it gets no answer, or 408, 429, 502, 503 or 504; 6 by default. */
+  /**
+   * Maximum number of attempts per request, 6 by default.
+   *
+   * Requests are retried without a response and after 408, 429, 502, 503 and 504.
+   */
   attempts?: number | undefined;
-  /** How many connections in a row may fail before `follow` gives up; 20 by default. */
+  /** Number of consecutive failed connections after which `follow` gives up; 20 by default. */
   reconnects?: number | undefined;
-  /** Longest wait between attempts, in milliseconds; 30,000 by default. If `Retry-After` is longer, the call fails at once. */
+  /**
+   * Maximum wait between two attempts, in milliseconds; 30,000 by default.
+   *
+   * If `Retry-After` is longer, the call fails immediately.
+   */
   maxDelay?: number | undefined;
 }
 
 /** Options of `submit`, `submitBatch`, `submitFit` and `retry`. */
 export interface SubmitOptions extends CallOptions {
-  /** The same key with the same request gives the same result. A random one by default, so that retries are safe. */
+  /**
+   * The same key with the same request gives the same result.
+   *
+   * A random key by default, so that retries are safe.
+   */
   idempotencyKey?: string | undefined;
 }
 
 /** Options of `list`, `listBatches` and `listFits`. */
 export interface ListOptions extends CallOptions {
-  /** Number of entries that one request asks for, 1 to 100; 20 by default. */
+  /** Number of entries per request, 1 to 100; 20 by default. */
   pageSize?: number | undefined;
 }
 
@@ -76,14 +95,14 @@ export interface PageOptions extends ListOptions {
   cursor?: string | undefined;
 }
 
-/** How much of each model is sent: without (`summary`) or with its spec (`full`). */
+/** Size of the returned models: without their specs (`summary`) or with them (`full`). */
 export interface ViewOptions {
   view?: "summary" | "full" | undefined;
 }
 
 /** Options of `followFit`. */
 export interface FollowFitOptions extends CallOptions {
-  /** `id` of the last event that was seen, of a stream of the same models, or of the same fit. */
+  /** `id` of the last received event, from a stream of the same models or of the same fit. */
   lastEventId?: string | undefined;
 }
 
@@ -98,7 +117,7 @@ export interface WaitOptions extends CallOptions {
 
 /** Options of `waitBatch`. */
 export interface WaitBatchOptions extends CallOptions {
-  /** Called with each new state of a model of the batch. */
+  /** Called with each new state of a model in the batch. */
   onProgress?: ((model: ModelState) => void) | undefined;
 }
 
@@ -110,19 +129,21 @@ export interface WaitFitOptions extends CallOptions {
 
 /** Options of `file`. */
 export interface FileOptions extends CallOptions {
-  /** First and last byte, both included; a negative number is that many bytes at the end. */
+  /** First and last byte, both included; a negative number means that many bytes at the end. */
   range?: readonly [first: number, last: number] | number | undefined;
 }
 
 /** Options of `bytes`. */
 export interface BytesOptions extends FileOptions {
-  /** Called with the number of bytes received so far, decompressed. It begins anew when the request is repeated. */
+  /** Called with the number of decompressed bytes received so far. A retry starts again at 0. */
   onProgress?: ((received: number) => void) | undefined;
 }
 
 /** Options of `preview` and `previewUrl`. */
 export interface PreviewOptions extends CallOptions {
-  /** The whole tube cut open (`opened`, the default) or from outside, or one of its ends. */
+  /**
+   * The whole tube cut open (`opened`, the default), from outside (`whole`), or one of its ends.
+   */
   view?: NamedView | undefined;
   /** Longest side in pixels, 32 to 2048; 1024 by default. */
   size?: number | undefined;
@@ -132,32 +153,34 @@ export interface PreviewOptions extends CallOptions {
 export interface SlideOptions extends CallOptions {
   /** Longer side in pixels, 32 to 2048; 1024 by default. */
   size?: number | undefined;
-  /** Haematoxylin and eosin, which is the default. */
+  /** Haematoxylin and eosin (the default). */
   stain?: "he" | undefined;
   /**
-   * The tissue of each pixel as a grey value instead of a stain: 0 outside, 1 lumen, 2 epithelium, 3 lamina propria, 4 circular
-   * muscle, 5 longitudinal muscle, 6 serosa.
+   * True for the tissue label of each pixel as a grey value instead of a stain.
+   *
+   * 0 outside, 1 lumen, 2 epithelium, 3 lamina propria, 4 circular muscle, 5 longitudinal muscle, 6
+   * serosa.
    */
   labels?: boolean | undefined;
 }
 
-/** Options of `sectionUrl` and `cutUrl`. Those of pictures are for `png` only. */
+/** Options of `sectionUrl` and `cutUrl`. `size`, `stain` and `labels` require the format `png`. */
 export interface SlideUrlOptions extends SlideOptions {
-  /** A drawing (`svg`, the default), a picture, or points. */
+  /** A drawing (`svg`, the default), a picture (`png`), or points (`json`). */
   format?: "svg" | "png" | "json" | undefined;
 }
 
 /** Options of `archive` and `archiveUrl`. */
 export interface ArchiveOptions extends CallOptions {
-  /** Names of files; all by default. */
+  /** File names; all files by default. */
   files?: string[] | undefined;
   format?: "zip" | "tar" | undefined;
 }
 
-/** Which models `cancelAll` and `deleteAll` are for. Conditions, or explicitly all. */
+/** Models that `cancelAll` or `deleteAll` applies to: conditions, or explicitly all. */
 export type Which = ModelFilter & { all?: boolean | undefined };
 
-/** An event of a stream, with its data. */
+/** An event of a stream with its data. */
 interface StateEvent {
   type: string;
   id: string;
@@ -165,10 +188,13 @@ interface StateEvent {
 }
 
 /**
- * A client of an oviduct service. Members of requests and answers have their names on the wire; `href` of files is absolute.
+ * A client of an oviduct service.
  *
- * Every method throws {@link OviductError} if the service refuses, {@link OviductConnectionError} if no answer came after all
- * attempts, and `signal.reason` if its signal is aborted.
+ * Members of requests and responses keep their names of the HTTP interface; `href` of files is
+ * absolute.
+ *
+ * Every method throws {@link OviductError} for an error response, {@link OviductConnectionError} if
+ * no attempt got a response, and `signal.reason` if its signal is aborted.
  */
 export class Oviduct {
   readonly #transport: Transport;
@@ -176,8 +202,9 @@ export class Oviduct {
   readonly #reconnects: number;
 
   /**
-   * @param url Where the service is, with the path prefix of a proxy if there is one: `https://lab.example/oviduct`.
-   * @throws TypeError if the URL or the key cannot be one.
+   * @param url URL of the service, including the path prefix of a proxy:
+   *   `https://lab.example/oviduct`.
+   * @throws TypeError if the URL or the API key is invalid.
    */
   constructor(url: string | URL, options: OviductOptions = {}) {
     const { key, timeout = 60_000, attempts = 6, maxDelay = 30_000, reconnects = 20 } = options;
@@ -188,7 +215,7 @@ export class Oviduct {
     this.#reconnects = reconnects;
   }
 
-  /** The URL of the service, with a slash at its end and without the key. */
+  /** The URL of the service, with a final slash and without the API key. */
   get url(): string {
     return this.#transport.base.href;
   }
@@ -196,9 +223,11 @@ export class Oviduct {
   // Models.
 
   /**
-   * Requests a model. It is queued, unless a finished one of the same spec and seed is reused.
+   * Requests a model. If the files of an equal model can be reused, the model has succeeded
+   * already; otherwise it is queued.
    *
-   * @param options.wait Seconds for which the service holds its answer until the model has ended, 1 to 60.
+   * @param options.wait Seconds for which the service holds its response until the model has ended,
+   *   1 to 60.
    */
   submit(request: ModelRequest = {}, options: SubmitOptions & { wait?: number | undefined } = {}): Promise<Model> {
     const { wait } = options;
@@ -206,75 +235,86 @@ export class Oviduct {
     return this.#create("models", request, options, prefer);
   }
 
-  /** Checks a request and predicts its cost, without queueing anything. The error of an invalid one names every fault. */
+  /**
+   * Validates a request and predicts its cost, without queueing a model.
+   *
+   * The error of an invalid request lists every fault.
+   */
   validate(request: ModelRequest, options: CallOptions = {}): Promise<Validation> {
     return this.#post("models/validate", options, request);
   }
 
-  /** The present state of a model; with its spec, unless `view` is `summary`. */
+  /** Returns the current state of a model, with its spec unless `view` is `summary`. */
   get(id: string, options: CallOptions & ViewOptions = {}): Promise<Model> {
     return this.#get(`models/${segment(id)}`, options, { view: options.view });
   }
 
-  /** The models that match, newest first, page by page as they are iterated. */
+  /** Iterates over the matching models, newest first; reads a page at a time. */
   list(filter: ModelFilter = {}, options: ListOptions & ViewOptions = {}): AsyncGenerator<Model, void> {
     return items((cursor) => this.listPage(filter, { ...options, cursor }), (page) => page.models);
   }
 
-  /** One page of the models that match, newest first. */
+  /** Returns one page of the matching models, newest first. */
   listPage(filter: ModelFilter = {}, options: PageOptions & ViewOptions = {}): Promise<ModelPage> {
     const { pageSize: limit, cursor, view } = options;
     return this.#get("models", options, { ...conditions(filter), view, limit, cursor });
   }
 
-  /** Cancels a model: a queued one at once, a running one within a second. One that has ended does not change. */
+  /**
+   * Cancels a model: immediately if queued, within a second if running.
+   *
+   * A model that has ended does not change.
+   */
   cancel(id: string, options: CallOptions = {}): Promise<Model> {
     return this.#post(`models/${segment(id)}/cancel`, options);
   }
 
-  /** Deletes a model and its files; cancels it before, if it has not ended. */
+  /** Deletes a model and its files; cancels the model first if it has not ended. */
   delete(id: string, options: CallOptions = {}): Promise<void> {
     return this.#delete(`models/${segment(id)}`, options);
   }
 
-  /** Grows a failed model again, as a new model. */
+  /** Requests a failed model again, as a new model. */
   retry(id: string, options: SubmitOptions = {}): Promise<Model> {
     return this.#create(`models/${segment(id)}/retry`, undefined, options);
   }
 
-  /** Cancels all models that match; with `dryRun` only counts them. */
+  /** Cancels all matching models; with `dryRun`, only counts them. */
   cancelAll(which: Which, options: CallOptions & { dryRun?: boolean | undefined } = {}): Promise<Applied> {
     return this.#post("models/cancel", options, undefined, { ...conditions(which), dry_run: options.dryRun });
   }
 
-  /** Deletes all models that match, and their files; with `dryRun` only counts them. */
+  /** Deletes all matching models and their files; with `dryRun`, only counts them. */
   deleteAll(which: Which, options: CallOptions & { dryRun?: boolean | undefined } = {}): Promise<Applied> {
     return this.#delete("models", options, { ...conditions(which), dry_run: options.dryRun });
   }
 
   // Batches and studies.
 
-  /** Requests many models of one spec, or of the points of a study (`vary`): all of them, or none. */
+  /**
+   * Requests several models of one spec or of a study's points (`vary`); the service accepts all or
+   * none.
+   */
   submitBatch(request: BatchRequest, options: SubmitOptions = {}): Promise<Batch> {
     return this.#create("batches", request, options);
   }
 
-  /** Checks a batch, and gives its points and their predicted cost, without queueing anything. */
+  /** Validates a batch; returns its points and predicted cost, without queueing models. */
   validateBatch(request: BatchRequest, options: CallOptions = {}): Promise<BatchValidation> {
     return this.#post("batches/validate", options, request);
   }
 
-  /** A batch: the ids of its models, their number by status, and its study. */
+  /** Returns a batch: the ids of its models, their number by status, and its study. */
   getBatch(id: string, options: CallOptions = {}): Promise<Batch> {
     return this.#get(`batches/${segment(id)}`, options);
   }
 
-  /** The batches that match, newest first, without the ids of their models. */
+  /** Iterates over the matching batches, newest first, without the ids of their models. */
   listBatches(filter: BatchFilter = {}, options: ListOptions = {}): AsyncGenerator<Batch, void> {
     return items((cursor) => this.listBatchesPage(filter, { ...options, cursor }), (page) => page.batches);
   }
 
-  /** One page of the batches that match, newest first. */
+  /** Returns one page of the matching batches, newest first. */
   listBatchesPage(filter: BatchFilter = {}, options: PageOptions = {}): Promise<BatchPage> {
     const { pageSize: limit, cursor } = options;
     return this.#get("batches", options, { ...conditions(filter), limit, cursor });
@@ -290,67 +330,75 @@ export class Oviduct {
     return this.#delete(`batches/${segment(id)}`, options);
   }
 
-  /** The models of a batch as a table: varied values, seed, status and all figures. */
+  /** Returns the models of a batch as a table: varied values, seed, status and all measures. */
   table(id: string, options: CallOptions = {}): Promise<Table> {
     return this.#get(`batches/${segment(id)}/table`, options, { format: "json" });
   }
 
-  /** The table of a batch as CSV (RFC 4180). */
+  /** Returns the table of a batch as CSV (RFC 4180). */
   tableCsv(id: string, options: CallOptions = {}): Promise<string> {
     const call = this.#call("GET", `batches/${segment(id)}/table`, options, { format: "csv" });
     return this.#transport.send(call, async (_, body) => new TextDecoder().decode(await body()));
   }
 
-  /** The URL of the CSV table of a batch, for a link; see {@link downloadUrl}. */
+  /** Returns the URL of a batch's CSV table, for a link; see {@link downloadUrl}. */
   tableUrl(id: string, options: CallOptions = {}): Promise<string> {
     return this.#link(`batches/${segment(id)}/table`, { format: "csv" }, options);
   }
 
-  /** The files of all models of a batch as one archive, whose body is not read yet. */
+  /** Returns the files of all models of a batch as one archive, whose body is still unread. */
   archive(id: string, options: ArchiveOptions = {}): Promise<Response> {
     const call = this.#call("GET", `batches/${segment(id)}/archive`, options, archiveQuery(options));
     return this.#transport.send(call, (response) => response);
   }
 
-  /** The URL of the archive of a batch, for a link; see {@link downloadUrl}. */
+  /** Returns the URL of a batch's archive, for a link; see {@link downloadUrl}. */
   archiveUrl(id: string, options: ArchiveOptions = {}): Promise<string> {
     return this.#link(`batches/${segment(id)}/archive`, archiveQuery(options), options);
   }
 
   // Fits.
 
-  /** Requests a search for parameters whose models have the given measures. */
+  /** Requests a fit: a search for parameters whose models have given measures. */
   submitFit(request: FitRequest, options: SubmitOptions = {}): Promise<Fit> {
     return this.#create("fits", request, options);
   }
 
-  /** Checks a fit, and gives the targets measured in its images and the parameters it would vary, without queueing anything. */
+  /**
+   * Validates a fit without queueing it.
+   *
+   * Returns the targets measured in its images and the parameters that it would vary.
+   */
   validateFit(request: FitRequest, options: CallOptions = {}): Promise<FitValidation> {
     return this.#post("fits/validate", options, request);
   }
 
-  /** A fit: its progress, and its result once it has succeeded. */
+  /** Returns a fit: its progress, and its result after it has succeeded. */
   getFit(id: string, options: CallOptions = {}): Promise<Fit> {
     return this.#get(`fits/${segment(id)}`, options);
   }
 
-  /** The fits that match, newest first, without requests and results. */
+  /** Iterates over the matching fits, newest first, without requests and results. */
   listFits(filter: FitFilter = {}, options: ListOptions = {}): AsyncGenerator<Fit, void> {
     return items((cursor) => this.listFitsPage(filter, { ...options, cursor }), (page) => page.fits);
   }
 
-  /** One page of the fits that match, newest first. */
+  /** Returns one page of the matching fits, newest first. */
   listFitsPage(filter: FitFilter = {}, options: PageOptions = {}): Promise<FitPage> {
     const { pageSize: limit, cursor } = options;
     return this.#get("fits", options, { ...conditions(filter), limit, cursor });
   }
 
-  /** Cancels a fit: a queued one at once, a running one within a second. One that has ended does not change. */
+  /**
+   * Cancels a fit: immediately if queued, within a second if running.
+   *
+   * A fit that has ended does not change.
+   */
   cancelFit(id: string, options: CallOptions = {}): Promise<Fit> {
     return this.#post(`fits/${segment(id)}/cancel`, options);
   }
 
-  /** Deletes a fit; it is cancelled if it has not ended. */
+  /** Deletes a fit; cancels it if it has not ended. */
   deleteFit(id: string, options: CallOptions = {}): Promise<void> {
     return this.#delete(`fits/${segment(id)}`, options);
   }
@@ -358,12 +406,13 @@ export class Oviduct {
   // Events.
 
   /**
-   * Follows one model, or all that match: first their present states, then every change. Connections that break are opened
-   * again, without losing a change; the present state may then come twice. A slow reader skips states, never the last one of
-   * a model.
+   * Follows one model or all matching models: first their current states, then every change.
    *
-   * Ends after the `end` event of the model, or when all models in `ids` or `batch` have ended; otherwise never. Leave it by
-   * `break` or by the signal.
+   * Broken connections are reopened without losing a change; the current state may then be
+   * repeated. A slow reader skips states, but never the last one of a model.
+   *
+   * Ends after the `end` event of the model, or when all models in `ids` or `batch` have ended;
+   * otherwise never. To stop earlier, use `break` or the signal.
    */
   async *follow(which: string | FollowFilter, options: FollowOptions = {}): AsyncGenerator<ModelEvent, void> {
     const one = typeof which === "string";
@@ -378,7 +427,11 @@ export class Oviduct {
     }
   }
 
-  /** Follows a fit, as {@link follow} does a model. The events have its result, but not its request. Ends after its `end` event. */
+  /**
+   * Follows a fit, as {@link follow} follows a model. Ends after the fit's `end` event.
+   *
+   * The events contain the result of the fit, but not its request.
+   */
   async *followFit(id: string, options: FollowFitOptions = {}): AsyncGenerator<FitEvent, void> {
     for await (const { type, id: place, state } of this.#states(`fits/${segment(id)}/events`, {}, options)) {
       yield { type, id: place, fit: state } as FitEvent;
@@ -386,7 +439,7 @@ export class Oviduct {
     }
   }
 
-  /** Waits until a model has ended; gives it, whether it has succeeded, failed or was cancelled. */
+  /** Waits until a model has ended; returns it, whether it succeeded, failed or was cancelled. */
   async wait(id: string, options: WaitOptions = {}): Promise<Model> {
     const { onProgress, signal } = options;
     for await (const { model } of this.follow(id, { signal })) {
@@ -395,7 +448,9 @@ export class Oviduct {
     return this.get(id, { signal });
   }
 
-  /** Waits until all models of a batch have ended; gives the batch with their number by status. */
+  /**
+   * Waits until all models of a batch have ended; returns the batch with their number by status.
+   */
   async waitBatch(id: string, options: WaitBatchOptions = {}): Promise<Batch> {
     const { onProgress, signal } = options;
     for await (const { model } of this.follow({ batch: id }, { signal })) {
@@ -404,7 +459,7 @@ export class Oviduct {
     return this.getBatch(id, { signal });
   }
 
-  /** Waits until a fit has ended; gives it, whether it has succeeded, failed or was cancelled. */
+  /** Waits until a fit has ended; returns it, whether it succeeded, failed or was cancelled. */
   async waitFit(id: string, options: WaitFitOptions = {}): Promise<Fit> {
     const { onProgress, signal } = options;
     for await (const { fit } of this.followFit(id, { signal })) {
@@ -415,16 +470,24 @@ export class Oviduct {
 
   // Files of models that have succeeded.
 
-  /** A file of a model, such as `model.glb`, whose body is not read yet. With a range its status is 206. */
+  /**
+   * Returns a file of a model, such as `model.glb`, whose body is still unread.
+   *
+   * With a range, the status is 206.
+   */
   file(id: string, name: string, options: FileOptions = {}): Promise<Response> {
     return this.#transport.send(this.#fileCall(id, name, options), (response) => response);
   }
 
-  /** The bytes of a file. They are compared with its SHA-256, where the entity tag and the page allow it. */
+  /**
+   * Returns the bytes of a file.
+   *
+   * Compares their hash with the entity tag, if the tag contains a SHA-256 and the page is secure.
+   */
   bytes(id: string, name: string, options: BytesOptions = {}): Promise<ArrayBuffer> {
     return this.#transport.send(this.#fileCall(id, name, options), async (response, body) => {
       const bytes = await body(options.onProgress);
-      // The tag of a compressed answer is weak; its hash is that of the decoded bytes.
+      // The entity tag of a compressed response is weak and contains the hash of the decoded bytes.
       const hash = /^(?:W\/)?"([0-9a-f]{64})"$/.exec(response.headers.get("etag") ?? "")?.[1];
       if (hash && response.status === 200 && ((await sha256(bytes)) ?? hash) !== hash) {
         throw new OviductConnectionError(`${name} of ${id} arrived damaged`);
@@ -434,122 +497,142 @@ export class Oviduct {
   }
 
   /**
-   * The URL of a file, for a link that the browser opens. With a key it has a ticket: it is good for one download within 60
-   * seconds, so get it when the user asks for the file.
+   * Returns the URL of a file, for a link that the browser opens.
+   *
+   * With an API key, the URL contains a ticket for one download within 60 seconds. Therefore call
+   * this method when the user asks for the file.
    */
   downloadUrl(id: string, name: string, options: CallOptions = {}): Promise<string> {
     return this.#link(`models/${segment(id)}/files/${segment(name)}`, {}, options);
   }
 
-  /** All cross sections, as typed arrays. */
+  /** Returns all cross sections as typed arrays. */
   async sections(id: string, options: CallOptions = {}): Promise<Sections> {
     return Sections.parse(await this.bytes(id, "sections.bin", options));
   }
 
-  /** One cross section as points in micrometres; `index` counts from 0 at the isthmus end. */
+  /** Returns one cross section as points in micrometres; `index` 0 is the isthmus end. */
   section(id: string, index: number, options: CallOptions = {}): Promise<SectionJson> {
     return this.#get(`models/${segment(id)}/sections/${index}`, options, { format: "json" });
   }
 
-  /** The URL of a cross section, for an image or a link: a drawing, unless `format` says otherwise; see {@link downloadUrl}. */
+  /**
+   * Returns the URL of a cross section, for an image or a link; see {@link downloadUrl}.
+   *
+   * The URL is that of a drawing unless `format` names another one.
+   */
   sectionUrl(id: string, index: number, options: SlideUrlOptions = {}): Promise<string> {
     return this.#link(`models/${segment(id)}/sections/${index}`, slideQuery(options), options);
   }
 
-  /** A cross section as PNG, stained, or its labels. */
+  /** Returns a cross section as PNG: stained, or as tissue labels. */
   sectionPicture(id: string, index: number, options: SlideOptions = {}): Promise<Slide> {
     return this.#slide(`models/${segment(id)}/sections/${index}`, {}, options);
   }
 
   /**
-   * The surface of a model cut by a plane: across the tube (`{ z_um }`), or any plane (`{ origin_um, normal }`). Sections are those of
-   * the simulation; a surface that leans has islands in such cuts.
+   * Cuts the surface of a model with a plane: across the tube (`{ z_um }`), or any plane (`{
+   * origin_um, normal }`).
+   *
+   * Sections come from the simulation; cuts come from the surface. If the surface leans, cuts show
+   * islands.
    */
   cut(id: string, plane: CutPlane, options: CallOptions = {}): Promise<Cut> {
     return this.#get(`models/${segment(id)}/cut`, options, { ...planeQuery(plane), format: "json" });
   }
 
-  /** The URL of a cut, for an image or a link: a drawing, unless `format` says otherwise; see {@link downloadUrl}. */
+  /**
+   * Returns the URL of a cut, for an image or a link; see {@link downloadUrl}.
+   *
+   * The URL is that of a drawing unless `format` names another one.
+   */
   cutUrl(id: string, plane: CutPlane, options: SlideUrlOptions = {}): Promise<string> {
     return this.#link(`models/${segment(id)}/cut`, { ...planeQuery(plane), ...slideQuery(options) }, options);
   }
 
-  /** A cut as PNG, stained, or its labels. */
+  /** Returns a cut as PNG: stained, or as tissue labels. */
   cutPicture(id: string, plane: CutPlane, options: SlideOptions = {}): Promise<Slide> {
     return this.#slide(`models/${segment(id)}/cut`, planeQuery(plane), options);
   }
 
-  /** A picture of a model as PNG. */
+  /** Returns a picture of a model as PNG. */
   preview(id: string, options: PreviewOptions = {}): Promise<ArrayBuffer> {
     const { view, size } = options;
     const call = this.#call("GET", `models/${segment(id)}/preview.png`, options, { view, size });
     return this.#transport.send(call, (_, body) => body());
   }
 
-  /** The URL of a picture of a model, for an image; see {@link downloadUrl}. */
+  /** Returns the URL of a picture of a model, for an image; see {@link downloadUrl}. */
   previewUrl(id: string, options: PreviewOptions = {}): Promise<string> {
     const { view, size } = options;
     return this.#link(`models/${segment(id)}/preview.png`, { view, size }, options);
   }
 
-  /** The certificate and the summary of a model, and what computed it. */
+  /** Returns the report of a model: certificate, summary, and the backend that computed it. */
   report(id: string, options: CallOptions = {}): Promise<Report> {
     return this.#get(`models/${segment(id)}/report`, options);
   }
 
-  /** The centre line that a model follows, as points with frames, in millimetres. */
+  /** Returns the centre line of a model, as points with local frames, in millimetres. */
   course(id: string, options: CallOptions = {}): Promise<Course> {
     return this.#get(`models/${segment(id)}/course`, options);
   }
 
-  /** What the files of a model are: bodies, units, patches, sizes, hashes; its origin, licence and how to cite. */
+  /**
+   * Returns the manifest of a model: bodies, units, patches, sizes, hashes, origin, licence and
+   * citation.
+   */
   manifest(id: string, options: CallOptions = {}): Promise<Manifest> {
     return this.#get(`models/${segment(id)}/manifest.json`, options);
   }
 
-  /** The URL of the report as a page to show or to print, for a link; see {@link downloadUrl}. */
+  /** Returns the URL of the report page to view or print, for a link; see {@link downloadUrl}. */
   reportPageUrl(id: string, options: CallOptions = {}): Promise<string> {
     return this.#link(`models/${segment(id)}/report.html`, {}, options);
   }
 
   // The service.
 
-  /** Name, title and subject of each preset, the default one first. */
+  /** Returns name, title and subject of each preset, the default first. */
   presets(options: CallOptions = {}): Promise<PresetList> {
     return this.#get("presets", options);
   }
 
-  /** A preset, with the source of each value. */
+  /** Returns a preset with the source of each value. */
   preset(name: string, options: CallOptions = {}): Promise<Preset> {
     return this.#get(`presets/${segment(name)}`, options);
   }
 
-  /** The JSON Schema of a spec. */
+  /** Returns the JSON Schema of a spec. */
   schema(options: CallOptions = {}): Promise<Record<string, unknown>> {
     return this.#get("schema", options);
   }
 
-  /** State and version of the service; fails without a retry. */
+  /** Returns the state and version of the service; fails without retries. */
   health(options: CallOptions = {}): Promise<Health> {
     return this.#transport.json({ ...this.#call("GET", "healthz", options), once: true });
   }
 
-  /** Whether the service takes work now: fails with `not-ready` otherwise, without a retry. */
+  /** Checks that the service accepts work; otherwise fails with `not-ready`, without retries. */
   ready(options: CallOptions = {}): Promise<Health> {
     return this.#transport.json({ ...this.#call("GET", "readyz", options), once: true });
   }
 
-  /** The workers that sent a heartbeat within the last minutes, and what they grow. */
+  /** Returns the workers that sent a heartbeat within the last minutes, with their running jobs. */
   workers(options: CallOptions = {}): Promise<WorkerList> {
     return this.#get("workers", options);
   }
 
-  /** Pauses all workers: they finish what they grow and start no model. Needs the scope `admin`, as do the next four. */
+  /**
+   * Pauses all workers: running models continue, and no new ones start.
+   *
+   * Needs the scope `admin`, like the next four methods.
+   */
   pauseWorkers(options: CallOptions = {}): Promise<WorkerList> {
     return this.#post("workers/pause", options);
   }
 
-  /** Ends the pause of all workers; those that are paused themselves stay so. */
+  /** Ends the pause of all workers; individually paused workers stay paused. */
   resumeWorkers(options: CallOptions = {}): Promise<WorkerList> {
     return this.#post("workers/resume", options);
   }
@@ -564,7 +647,7 @@ export class Oviduct {
     return this.#post(`workers/${segment(id)}/resume`, options);
   }
 
-  /** Lets one worker finish what it grows; it starts no more models until it is resumed. */
+  /** Drains one worker: it completes its running models and starts no more until it is resumed. */
   drainWorker(id: string, options: CallOptions = {}): Promise<Worker> {
     return this.#post(`workers/${segment(id)}/drain`, options);
   }
@@ -597,7 +680,7 @@ export class Oviduct {
     return { ...call, headers: { range: typeof range === "number" ? `bytes=${range}` : `bytes=${range[0]}-${range[1]}` } };
   }
 
-  /** A picture of a section or a cut. */
+  /** Returns a picture of a section or a cut. */
   #slide(path: string, place: Query, options: SlideOptions): Promise<Slide> {
     const call = this.#call("GET", path, options, { ...place, ...slideQuery({ ...options, format: "png" }) });
     return this.#transport.send(call, async (response, body) => ({
@@ -606,19 +689,19 @@ export class Oviduct {
     }));
   }
 
-  /** A URL that works without the key, once. */
+  /** Returns a URL that works once without the API key. */
   async #link(path: string, query: Query, options: CallOptions, once = false): Promise<string> {
     if (!this.#transport.hasKey) return this.#transport.url(path, query).href;
-    // The path of the service itself: a proxy strips its prefix.
+    // The ticket is for the path at the service, because a proxy strips its prefix.
     const call = { ...this.#call("POST", "tickets", options), body: { path: `/${path}` }, once };
     const { ticket } = await this.#transport.json<{ ticket: string }>(call);
     return this.#transport.url(path, { ...query, ticket }).href;
   }
 
   /**
-   * The events of a stream, which is opened again when it breaks.
+   * Yields the events of a stream, which is reopened when it breaks.
    *
-   * @param finite Whether the service ends the stream after events of many models, by an id without an event.
+   * @param finite True if the service ends a stream of several models, by an id without an event.
    */
   async *#states(
     path: string,
@@ -644,26 +727,27 @@ export class Oviduct {
           const state = absolute(JSON.parse(raw.data), this.#transport.url(path).href);
           yield { type: raw.type, id: raw.id, state };
         }
-        // The id by which every process of the service knows that all have ended comes without an event: only `fetch` sees it.
+        // The final id tells every process of the service that all models have ended. It comes
+        // without an event, so only `fetch` receives it.
         byFetch = finite;
       } catch (error) {
         problem = error;
       }
       signal?.throwIfAborted();
-      // Only a stream that was opened has worked, however long the attempt took.
+      // Only a stream that was open counts as success, however long the attempt took.
       failures = opened !== undefined && Date.now() - opened > LIMITS.lasting ? 1 : failures + 1;
       const wait = this.#transport.delay(failures, problem);
       if (wait === undefined) throw problem;
       if (failures > this.#reconnects) {
         throw problem ?? new OviductConnectionError(`GET ${this.url}${path}: the stream breaks off again and again`);
       }
-      // An unknown id also brings the models that have ended meanwhile.
+      // With an unknown id, the stream also reports models that have ended in the meantime.
       last ??= "none";
       await sleep(wait, signal);
     }
   }
 
-  /** Opens a stream of events; undefined if there is nothing more to come. */
+  /** Opens a stream of events; returns undefined if the stream has ended. */
   async #connect(call: Call, byFetch: boolean): Promise<AsyncGenerator<RawEvent, void> | undefined> {
     const { path, query = {}, signal } = call;
     if (this.#eventSource && !byFetch) {
@@ -671,7 +755,8 @@ export class Oviduct {
       const events = await openEventSource(this.#eventSource, url, this.#transport.timeout, signal);
       if (events) return events;
     }
-    // An `EventSource` does not tell why it was not let in: the answer to the same request does, or is the stream.
+    // An `EventSource` hides the reason of a refusal. The response to the same request with `fetch`
+    // contains the reason, or the stream.
     return this.#transport.send({ ...call, headers: { accept: "text/event-stream" }, once: true }, (response) =>
       response.status === 204 || !response.body ? undefined : readEvents(response.body),
     );
@@ -686,14 +771,13 @@ function slideQuery({ format = "svg", size, stain, labels }: SlideUrlOptions): Q
   return { format, size, stain, labels };
 }
 
-/** One segment of a path. */
+/** Encodes one path segment; throws TypeError for a segment that would lead to another path. */
 function segment(text: string): string {
-  // These would lead elsewhere.
   if (text === "" || text === "." || text === "..") throw new TypeError(`"${text}" is no id or name`);
   return encodeURIComponent(text);
 }
 
-/** The items of all pages of a list. */
+/** Yields the items of all pages of a list. */
 async function* items<P extends { next?: string | null }, T>(
   page: (cursor: string | undefined) => Promise<P>,
   of: (page: P) => T[],
@@ -720,12 +804,12 @@ function archiveQuery({ files, format }: ArchiveOptions): Query {
   return { files: files?.join(","), format };
 }
 
-/** 128 random bits. `crypto.randomUUID` is missing in pages that are not secure. */
+/** 128 random bits. Insecure pages have no `crypto.randomUUID`. */
 function randomKey(): string {
   return hex(crypto.getRandomValues(new Uint8Array(16)));
 }
 
-/** Undefined in a page that is not secure. */
+/** SHA-256 in hexadecimal; undefined in an insecure page. */
 async function sha256(bytes: ArrayBuffer): Promise<string | undefined> {
   return crypto.subtle && hex(new Uint8Array(await crypto.subtle.digest("SHA-256", bytes)));
 }

@@ -2,24 +2,26 @@ import type { Fault, Problem, ProblemSlug, ProblemType } from "./types.js";
 
 const PREFIX = "urn:oviduct:problem:";
 
-/** The service refused a request or failed: the problem (RFC 9457) that it answered. */
+/** The service refused a request or failed; contains the problem (RFC 9457) in its response. */
 export class OviductError extends Error {
   override readonly name = "OviductError";
   /** Status of the response. */
   readonly status: number;
-  /** Stable type of the problem; `about:blank` if the answer was no problem, such as the error page of a proxy. */
+  /**
+   * Stable type of the problem; `about:blank` for another response, such as a proxy's error page.
+   */
   readonly type: ProblemType | "about:blank";
-  /** The same for every problem of the type. */
+  /** Title, equal for all problems of the type. */
   readonly title: string;
-  /** What happened. */
+  /** Description of this occurrence. */
   readonly detail: string;
-  /** The faults of the request, each with its place; empty if the problem has none. */
+  /** Faults of the request, each with its place; empty if the problem has none. */
   readonly errors: readonly Fault[];
   /** Id of the request in the logs of the service. */
   readonly requestId: string | undefined;
-  /** Seconds to wait before the next attempt. */
+  /** Seconds to wait before a retry. */
   readonly retryAfter: number | undefined;
-  /** The whole problem, with the members that only its type has, such as `limit` or `line`. */
+  /** The whole problem, including members of its type such as `limit` or `line`. */
   readonly problem: Problem | undefined;
 
   constructor(response: Response, problem?: Problem) {
@@ -37,7 +39,11 @@ export class OviductError extends Error {
     this.problem = problem;
   }
 
-  /** Whether the problem has one of these types, given by their last part: `error.is("unauthorized", "forbidden")`. */
+  /**
+   * True if the problem has one of these types, without their prefix.
+   *
+   * Example: `error.is("unauthorized", "forbidden")`.
+   */
   is(...slugs: ProblemSlug[]): boolean {
     return slugs.some((slug) => this.type === PREFIX + slug);
   }
@@ -53,12 +59,16 @@ export class OviductError extends Error {
   }
 }
 
-/** No complete answer came: the service cannot be reached, took too long, or broke off. `cause` is the reason. */
+/**
+ * There was no complete response: the service is unreachable, too slow, or closed the connection.
+ *
+ * `cause` is the reason.
+ */
 export class OviductConnectionError extends Error {
   override readonly name = "OviductConnectionError";
 }
 
-/** Those that are well formed: a proxy may send a problem with other members. */
+/** The well-formed faults; a proxy may send a problem with other members. */
 function faults(errors: unknown): Fault[] {
   return Array.isArray(errors) ? errors.filter(isFault) : [];
 }
@@ -74,7 +84,7 @@ function place(fault: Fault): string {
   return where ? `${where}: ` : "";
 }
 
-/** `Retry-After`: seconds, or a date from a proxy. */
+/** Seconds of `Retry-After`, which may also be a date. */
 function seconds(header: string | null): number | undefined {
   if (header === null) return undefined;
   if (/^\d+$/.test(header)) return Number(header);

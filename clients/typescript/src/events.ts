@@ -1,37 +1,43 @@
 import { OviductConnectionError } from "./errors.js";
 import { orSilence } from "./transport.js";
 
-/** A server-sent event as it came. An id without data has the type "". */
+/** A server-sent event. An id without data has the type "". */
 export interface RawEvent {
   type: string;
   id: string;
   data: string;
 }
 
-/** What this client uses of an `EventSource`. */
+/** The part of `EventSource` that this client uses. */
 export interface EventSourceLike {
   addEventListener(type: string, listener: (event: never) => void): void;
   close(): void;
 }
 export type EventSourceClass = new (url: string) => EventSourceLike;
 
-/** Names of the events of the service. */
+/** Event names of the service. */
 const TYPES = ["status", "progress", "section", "end"];
-/** Limits of a stream in milliseconds; an object, so that tests can shorten them. */
+/** Limits of a stream in milliseconds; members of an object, so that tests can shorten them. */
 export const LIMITS = {
-  /** Without a byte for so long it counts as broken; the service sends a comment every 15 s. */
+  /** Silence after which a stream counts as broken. The service sends a comment every 15 s. */
   silence: 60_000,
-  /** An `EventSource` does not show comments, so it is closed after so long without an event, in case it is broken. */
+  /**
+   * Time without an event after which an `EventSource` is closed.
+   *
+   * An `EventSource` hides comments, so it may be broken.
+   */
   quiet: 300_000,
-  /** A stream that was open for so long counts as one that worked, also without events. */
+  /** Time after which an open stream counts as success, even without events. */
   lasting: 5000,
 };
 
 /**
- * Opens an `EventSource`. It never reconnects by itself, because its ticket is good for one connection. Undefined if it
- * was not let in: it does not tell why. The events end when it breaks or is quiet for too long.
+ * Opens an `EventSource`; returns undefined if the service refused it, without a reason.
  *
- * @param timeout Milliseconds until it must be open.
+ * The `EventSource` never reconnects by itself, because its ticket is valid for one connection. The
+ * events end when the connection breaks or is quiet for too long.
+ *
+ * @param timeout Milliseconds until the stream must be open.
  */
 export async function openEventSource(
   EventSource: EventSourceClass,
@@ -40,7 +46,8 @@ export async function openEventSource(
   signal?: AbortSignal,
 ): Promise<AsyncGenerator<RawEvent, void> | undefined> {
   const source = new EventSource(url);
-  // Of a model and a type only the newest event is kept: each holds the whole state, and the reader may be slow.
+  // Keep only the newest event per model and type: each contains the whole state, and the reader
+  // may be slow.
   const queue = new Map<string, RawEvent>();
   let state: "opening" | "open" | "over" = "opening";
   let late = false;
@@ -108,7 +115,11 @@ export async function openEventSource(
   })();
 }
 
-/** Reads a body as server-sent events (WHATWG HTML, section 9.2.6). Cancels it when the reader leaves. */
+/**
+ * Reads a body as server-sent events (WHATWG HTML, section 9.2.6).
+ *
+ * Cancels the body when the reader stops.
+ */
 export async function* readEvents(body: ReadableStream<Uint8Array>): AsyncGenerator<RawEvent, void> {
   const reader = body.getReader();
   const decoder = new TextDecoder();
@@ -122,7 +133,7 @@ export async function* readEvents(body: ReadableStream<Uint8Array>): AsyncGenera
       });
       if (chunk.done) return;
       rest += decoder.decode(chunk.value, { stream: true });
-      // A carriage return at the end may be half of a line end.
+      // A carriage return at the end may be the first half of a line end.
       const lines = rest.split(/\r\n|\n|\r(?!$)/);
       rest = lines.pop() ?? "";
       for (const line of lines) {

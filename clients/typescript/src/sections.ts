@@ -1,8 +1,8 @@
 import { decompress } from "./zstd.js";
 
-/** A closed contour, counter-clockwise; the arrays have one element a point. */
+/** A closed contour, counter-clockwise; each array has one element per point. */
 export interface Ring {
-  /** Ids of the particles; a particle has the same id in every section. */
+  /** Particle ids; a particle has the same id in every section. */
   ids: Uint32Array;
   /** Micrometres. */
   x: Float32Array;
@@ -10,18 +10,18 @@ export interface Ring {
   y: Float32Array;
 }
 
-/** What the index of the file says about a section. */
+/** Entry of a section in the index of the file. */
 export interface SectionEntry {
   index: number;
-  /** Time step; fractional if the section was added to mend a slab. */
+  /** Time step; fractional for a section that was added to mend a slab. */
   step: number;
   /** Position along the tube, micrometres from the isthmus end. */
   z_um: number;
-  /** Whether it was added to mend a slab. */
+  /** True for a section that was added to mend a slab. */
   added: boolean;
-  /** Number of points of the inner ring. */
+  /** Number of points of the inner contour. */
   innerPoints: number;
-  /** Number of points of the outer ring. */
+  /** Number of points of the outer contour. */
   outerPoints: number;
 }
 
@@ -33,7 +33,7 @@ export interface Section extends SectionEntry {
   outer: Ring;
 }
 
-/** The header of the file. */
+/** Header of the file. */
 export interface SectionsHeader {
   /** Unit of lengths. */
   units: "um";
@@ -52,10 +52,10 @@ function damaged(what: string): never {
   throw new Error(`sections.bin is damaged: ${what}`);
 }
 
-/** All cross sections of a model, read from `sections.bin`. Sections are decoded when they are asked for. */
+/** All cross sections of a model, read from `sections.bin`. Each is decoded on access. */
 export class Sections implements Iterable<Section> {
   readonly header: SectionsHeader;
-  /** One entry for each section, from the isthmus end. */
+  /** One entry per section, isthmus end first. */
   readonly entries: readonly SectionEntry[];
   readonly #stored: Uint8Array[];
 
@@ -66,8 +66,11 @@ export class Sections implements Iterable<Section> {
   }
 
   /**
-   * Reads the file and checks the hash of all its bytes; a browser has no hashes in pages that are not secure, where only the
-   * structure is checked. Throws an `Error` if it is damaged.
+   * Parses the file and checks the hash of all its bytes.
+   *
+   * Insecure pages have no hash function; there, only the structure is checked.
+   *
+   * @throws Error if the file is damaged.
    */
   static async parse(file: ArrayBuffer | Uint8Array): Promise<Sections> {
     const bytes = file instanceof Uint8Array ? file : new Uint8Array(file);
@@ -105,7 +108,11 @@ export class Sections implements Iterable<Section> {
     return this.entries.length;
   }
 
-  /** The contours of a section. Throws a `RangeError` if there is no such section. */
+  /**
+   * Returns the contours of a section.
+   *
+   * @throws RangeError if there is no such section.
+   */
   section(index: number): Section {
     const [entry, stored] = [this.entries[index], this.#stored[index]];
     if (!entry || !stored) throw new RangeError(`there is no section ${index} among ${this.length}`);
@@ -124,7 +131,9 @@ function ring(planes: Uint8Array, from: number, points: number): Ring {
   return { ids: new Uint32Array(ids!), x: new Float32Array(x!), y: new Float32Array(y!) };
 }
 
-/** The numbers of a plane: differences from the previous one, in four layers of bytes. */
+/**
+ * Decodes the numbers of a plane: differences from the previous number, in four layers of bytes.
+ */
 function plane(bytes: Uint8Array, from: number, points: number): ArrayBuffer {
   const numbers = new Int32Array(points);
   const layer = (k: number) => bytes.subarray(from + k * points, from + (k + 1) * points);

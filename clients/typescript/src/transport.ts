@@ -1,55 +1,60 @@
 import { OviductConnectionError, OviductError } from "./errors.js";
 
-/** Values of a query; those that are undefined are left out, a list is repeated. */
+/** Query parameters; undefined values are omitted, and a list repeats its parameter. */
 export type Query = Record<string, string | number | boolean | readonly string[] | undefined>;
 
 /** A request below the base URL. */
 export interface Call {
   method: "GET" | "POST" | "DELETE";
-  /** Path of the service without its first slash, such as `models/7`. */
+  /** Path of the service without its leading slash, such as `models/7`. */
   path: string;
   query?: Query;
   /** Sent as JSON. */
   body?: unknown;
   headers?: Record<string, string>;
   signal?: AbortSignal | undefined;
-  /** Milliseconds to add to the time that one attempt may take. */
+  /**
+   * Milliseconds to add to the time limit of an attempt, because the service holds its response.
+   */
   held?: number;
-  /** Whether it is sent once only. */
+  /** True to send the request only once. */
   once?: boolean;
 }
 
-/** Called with the number of bytes that one attempt has received so far. */
+/** Called with the number of bytes that the current attempt has received so far. */
 export type OnProgress = (received: number) => void;
 
-/** Reads what one attempt answered; `body` gives the whole body. */
+/** Reads the response of one attempt; `body` returns the whole body. */
 export type Read<T> = (response: Response, body: (onProgress?: OnProgress) => Promise<ArrayBuffer>) => Promise<T> | T;
 
-/** How requests are sent. */
+/** Settings for sending requests. */
 export interface Settings {
   key: string | undefined;
   fetch: typeof fetch;
-  /** Milliseconds until an answer must begin, and that its body may then pause. */
+  /** Maximum wait for the beginning of a response, and for its next bytes, milliseconds. */
   timeout: number;
   attempts: number;
   maxDelay: number;
 }
 
-/** Delay of the first retry, in milliseconds. */
+/** Delay of the first retry, milliseconds. */
 const FIRST_DELAY = 500;
-/** Statuses that a later attempt may not have. */
+/** Statuses after which a retry can succeed. */
 const TRANSIENT = [408, 429, 502, 503, 504];
 
-/** Sends requests, and repeats them while that may help. All requests of this client are safe to repeat. */
+/**
+ * Sends requests and retries them after transient errors. All requests of this client can be
+ * retried safely.
+ */
 export class Transport {
   readonly base: URL;
   readonly #settings: Settings;
 
   constructor(url: string | URL, settings: Settings) {
     this.base = new URL(url);
-    // `fetch` refuses such URLs with a message that quotes them.
+    // `fetch` refuses such URLs, and its message would quote them.
     if (this.base.username || this.base.password) throw new TypeError("the URL must not contain a name or password");
-    // A header that is no text is refused with a message that quotes it.
+    // `fetch` refuses a header with other characters, and its message would quote the API key.
     if (settings.key !== undefined && !/^[!-~]+$/.test(settings.key)) {
       throw new TypeError("the key has characters that a key cannot have");
     }
@@ -75,7 +80,9 @@ export class Transport {
     return url;
   }
 
-  /** The JSON of an answer; undefined if it has none. References to files are made absolute. */
+  /**
+   * Returns the JSON of a response, with absolute references to files; undefined for an empty body.
+   */
   async json<T>(call: Call): Promise<T> {
     const [text, url] = await this.send(call, async (response, body) => [
       new TextDecoder().decode(await body()),
@@ -89,14 +96,15 @@ export class Transport {
     }
   }
 
-  /** Sends a request and reads the answer, again and again while that may help. */
+  /** Sends a request and reads the response; retries after transient errors. */
   async send<T>(call: Call, read: Read<T>): Promise<T> {
     let lost = false;
     for (let attempt = 1; ; attempt++) {
       try {
         return await this.#attempt(call, read);
       } catch (error) {
-        // An earlier attempt may have deleted it, if its answer was lost; one that was refused has not.
+        // If the response of an earlier attempt was lost, that attempt may have deleted the
+        // resource.
         if (call.method === "DELETE" && lost && error instanceof OviductError && error.status === 404) {
           return await read(new Response(null, { status: 204 }), () => Promise.resolve(new ArrayBuffer(0)));
         }
@@ -108,7 +116,10 @@ export class Transport {
     }
   }
 
-  /** Milliseconds to wait after the given number of failures; undefined if waiting does not help, or not soon. */
+  /**
+   * Returns the milliseconds to wait after this many failures; undefined if a retry is useless or
+   * too late.
+   */
   delay(failures: number, error?: unknown): number | undefined {
     const { maxDelay } = this.#settings;
     if (error instanceof OviductError) {
@@ -119,7 +130,7 @@ export class Transport {
     } else if (error !== undefined && !(error instanceof OviductConnectionError)) {
       return undefined;
     }
-    // Clients of one service must not come back all at once.
+    // The random part keeps clients of one service from retrying together.
     return Math.min(maxDelay, FIRST_DELAY * 2 ** (failures - 1)) * (0.5 + Math.random() / 2);
   }
 
@@ -141,7 +152,7 @@ export class Transport {
     try {
       const response = await this.#settings.fetch(url.href, init);
       if (!response.ok) throw await OviductError.of(response);
-      // A large body may take longer, as long as it goes on.
+      // A large body may take longer, as long as bytes keep arriving.
       clearTimeout(timer);
       return await read(response, (onProgress) => readBody(response, timeout, onProgress));
     } catch (cause) {
@@ -155,9 +166,9 @@ export class Transport {
   }
 }
 
-/** The whole body. Fails if nothing of it comes for so many milliseconds. */
+/** Returns the whole body; fails if no bytes arrive for `limit` milliseconds. */
 async function readBody(response: Response, limit: number, onProgress?: OnProgress): Promise<ArrayBuffer> {
-  // Some implementations of `fetch` have no streams: the limit is then for the whole.
+  // Some implementations of `fetch` have no streams; the limit then applies to the whole body.
   if (!response.body) return orSilence(response.arrayBuffer(), limit);
   const reader = response.body.getReader();
   const chunks: Uint8Array[] = [];
@@ -171,7 +182,7 @@ async function readBody(response: Response, limit: number, onProgress?: OnProgre
       onProgress?.(length);
     }
   } finally {
-    // Not awaited: what is silent may not answer this either.
+    // Do not wait: a silent connection may not respond to this either.
     reader.cancel().catch(() => {});
   }
   const bytes = new Uint8Array(length);
@@ -183,7 +194,7 @@ async function readBody(response: Response, limit: number, onProgress?: OnProgre
   return bytes.buffer;
 }
 
-/** The result, unless it does not come within so many milliseconds. */
+/** Returns the result; fails if it takes more than `limit` milliseconds. */
 export async function orSilence<T>(read: Promise<T>, limit: number): Promise<T> {
   let timer: ReturnType<typeof setTimeout> | undefined;
   const silence = new Promise<never>((_, reject) => {
@@ -214,7 +225,10 @@ export function sleep(milliseconds: number, signal?: AbortSignal): Promise<void>
 
 type WithFiles = { files?: { href?: unknown }[]; models?: unknown };
 
-/** Makes the references to files in a model, or in a list of models, absolute: the service gives them relative to the answer. */
+/**
+ * Makes the file references in one or more models absolute; the service sends them relative to the
+ * response.
+ */
 export function absolute(value: unknown, url: string): unknown {
   if (typeof value !== "object" || value === null) return value;
   const { files, models } = value as WithFiles;

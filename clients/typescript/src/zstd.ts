@@ -1,8 +1,9 @@
 import { decompress as decode } from "fzstd";
 
 /**
- * Decodes a Zstandard frame of `size` bytes: neither browsers nor Node 20 do. The build bundles the library into this module,
- * so that the package has no dependencies.
+ * Decodes a Zstandard frame of `size` bytes, which neither browsers nor Node 20 can do.
+ *
+ * The build bundles the library into this module, so the package has no dependencies.
  */
 export function decompress(frame: Uint8Array, size: number): Uint8Array {
   let bytes: Uint8Array;
