@@ -1,11 +1,13 @@
-// Asks for a key.
+// Dialog that asks for an API key.
 import { effect, signal } from "@preact/signals";
 import { useId, useRef, useState } from "preact/hooks";
 import { Oviduct } from "oviduct-client";
 import { base, explain, key, locked, setKey } from "./service.ts";
 import { Dialog } from "./ui/widgets.tsx";
 
-/** Whether the dialog is open: it opens when the service asks for a key, and can be put aside. */
+/**
+ * True while the dialog is open. It opens when the service requires an API key, and can be closed.
+ */
 export const askingForKey = signal(false);
 effect(() => {
   if (locked.value !== undefined) askingForKey.value = true;

@@ -1,4 +1,4 @@
-// The frame of all pages: navigation, state of the connection, theme and key.
+// The frame of all pages: navigation, state of the connection, theme and API key.
 import { computed } from "@preact/signals";
 import type { FunctionComponent } from "preact";
 import { useEffect, useRef, useState } from "preact/hooks";
@@ -16,9 +16,9 @@ type Loader = () => Promise<{ default: Page }>;
 
 interface Place {
   title: string;
-  /** Entry of the navigation that is marked. */
+  /** Highlighted entry of the navigation. */
   section: "models" | "new" | "batches" | undefined;
-  /** Uses the whole width of the window. */
+  /** True if the page uses the whole width of the window. */
   wide?: boolean;
   load: Loader;
 }
@@ -57,18 +57,18 @@ const missing: Place = {
 };
 
 const place = computed(() => PLACES.get(route.value.path[0] ?? "")?.(route.value.path) ?? missing);
-/** The page by its path: another model is another page, another query is not. */
+/** The path, which identifies the page. The query does not, so a changed query keeps the page. */
 const address = computed(() => route.value.path.join("/"));
 
 export function App() {
   const main = useRef<HTMLElement>(null);
   const { title, section, wide } = place.value;
   const first = useRef(true);
-  // Links carry no key.
+  // Links contain no API key.
   const open = key.value === undefined && locked.value === undefined;
   useEffect(() => {
     setTitle(title);
-    // Keyboards and screen readers begin at the new page.
+    // Keyboards and screen readers start at the new page.
     if (!first.current) main.current?.focus({ preventScroll: true });
     first.current = false;
     scrollTo(0, 0);
@@ -113,7 +113,7 @@ export function App() {
   );
 }
 
-/** Why changes do not come, and until when. */
+/** Shows why no changes arrive, and the time of the next attempt. */
 function Banner() {
   if (locked.value !== undefined || (connection.value !== "lost" && connection.value !== "refused")) return null;
   const until = connection.value === "refused" ? "until you use another key" : "until the service can be reached again";

@@ -1,18 +1,18 @@
-// The table of a study: which columns are shown, their names, and the order of the rows.
+// The table of a study: shown columns, their names, and the order of rows.
 import type { Table } from "oviduct-client";
 
 export type Cell = Table["rows"][number][number];
 
 export interface Column {
-  /** Its name in the table of the service. */
+  /** Name of the column in the table of the service. */
   key: string;
-  /** Its place in a row. */
+  /** Index of the column in a row. */
   at: number;
   title: string;
   unit?: string;
 }
 
-/** Figures that tell models apart; the CSV has all. */
+/** Measures that distinguish models. The CSV file contains all measures. */
 const FIGURES: readonly { key: string; title: string; unit?: string }[] = [
   { key: "summary.volume_mm3", title: "Tissue volume", unit: "mm³" },
   { key: "summary.area_mm2", title: "Surface", unit: "mm²" },
@@ -22,7 +22,7 @@ const FIGURES: readonly { key: string; title: string; unit?: string }[] = [
   { key: "summary.triangles", title: "Triangles" },
 ];
 
-/** The seed, the varied parameters, and the key figures that the table has. */
+/** The seed, the varied parameters, and the key measures that the table contains. */
 export function columns(table: Table, schema: Schema | undefined): { varied: Column[]; figures: Column[]; seed: Column } {
   const at = (key: string) => table.columns.indexOf(key);
   const varied = table.columns
@@ -32,14 +32,14 @@ export function columns(table: Table, schema: Schema | undefined): { varied: Col
   return { varied, figures, seed: { key: "seed", at: at("seed"), title: "Seed" } };
 }
 
-/** What is used of a JSON Schema. */
+/** The used part of a JSON Schema. */
 export interface Schema {
   title?: string;
   "x-unit"?: string;
   properties?: Record<string, Schema>;
 }
 
-/** Title and unit of the parameter at a JSON pointer; what the schema does not know is named as it is written. */
+/** Title and unit of the parameter at a JSON pointer. Unknown parameters keep their names. */
 export function parameter(schema: Schema | undefined, pointer: string): { title: string; unit?: string } {
   const segments = pointer.split("/").slice(1);
   let node = schema;
@@ -57,7 +57,7 @@ export interface Order {
   descending: boolean;
 }
 
-/** `-summary.volume_mm3` is the largest first. */
+/** Reads an order such as `-summary.volume_mm3`, which means largest first. */
 export function readOrder(text: string | null): Order | undefined {
   if (!text) return undefined;
   return text.startsWith("-") ? { key: text.slice(1), descending: true } : { key: text, descending: false };
@@ -67,7 +67,7 @@ export function writeOrder({ key, descending }: Order): string {
   return descending ? `-${key}` : key;
 }
 
-/** The rows in this order; those without a value are last in either direction. */
+/** Rows in this order. Rows without a value are last in both directions. */
 export function sorted(table: Table, order: Order | undefined): Table["rows"] {
   const at = order ? table.columns.indexOf(order.key) : -1;
   if (!order || at < 0) return table.rows;
@@ -89,7 +89,7 @@ export function text(cell: Cell | undefined): string {
   return typeof cell === "object" ? JSON.stringify(cell) : String(cell);
 }
 
-/** The pairs of two columns that are both numbers, with the id of their model. */
+/** Pairs of numeric values from two columns, with the id of the model. */
 export function pairs(table: Table, x: Column, y: Column): { id: string; x: number; y: number }[] {
   const id = table.columns.indexOf("id");
   return table.rows.flatMap((row) => {
@@ -98,7 +98,7 @@ export function pairs(table: Table, x: Column, y: Column): { id: string; x: numb
   });
 }
 
-/** Round numbers within a range, some `count` of them. */
+/** About `count` round numbers within a range. */
 export function ticks(from: number, to: number, count: number): number[] {
   const rough = (to - from) / count;
   const power = 10 ** Math.floor(Math.log10(rough));

@@ -1,4 +1,4 @@
-// How many models of a batch are in which state.
+// Number of a batch's models by state.
 import type { Batch, Status } from "oviduct-client";
 
 const ORDER: readonly Status[] = ["succeeded", "running", "queued", "failed", "cancelled"];
@@ -23,7 +23,7 @@ export function batchTitle({ counts }: Batch): string {
   return counts.total === 1 ? "Study of 1 model" : `Study of ${counts.total} models`;
 }
 
-/** Whether models of it are still to end. */
+/** True if some models of the batch have not ended. */
 export function isOpen({ counts }: Batch): boolean {
   return counts.queued + counts.running > 0;
 }

@@ -1,4 +1,4 @@
-// Studies: many models that were requested together.
+// Studies: models that were requested together.
 import { useState } from "preact/hooks";
 import type { Batch } from "oviduct-client";
 import { href, route } from "../router.ts";
@@ -21,7 +21,7 @@ function Studies() {
   const [shown, setShown] = useState(PAGE);
   const { value, fault, again } = useReading(String(shown), (signal) => newest(shown, signal));
   const [before, setBefore] = useState(value);
-  // The list stays while more of it is read.
+  // The list stays visible while more of it is loading.
   if (value && value !== before) setBefore(value);
   const present = value ?? before;
   return (

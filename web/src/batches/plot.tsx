@@ -1,4 +1,4 @@
-// A figure of the models against a varied value, the seed, or another figure.
+// Plot of a measure against a varied value, the seed, or another measure.
 import { useId } from "preact/hooks";
 import type { Table } from "oviduct-client";
 import { go, route, setQuery } from "../router.ts";
@@ -71,7 +71,7 @@ function Scatter({ points, x, y }: { points: { id: string; x: number; y: number 
   );
 }
 
-/** Numbers of an axis may differ in their fourth digit; those of seeds are long. */
+/** Label of an axis mark. Values may differ only in the fourth digit, and seeds are long. */
 function tick(value: number): string {
   const notation = Math.abs(value) < 1e6 ? "standard" : "scientific";
   return value.toLocaleString("en", { maximumSignificantDigits: 6, notation });

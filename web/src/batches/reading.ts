@@ -3,17 +3,20 @@ import { useEffect, useState } from "preact/hooks";
 import { changes } from "../models.ts";
 import { reconnections } from "../stream.ts";
 
-/** Milliseconds between two readings, at least; and how many times the time that the last one took. */
+/**
+ * Minimum time between two readings in milliseconds, and as a multiple of the last reading's
+ * duration.
+ */
 const [PAUSE, RELIEF] = [1500, 10];
 
 export interface Reading<T> {
   value: T | undefined;
-  /** Why the last reading failed. */
+  /** Error of the last reading. */
   fault: unknown;
   again: () => void;
 }
 
-/** What a call of the service answers, read again after changes of models. `key` says what is asked for. */
+/** Result of a call, which is repeated after changes of models. `key` identifies the call. */
 export function useReading<T>(key: string, read: (signal: AbortSignal) => Promise<T>): Reading<T> {
   const [result, setResult] = useState<{ key: string; value?: T; fault?: unknown }>({ key });
   const [retries, setRetries] = useState(0);
@@ -21,7 +24,7 @@ export function useReading<T>(key: string, read: (signal: AbortSignal) => Promis
     const abort = new AbortController();
     let timer: ReturnType<typeof setTimeout> | undefined;
     let [reading, outdated, earliest] = [false, false, 0];
-    // A reading that has begun is not cut off by changes, or there would be none while many models end.
+    // Changes do not abort a reading. Otherwise no reading would complete while many models end.
     const plan = () => {
       if (reading) outdated = true;
       else timer ??= setTimeout(run, Math.max(0, earliest - Date.now()));
@@ -32,7 +35,7 @@ export function useReading<T>(key: string, read: (signal: AbortSignal) => Promis
       const begun = Date.now();
       const result = await read(abort.signal).then((value) => ({ key, value }), (fault: unknown) => ({ fault }));
       if (abort.signal.aborted) return;
-      // What was read before stays if it cannot be read again.
+      // After a failed reading, the previous result stays.
       setResult((before) => ({ ...(before.key === key && before), key, fault: undefined, ...result }));
       reading = false;
       earliest = Date.now() + Math.max(PAUSE, RELIEF * (Date.now() - begun));

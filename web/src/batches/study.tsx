@@ -25,7 +25,7 @@ async function read(id: string, signal: AbortSignal): Promise<Read> {
   const [batch, table, schema] = await Promise.all([
     ask((service) => service.getBatch(id, { signal })),
     ask((service) => service.table(id, { signal })),
-    // The names of parameters are not worth a failure.
+    // Without the names of parameters, the page is still useful.
     ask((service) => service.schema({ signal })).catch(() => undefined),
   ]);
   return { batch, table, schema };
@@ -106,7 +106,7 @@ function Head({ batch, onChange }: { batch: Batch; onChange: () => void }) {
 function Download({ text, url }: { text: string; url: (service: Oviduct) => Promise<string> }) {
   const download = () =>
     attempt(async () => {
-      // With a key the URL is good for one download, soon.
+      // With an API key, the URL contains a ticket for one download within a minute.
       const link = document.createElement("a");
       link.href = await ask(url);
       link.download = "";
@@ -128,7 +128,7 @@ function Varied({ varied, table }: { varied: Column[]; table: Table }) {
   );
 }
 
-/** Values of more than this number are given as a range. */
+/** Maximum number of values that are listed; more values are shown as a range. */
 const LISTED = 6;
 
 function values(cells: (Cell | undefined)[]): string {

@@ -1,4 +1,4 @@
-// The models of a study, one a row.
+// The models of a study, one per row.
 import { useState } from "preact/hooks";
 import type { Status, Table } from "oviduct-client";
 import { growth } from "../growing/words.ts";
@@ -8,10 +8,10 @@ import { href, route, setQuery } from "../router.ts";
 import { StatusBadge } from "../ui/widgets.tsx";
 import { readOrder, sorted, text, writeOrder, type Cell, type Column } from "./columns.ts";
 
-/** Rows that are drawn at first. */
+/** Number of rows that are shown at first. */
 const ROWS = 200;
 
-/** `columns` begin with that of the seed, which links to the model. */
+/** The first of `columns` is the seed, which links to the model. */
 export function Models({ table, columns }: { table: Table; columns: [Column, ...Column[]] }) {
   const [all, setAll] = useState(false);
   const order = readOrder(route.value.query.get("sort"));
@@ -57,7 +57,7 @@ export function Models({ table, columns }: { table: Table; columns: [Column, ...
   );
 }
 
-/** The status as events tell it, for the table is read less often. */
+/** The status from events, because the table is read less often. */
 function LiveStatus({ id, read }: { id: string; read: Status }) {
   const model = state(id).value;
   return (
@@ -68,7 +68,7 @@ function LiveStatus({ id, read }: { id: string; read: Status }) {
   );
 }
 
-/** Models of a study may differ in the fourth digit. */
+/** Text of a measure; models of a study may differ only in the fourth digit. */
 function figure(cell: Cell | undefined): string {
   return typeof cell === "number" ? cell.toLocaleString("en", { maximumSignificantDigits: Math.abs(cell) < 1000 ? 4 : 7 }) : text(cell);
 }

@@ -1,6 +1,6 @@
 // Search in ascending numbers.
 
-/** Index of the first of the two neighbours that a value lies between; the outermost two for values beyond them. */
+/** Index of the lower neighbour of a value; the first or last interval for values outside. */
 export function intervalAt(ascending: ArrayLike<number>, value: number): number {
   let [low, high] = [0, ascending.length - 1];
   while (high - low > 1) {
@@ -11,7 +11,7 @@ export function intervalAt(ascending: ArrayLike<number>, value: number): number 
   return low;
 }
 
-/** Index of the number that is nearest to a value. */
+/** Index of the number nearest to a value. */
 export function nearestIndex(ascending: ArrayLike<number>, value: number): number {
   const low = intervalAt(ascending, value);
   const high = Math.min(low + 1, ascending.length - 1);

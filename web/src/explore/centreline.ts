@@ -1,8 +1,8 @@
-// A way through the lumen: wide places of the sections, joined so that the way between them is free.
+// A path through the lumen: wide places of the sections, connected so that the path is free.
 import { intervalAt } from "./ascending.ts";
 import type { DistanceField } from "./lumen.ts";
 
-/** Points of the way, one a section, from the isthmus; millimetres. */
+/** Points of the path in millimetres, one per section, from the isthmus end. */
 export interface Centreline {
   x: Float64Array;
   y: Float64Array;
@@ -17,15 +17,19 @@ interface Place {
   clearance: number;
 }
 
-/** Wide places of a section that are considered. */
+/** Maximum number of wide places per section. */
 const PLACES = 32;
-/** Cost of a narrow place: 1 at this clearance in micrometres. */
+/** Clearance at which the cost of a narrow place is 1, micrometres. */
 const NARROW = 30;
-/** Cost of a cell of the way in tissue; crossing a fold costs more than any detour. */
+/** Cost per cell of the path in tissue. Crossing a fold costs more than any detour. */
 const BLOCKED = 100;
 const SMOOTHING = 60;
 
-/** Finds the way through sections at `z` micrometres, given their distance fields; `pause` is awaited between pieces of work. */
+/**
+ * Finds the path through sections at `z` micrometres from their distance fields.
+ *
+ * Awaits `pause` between portions of the work, so that the page stays responsive.
+ */
 export async function centreline(
   fields: readonly DistanceField[],
   z: readonly number[],
@@ -51,7 +55,7 @@ export function positionAt(line: Centreline, z: number, out: { set(x: number, y:
   out.set(x[low]! + (x[high]! - x[low]!) * t, y[low]! + (y[high]! - y[low]!) * t, Math.max(at[0]!, Math.min(at[at.length - 1]!, z)));
 }
 
-/** The way of least cost through one place a section, by dynamic programming. */
+/** The path of minimum cost through one place per section, by dynamic programming. */
 async function cheapest(fields: readonly DistanceField[], z: readonly number[], pause: () => Promise<void>): Promise<Place[]> {
   const choices: Place[][] = [];
   for (const field of fields) {
@@ -88,12 +92,12 @@ function narrowness({ clearance }: Place): number {
   return (NARROW / Math.max(clearance, 1)) ** 2;
 }
 
-/** Cost of going aside. */
+/** Cost of a sideways step. */
 function slope(a: Place, b: Place, dz: number): number {
   return (Math.hypot(b.x - a.x, b.y - a.y) / Math.max(dz, 1)) ** 2;
 }
 
-/** How many cells of the straight way between two sections are in tissue. */
+/** Number of tissue cells on the straight line between two sections. */
 function blocked(a: Place, b: Place, fieldA: DistanceField, fieldB: DistanceField): number {
   const tests = Math.max(4, Math.ceil(Math.hypot(b.x - a.x, b.y - a.y) / fieldA.cell));
   let count = 0;
@@ -106,7 +110,9 @@ function blocked(a: Place, b: Place, fieldA: DistanceField, fieldB: DistanceFiel
   return count;
 }
 
-/** Local maxima of the distance to the mucosa, the widest first, none within another's clearance. */
+/**
+ * Local maxima of the distance to the mucosa, widest first, none within the clearance of another.
+ */
 function widePlaces(field: DistanceField): Place[] {
   const maxima: Place[] = [];
   for (let row = 1; row < field.cells - 1; row++) {
@@ -134,7 +140,10 @@ function isMaximum(field: DistanceField, column: number, row: number, clearance:
   return true;
 }
 
-/** Moves points towards the line between their neighbours, where that keeps half their clearance and the way free. */
+/**
+ * Moves points towards the line between their neighbours, if they keep half their clearance and the
+ * path stays free.
+ */
 async function smooth(
   way: Place[],
   fields: readonly DistanceField[],

@@ -1,4 +1,5 @@
-// Two models side by side, seen from the same place and cut alike; bent ones each from a place of its own.
+// Two models side by side with the same camera and the same cuts. Bent models have separate
+// cameras.
 import type { Model } from "oviduct-client";
 import { useEffect, useMemo, useState } from "preact/hooks";
 import { state } from "../models.ts";
@@ -29,7 +30,7 @@ export default function Compare() {
   const lacking = models?.filter((model) => !model.summary?.certificate) ?? [];
   const comparable = models !== undefined && lacking.length === 0;
   useEffect(() => {
-    // Models that have succeeded change no more.
+    // Models that have succeeded never change.
     if (comparable) return;
     const abort = new AbortController();
     const get = (id: string) => ask((service) => service.get(id, { signal: abort.signal }));
@@ -72,7 +73,7 @@ function Comparison({ models, courses }: { models: readonly [Model, Model]; cour
     const explorations = models.map((model, k) => new Exploration(model, courses[k]));
     const longest = explorations.reduce((a, b) => (b.tube.length > a.tube.length ? b : a)).tube;
     const radius = Math.max(...explorations.map(({ tube }) => tube.radius));
-    // Bent tubes have directions of their own, so each is framed for itself.
+    // Bent tubes point in different directions, so each one is framed separately.
     const view = courses.some(Boolean) ? new View(explorations[0]!.tube, explorations[1]!.tube) : new View({ ...longest, radius });
     return { explorations, view, flight: new Flight(view, longest.length) };
   }, []);
@@ -127,7 +128,7 @@ function nameOf({ preset, seed }: Model): string {
   return `${preset}, seed ${seed}`;
 }
 
-/** Both may have the same preset and seed. */
+/** Name of a model in the comparison; both may have the same preset and seed. */
 function ordinalName(model: Model, k: number): string {
   return `the ${k === 0 ? "first" : "second"} model, ${nameOf(model)}`;
 }

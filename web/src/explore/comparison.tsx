@@ -1,4 +1,4 @@
-// A model beside what is published about its organ and species.
+// A model's measures and published values for its organ and species.
 import { useSignal } from "@preact/signals";
 import { useId } from "preact/hooks";
 import { short } from "../ui/format.ts";
@@ -7,7 +7,7 @@ import type { Comparison } from "./series.ts";
 
 type Compared = Comparison["compared"][number];
 
-/** `7.41 to 9.21`, `at least 5`, `at most 35`; without a range the value. */
+/** `7.41 to 9.21`, `at least 5`, `at most 35`, or the value if there is no range. */
 export function range({ low, high, value }: Pick<Compared, "low" | "high" | "value">): string {
   if (low != null && high != null) return `${short(low)} to ${short(high)}`;
   if (low != null) return `at least ${short(low)}`;
@@ -15,7 +15,7 @@ export function range({ low, high, value }: Pick<Compared, "low" | "high" | "val
   return value == null ? "–" : short(value);
 }
 
-/** `+0.9 SD`: how far from the published mean. */
+/** `+0.9 SD`: the deviation from the published mean. */
 export function deviation(sd: number | null | undefined): string | undefined {
   if (sd == null) return undefined;
   const size = Math.abs(sd).toFixed(1);
@@ -23,7 +23,7 @@ export function deviation(sd: number | null | undefined): string | undefined {
 }
 
 const VERDICTS: Record<Compared["verdict"], string> = { inside: "inside", outside: "outside", no_range: "no range", not_measured: "not measured" };
-/** A measure of the tube itself says of what it is. */
+/** Names of regions. The name of a measure of the tube already says so. */
 const REGIONS: Record<string, string> = { whole: "whole tube", tube: "" };
 
 export function ComparisonTable({ comparison }: { comparison: Comparison }) {
@@ -54,14 +54,14 @@ export function ComparisonTable({ comparison }: { comparison: Comparison }) {
   );
 }
 
-/** ` (mean 8.31, SD 0.9, n = 100)`: what is published beside the range. */
+/** ` (mean 8.31, SD 0.9, n = 100)`: published values in addition to the range. */
 function figures({ value, sd, n }: Compared): string {
   const parts = [value != null && `${sd == null ? "value" : "mean"} ${short(value)}`, sd != null && `SD ${short(sd)}`, n != null && `n = ${n}`];
   const known = parts.filter((part) => part !== false);
   return known.length > 0 ? ` (${known.join(", ")})` : "";
 }
 
-/** A measure; its name opens what is known of the source. */
+/** One measure; clicking its name shows its source. */
 function Row({ one }: { one: Compared }) {
   const open = useSignal(false);
   const id = useId();

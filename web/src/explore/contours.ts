@@ -1,6 +1,6 @@
 // Plane geometry of contours: closed polygons in micrometres, counter-clockwise.
 
-/** Coordinates of a closed polygon, one element a point. */
+/** Coordinates of a closed polygon, one element per point. */
 export interface Outline {
   x: ArrayLike<number>;
   y: ArrayLike<number>;
@@ -13,7 +13,7 @@ export interface Box {
   y1: number;
 }
 
-/** Area, square micrometres; negative if the outline is clockwise. */
+/** Area in square micrometres; negative if the outline is clockwise. */
 export function area({ x, y }: Outline): number {
   let twice = 0;
   for (let i = 0, j = x.length - 1; i < x.length; j = i++) twice += x[j]! * y[i]! - x[i]! * y[j]!;
@@ -27,7 +27,7 @@ export function perimeter({ x, y }: Outline): number {
   return length;
 }
 
-/** Whether a point is inside, by the even-odd rule. */
+/** True if the point is inside, by the even-odd rule. */
 export function contains({ x, y }: Outline, px: number, py: number): boolean {
   let inside = false;
   for (let i = 0, j = x.length - 1; i < x.length; j = i++) {
@@ -37,7 +37,7 @@ export function contains({ x, y }: Outline, px: number, py: number): boolean {
   return inside;
 }
 
-/** Index of the point of the outline nearest to (px, py), and its distance in micrometres. */
+/** Index of the outline's point nearest to (px, py), and its distance in micrometres. */
 export function nearest({ x, y }: Outline, px: number, py: number): { index: number; distance: number } {
   let [index, least] = [0, Infinity];
   for (let i = 0; i < x.length; i++) {
@@ -58,7 +58,7 @@ export function boundsOf({ x, y }: Outline): Box {
   return box;
 }
 
-/** Data of an SVG path; hundredths of a micrometre are kept. */
+/** Data of an SVG path, rounded to hundredths of a micrometre. */
 export function pathData({ x, y }: Outline): string {
   let data = "";
   for (let i = 0; i < x.length; i++) data += `${i === 0 ? "M" : "L"}${round(x[i]!)} ${round(y[i]!)}`;

@@ -1,4 +1,4 @@
-// The contraction of a model: loads its animation when it is asked for, plays it and moves to places in it.
+// The contraction of a model: loads its animation on request, plays it, and seeks in it.
 import { batch, computed, effect, signal } from "@preact/signals";
 import type { Model, ModelFile } from "oviduct-client";
 import { ask, explain } from "../service.ts";
@@ -7,23 +7,23 @@ import type { Tube } from "./framing.ts";
 import type { View } from "./view.ts";
 import { readMotion, type Motion } from "./viewer/motion.ts";
 
-/** Milliseconds between the times that are told to controls and link while playing. */
+/** Milliseconds between updates of the controls and the link while the animation plays. */
 const TOLD = 100;
 
 export class Contraction {
-  /** The animation, if the model has one. */
+  /** The animation file, if the model has one. */
   readonly file: ModelFile | undefined;
   readonly motion = signal<Motion | undefined>(undefined);
-  /** Bytes of the animation that have come while it is loaded. */
+  /** Number of bytes received while the animation loads. */
   readonly loading = signal<number | undefined>(undefined);
-  /** Why it did not come. */
+  /** Reason why loading failed. */
   readonly fault = signal<string | undefined>(undefined);
   readonly playing = signal(false);
-  /** The motion while it is shown in place of the tube at rest. */
+  /** The motion, while it is shown instead of the tube at rest. */
   readonly shown = computed(() => (this.#asked.value ? this.motion.value : undefined));
-  /** Time for the controls, part of the period. */
+  /** Time for the controls, as a fraction of the period. */
   readonly phase = signal(0);
-  /** Called when the motion has moved. */
+  /** Called after the motion has changed the surface. */
   onMove: (() => void) | undefined;
   readonly #asked = computed(() => this.#view.phase.value !== undefined);
   readonly #model: Model;
@@ -56,7 +56,7 @@ export class Contraction {
     this.#leave = [load, follow, begin];
   }
 
-  /** Shows the first frame, and plays unless the user asks for less motion. */
+  /** Shows the first frame; plays unless the user prefers reduced motion. */
   start(): void {
     this.#view.phase.value ??= 0;
     this.playing.value = !stillness.peek();
@@ -67,7 +67,7 @@ export class Contraction {
     this.playing.value = !this.playing.peek();
   }
 
-  /** Stops at a part of the period. */
+  /** Stops at a fraction of the period. */
   seek(phase: number): void {
     this.playing.value = false;
     this.#view.phase.value = phase;
@@ -78,7 +78,7 @@ export class Contraction {
     this.#view.phase.value = undefined;
   }
 
-  /** Loads the animation unless it is there, or is being loaded. */
+  /** Loads the animation unless it is loaded or loading. */
   async load(): Promise<void> {
     const { file } = this;
     if (!file || this.motion.peek() || this.loading.peek() !== undefined) return;
@@ -102,7 +102,7 @@ export class Contraction {
     }
   }
 
-  /** Moves on to the time of a frame of the picture, outside effects; whether it goes on. */
+  /** Advances to the time of a frame, outside effects; returns true while the animation plays. */
   advance = (now: number): boolean => {
     const motion = this.shown.value;
     if (!this.playing.value || !motion) return false;
@@ -128,7 +128,7 @@ export class Contraction {
   }
 }
 
-/** The frame that is shown, or was last, and the time in seconds. */
+/** Text for the shown frame and the time in seconds. */
 export function timeInWords(phase: number, { frames, period }: Pick<Motion, "frames" | "period">): string {
   // The last frame is one step before the end of the period.
   const frame = Math.floor(phase * frames + 1e-6) % frames;

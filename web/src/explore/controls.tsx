@@ -1,4 +1,4 @@
-// Controls of the 3D picture: views, cuts, parts, detail and flight.
+// Controls of the 3D picture: views, cuts, parts, levels of detail and flight.
 import { useComputed, type Signal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { useId } from "preact/hooks";
@@ -37,7 +37,7 @@ export function ViewButtons({ view }: { view: View }) {
   );
 }
 
-/** `tubes` are those that are cut. */
+/** `tubes` are the tubes to cut. */
 export function CutPanel({ view, tubes }: { view: View; tubes: readonly Tube[] }) {
   const flying = view.flying.value;
   return (
@@ -97,10 +97,10 @@ export function DetailPanel({ exploration, contraction }: { exploration: Explora
   );
 }
 
-/** Millimetres by which tubes of the same length may differ. */
+/** Tolerance in millimetres for equal lengths of tubes. */
 const ROUNDING = 1e-3;
 
-/** Flies through all tubes at once. */
+/** Flies through all tubes simultaneously. */
 export function FlightPanel({ explorations, view, flight }: { explorations: readonly Exploration[]; view: View; flight: Flight }) {
   const ready = explorations.every(({ survey }) => survey.value);
   const failed = explorations.some(({ sectionsFault }) => sectionsFault.value !== undefined);
@@ -167,7 +167,7 @@ interface SliderProps {
   max: number;
   step: number;
   text: (value: number) => string;
-  /** Takes a new value in place of `value`. */
+  /** Called with the new value; the caller updates `value`. */
   onInput?: (value: number) => void;
 }
 

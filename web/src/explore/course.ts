@@ -1,18 +1,19 @@
-// The centre line that a bent tube follows. Lengths are in millimetres, places along it from the isthmus end of the model.
+// The centre line of a bent tube.
+// Lengths are in millimetres; positions along the line start at the isthmus end of the model.
 import type { Course as CourseDocument, Model } from "oviduct-client";
 import { intervalAt } from "./ascending.ts";
 
-/** Takes x, y and z. */
+/** Receives x, y and z. */
 interface Target {
   set(x: number, y: number, z: number): unknown;
 }
 
-/** Numbers of a point of the centre line: position, u, v and tangent. */
+/** Numbers per point of the centre line: position, u, v and tangent. */
 const STRIDE = 12;
-/** Vertices so near to an end are on it: their positions are rounded. */
+/** Distance below which a vertex counts as lying on an end, because positions are rounded. */
 const AT_END = 0.001;
 
-/** Whether the tube of a model is bent or turned about its axis. */
+/** True if the tube of a model is bent or twisted about its axis. */
 export function isBent({ spec }: Pick<Model, "spec">): boolean {
   const course = spec?.["course"] as { shape?: string; twist_deg?: number } | undefined;
   return course !== undefined && (course.shape !== "straight" || Boolean(course.twist_deg));
@@ -20,14 +21,14 @@ export function isBent({ spec }: Pick<Model, "spec">): boolean {
 
 export class Course {
   readonly tortuosity: number;
-  /** Distance of the ends of the whole tube. */
+  /** Distance between the ends of the whole tube. */
   readonly endDistance: number;
-  /** How far the whole tube is turned about it, degrees. */
+  /** Twist of the whole tube about its centre line, degrees. */
   readonly turned: number;
-  /** Where the model begins along the whole tube. */
+  /** Position along the whole tube at which the model begins. */
   readonly begin: number;
   readonly length: number;
-  /** The box around the centre line. */
+  /** Bounding box of the centre line. */
   readonly low: readonly [number, number, number];
   readonly high: readonly [number, number, number];
   readonly #places: Float64Array;
@@ -46,22 +47,25 @@ export class Course {
     this.high = extreme(Math.max) as [number, number, number];
   }
 
-  /** Whether the tube is only turned about its centre line. */
+  /** True if the tube is only twisted about its centre line. */
   get isStraight(): boolean {
     return this.tortuosity - 1 < 1e-9;
   }
 
-  /** Where the point (x, y, z) of the straight tube is; beyond its ends, the bent tube goes straight on. */
+  /**
+   * Bends the point (x, y, z) of the straight tube. Beyond its ends, the bent tube continues
+   * straight.
+   */
   bend(x: number, y: number, z: number, out: Target): void {
     this.#combine(z, 1, x, y, Math.min(z, 0) + Math.max(z - this.length, 0), out);
   }
 
-  /** Where a direction of the straight tube points in the bent one, at a place. */
+  /** Direction in the bent tube of a direction of the straight tube, at a position. */
   turn(x: number, y: number, z: number, place: number, out: Target): void {
     this.#combine(place, 0, x, y, z, out);
   }
 
-  /** Writes a sum of the position, u, v and tangent at a place to `out`. */
+  /** Writes a weighted sum of position, u, v and tangent at a place to `out`. */
   #combine(place: number, position: number, u: number, v: number, tangent: number, out: Target): void {
     const at = this.#places;
     const frames = this.#frames;
@@ -83,8 +87,11 @@ export class Course {
   }
 
   /**
-   * Where the vertices of a part of the bent surface are in the straight tube: x and y of their cross sections, and their places.
-   * A wall may be nearer to another part of the centre line than to its own, so each vertex is looked for near a neighbour.
+   * Positions of a bent surface's vertices in the straight tube: x and y in the cross section, and
+   * the position along the tube.
+   *
+   * A wall may be closer to another part of the centre line than to its own. Each vertex is
+   * therefore searched from the result of a neighbour.
    */
   straighten(positions: Float32Array, index: ArrayLike<number>): Float32Array {
     const straight = new Float32Array(positions.length).fill(NaN);
@@ -95,7 +102,7 @@ export class Course {
       const first = this.#nearestToEnd(positions, index, isKnown);
       if (!first) return straight;
       place(first.vertex, first.span);
-      // Forwards and back: neighbours are mostly near in the index too.
+      // Forwards and backwards alternately, because neighbours are usually close in the index.
       for (let [changed, step] = [true, 3]; changed; step = -step) {
         changed = false;
         for (let t = step > 0 ? 0 : index.length - 3; t >= 0 && t < index.length; t += step) {
@@ -111,7 +118,11 @@ export class Course {
     }
   }
 
-  /** The vertex nearest to an end of the centre line, and the span there: no other part of the tube is so near to an end. */
+  /**
+   * The vertex nearest to an end of the centre line, and its span.
+   *
+   * No other part of the tube is that close to an end.
+   */
   #nearestToEnd(positions: Float32Array, index: ArrayLike<number>, isKnown: (vertex: number) => boolean): { vertex: number; span: number } | undefined {
     const last = this.#places.length - 1;
     let [found, least] = [undefined as { vertex: number; span: number } | undefined, Infinity];
@@ -129,7 +140,11 @@ export class Course {
     return found;
   }
 
-  /** Writes where a vertex is in the straight tube, looking along the centre line from a span of it; returns the span of its place. */
+  /**
+   * Writes the straight position of a vertex, searching along the centre line from `span`.
+   *
+   * Returns the span of the result.
+   */
   #straightenVertex(positions: Float32Array, vertex: number, span: number, out: Float32Array): number {
     const p = 3 * vertex;
     const x = positions[p]!;
@@ -148,14 +163,14 @@ export class Course {
     return k;
   }
 
-  /** How far a point is ahead of the cross section at a point of the centre line. */
+  /** Distance of a point ahead of the cross section at a point of the centre line. */
   #ahead(k: number, x: number, y: number, z: number): number {
     const f = this.#frames;
     const i = STRIDE * k;
     return (x - f[i]!) * f[i + 9]! + (y - f[i + 1]!) * f[i + 10]! + (z - f[i + 2]!) * f[i + 11]!;
   }
 
-  /** How far a point is aside of the centre line, in the direction that is `offset` numbers into a frame. */
+  /** Distance of a point from the centre line in the direction at `offset` in a local frame. */
   #aside(k: number, t: number, offset: number, x: number, y: number, z: number): number {
     const f = this.#frames;
     const i = STRIDE * k;

@@ -1,4 +1,4 @@
-// Loads the courses of bent models before they are explored; straight ones need none.
+// Loads the courses of bent models before they are explored. Straight models need none.
 import type { Model } from "oviduct-client";
 import type { VNode } from "preact";
 import { useEffect, useState } from "preact/hooks";
@@ -7,7 +7,9 @@ import { reconnections } from "../stream.ts";
 import { Notice } from "../ui/widgets.tsx";
 import { Course, isBent } from "./course.ts";
 
-/** Of each model its course, undefined for a straight one; or what is to be shown until they are there. */
+/**
+ * The course of each model (undefined for a straight one), or the content to show while loading.
+ */
 type Loaded = { courses: readonly (Course | undefined)[]; instead?: undefined } | { courses?: undefined; instead: VNode };
 
 export function useCourses(models: readonly Model[]): Loaded {

@@ -1,21 +1,21 @@
-// What is drawn at a place along the tube: a planar cut of the surface, or the section of the simulation in its stead.
+// Shape at a position along the tube: a planar cut of the surface, or else the simulated section.
 import type { Cut, RingKind, Section } from "oviduct-client";
 import { area, boundsOf, type Box, type Outline } from "./contours.ts";
 
 /** A closed contour, micrometres. */
 export interface Contour extends Outline {
   kind: RingKind;
-  /** Area within it, with all that it surrounds, square micrometres. */
+  /** Area within the contour, including everything it surrounds, square micrometres. */
   area: number;
 }
 
 export interface CrossSection {
   source: "surface" | "simulation";
-  /** Each comes after those that surround it. */
+  /** Contours, each after the contours that surround it. */
   contours: readonly Contour[];
-  /** Islands included, square micrometres. */
+  /** Area including islands, square micrometres. */
   tissue: number;
-  /** Pockets included, without islands, square micrometres. */
+  /** Area including pockets and excluding islands, square micrometres. */
   lumen: number;
 }
 
@@ -32,7 +32,7 @@ export function ofSection({ inner, outer }: Pick<Section, "inner" | "outer">): C
   return { source: "simulation", contours, tissue: whole - lumen, lumen };
 }
 
-/** Around all tissue. */
+/** Bounding box of all tissue. */
 export function extentOf({ contours }: CrossSection): Box {
   const boxes = contours.filter(({ kind }) => kind === "tissue").map(boundsOf);
   return {
@@ -49,7 +49,7 @@ export function areas({ contours }: CrossSection, wanted: RingKind): number[] {
 
 const NAMES: Record<RingKind, string> = { tissue: "outer wall", lumen: "mucosa", island: "island", pocket: "pocket" };
 
-/** `mucosa`, `island 2`: a name for each contour. */
+/** A name for each contour, such as `mucosa` or `island 2`. */
 export function names({ contours }: CrossSection): string[] {
   const counts = new Map<RingKind, number>();
   const total = (wanted: RingKind) => contours.filter(({ kind }) => kind === wanted).length;

@@ -1,7 +1,7 @@
 // Planar cuts of the surface of a model.
 import { OviductError, type Cut } from "oviduct-client";
 
-/** A cut, or why there is none: in this plane, or in any. */
+/** A cut, or the reason why there is none: in this plane, or in any plane (`ever`). */
 export type Answer = { cut: Cut } | { cut?: undefined; why: string; ever: boolean };
 
 const REASONS = {
@@ -10,14 +10,14 @@ const REASONS = {
   "cut-not-found": { why: "the plane does not meet the surface", ever: false },
 } as const;
 
-/** What a refusal means for the page; undefined for one that is an error. */
+/** The meaning of a refusal; undefined if it is an error. */
 export function refusal(error: unknown): Answer | undefined {
   if (!(error instanceof OviductError)) return undefined;
   const slug = (Object.keys(REASONS) as (keyof typeof REASONS)[]).find((slug) => error.is(slug));
   return slug && REASONS[slug];
 }
 
-/** What the page makes of an answer; rejects with what is an error. */
+/** Result of a request for a cut; rejects with errors. */
 export async function answered(answer: Promise<Cut>): Promise<Answer> {
   try {
     return { cut: await answer };
@@ -28,10 +28,10 @@ export async function answered(answer: Promise<Cut>): Promise<Answer> {
   }
 }
 
-/** How far from the ends planes are, micrometres: they would touch the caps. */
+/** Minimum distance of planes from the ends, micrometres, so that they do not touch the caps. */
 const INSIDE = 0.5;
 
-/** The place of the plane for a section: that of the section, but within the surface, which reaches from `low` to `high`. */
+/** Position of the plane for a section, limited to the surface between `low` and `high`. */
 export function planeAt(z_um: number, low: number, high: number): number {
   return Math.max(low + INSIDE, Math.min(high - INSIDE, z_um));
 }

@@ -65,7 +65,7 @@ function Download({ id, file }: { id: string; file: ModelFile }) {
   );
 }
 
-/** Lower-case hex; browsers have hashes in secure contexts only. */
+/** SHA-256 in lower-case hexadecimal. Browsers have hash functions only in secure contexts. */
 async function sha256(data: ArrayBuffer): Promise<string> {
   const digest = new Uint8Array(await crypto.subtle.digest("SHA-256", data));
   return Array.from(digest, (byte) => byte.toString(16).padStart(2, "0")).join("");

@@ -1,4 +1,4 @@
-// What is loaded of one model that is explored: levels of detail, sections, and what is computed from them.
+// Loaded data of one explored model: levels of detail, sections, and results computed from them.
 import { batch, computed, signal } from "@preact/signals";
 import type { Model, Report, Sections } from "oviduct-client";
 import { ask, explain } from "../service.ts";
@@ -19,17 +19,17 @@ export class Exploration {
   readonly tube: Tube;
   readonly levels: readonly Level[];
   readonly surface = signal<Surface | undefined>(undefined);
-  /** Level that `surface` is of. */
+  /** Level of detail of `surface`. */
   readonly level = signal<Level | undefined>(undefined);
-  /** The level that is being loaded, and how many of its bytes have come. */
+  /** The loading level of detail, and the number of its received bytes. */
   readonly loading = signal<{ level: Level; received: number } | undefined>(undefined);
-  /** Why a level did not come, and what is left to load: that level, then those that were to follow. */
+  /** Reason why a level of detail failed, and the levels left to load, starting with that level. */
   readonly surfaceFault = signal<{ reason: string; left: readonly Level[] } | undefined>(undefined);
   readonly sections = signal<Sections | undefined>(undefined);
   readonly sectionsFault = signal<string | undefined>(undefined);
-  /** Planar cuts by the index of the section in whose place they are. */
+  /** Planar cuts by the index of the section that they replace. */
   readonly cuts = new Latest<Answer>(120, 30);
-  /** Why no plane can cut the surface. */
+  /** Reason why no plane can cut the surface. */
   readonly uncut = signal<string | undefined>(undefined);
   /** Pictures of cross sections. */
   readonly pictures = new Latest<Picture>(200, 8, ({ url }) => URL.revokeObjectURL(url));
@@ -37,20 +37,24 @@ export class Exploration {
   readonly report = signal<Report | undefined>(undefined);
   readonly reportFault = signal<string | undefined>(undefined);
   readonly measurement = new Measurement();
-  /** Sections by their fraction of the tube's length. */
+  /** Positions of the sections as fractions of the tube's length. */
   readonly fractions = computed(() => this.sections.value?.entries.map(({ z_um }) => (z_um / 1000 - this.tube.begin) / this.tube.length) ?? []);
   readonly #abort = new AbortController();
   #surfaceLoad = new AbortController();
   #leave = () => {};
 
-  /** Bent models need their course. */
+  /** Bent models require their course. */
   constructor(model: Model, course?: Course) {
     this.model = model;
     this.levels = levelsOf(model);
     this.tube = tubeOf(model, course);
   }
 
-  /** Loads sections and report; the surface is loaded once a picture can show it. What fails is repeated when the service is back. */
+  /**
+   * Loads sections and report; failed requests are repeated when the service is available again.
+   *
+   * The surface is loaded later, when a picture can show it.
+   */
   start(): void {
     void this.loadSections();
     void this.loadReport();
@@ -63,24 +67,24 @@ export class Exploration {
     });
   }
 
-  /** Loads the lightest level, then better ones as far as the device is fit for them. */
+  /** Loads the coarsest level of detail, then finer ones as far as the device can show them. */
   async loadSurface(): Promise<void> {
     const present = device();
     if (!present) return;
     await this.#loadLevels(this.levels.slice(0, automaticLevel(this.levels, present) + 1));
   }
 
-  /** Loads a level in place of the present one. */
+  /** Replaces the current level of detail by another one. */
   loadLevel(level: Level): Promise<void> {
     return this.#loadLevels([level]);
   }
 
-  /** Loads what a fault has left. */
+  /** Loads the levels of detail that a failure left. */
   retrySurface(): Promise<void> {
     return this.#loadLevels(this.surfaceFault.peek()?.left ?? []);
   }
 
-  /** Loads levels in turn, each in place of the one before. Another call ends this one. */
+  /** Loads levels of detail one after the other. Another call ends this one. */
   async #loadLevels(levels: readonly Level[]): Promise<void> {
     this.#surfaceLoad.abort();
     this.#surfaceLoad = new AbortController();
@@ -107,7 +111,7 @@ export class Exploration {
     onProgress(0);
     const file = await ask((service) => service.bytes(this.model.id, level.file.name, { onProgress, signal }));
     const { begin, course } = this.tube;
-    // Along a course, places of a piece are not those of an axis.
+    // Along a course, the positions of a piece do not refer to an axis.
     const surface = await readSurface(file, course ? 0 : begin, course);
     signal.throwIfAborted();
     batch(() => {
@@ -148,7 +152,7 @@ export class Exploration {
   }
 }
 
-/** How much wider a bent tube may be where it is not at the sides of its box. */
+/** Factor by which a bent tube may be wider than at the sides of its bounding box. */
 const ELSEWHERE = 1.15;
 
 function tubeOf({ summary }: Model, course: Course | undefined): Tube {
@@ -156,7 +160,7 @@ function tubeOf({ summary }: Model, course: Course | undefined): Tube {
   if (!bounds) throw new Error("The model has no certificate.");
   const [low, high] = bounds;
   if (course) {
-    // The walls are at least so far from the centre line.
+    // Lower bounds of the distance between walls and centre line.
     const beyond = [0, 1, 2].flatMap((axis) => [high[axis]! / 1000 - course.high[axis]!, course.low[axis]! - low[axis]! / 1000]);
     return { x: 0, y: 0, radius: ELSEWHERE * Math.max(...beyond), begin: course.begin, length: course.length, course };
   }

@@ -1,4 +1,4 @@
-// Explores a finished model: in 3D, section by section, by its figures and files.
+// Explores a finished model: in 3D, section by section, by its measures and files.
 import type { Model } from "oviduct-client";
 import { useEffect, useMemo } from "preact/hooks";
 import { Notice } from "../ui/widgets.tsx";

@@ -1,4 +1,4 @@
-// What the files of a model hold, by their names (docs/files.md).
+// Contents of a model's files by name (docs/files.md).
 
 const WHOLE: Record<string, string> = {
   "model.lod0.glb": "Surface for browsers, every triangle",
@@ -28,7 +28,7 @@ const FORMATS: Record<string, string> = {
   vtp: "VTK",
 };
 
-/** What a file holds; undefined if its name is not known. */
+/** Content of a file; undefined for an unknown name. */
 export function subjectOf(name: string): string | undefined {
   if (Object.hasOwn(WHOLE, name)) return WHOLE[name];
   const [, body = "", format = ""] = /^([^.]*)\.(.*)$/.exec(name) ?? [];

@@ -1,14 +1,14 @@
-// Moving through the lumen: play, pause, speed and keys.
+// Flight through the lumen: play, pause, speed and keys.
 import { effect, signal } from "@preact/signals";
 import { stillness } from "../ui/theme.ts";
 import type { View } from "./view.ts";
 
-/** Millimetres a second. */
+/** Millimetres per second. */
 export const SPEEDS = [0.5, 1, 2, 4] as const;
-/** Millimetres that a key moves. */
+/** Millimetres per key press. */
 const STEP = 0.1;
 const BIG_STEP = 1;
-/** Milliseconds between the positions that are told to controls and link while playing. */
+/** Milliseconds between updates of the controls and the link during the flight. */
 const TOLD = 100;
 
 export class Flight {
@@ -36,7 +36,11 @@ export class Flight {
     this.#leave = [follow, play];
   }
 
-  /** Enters the lumen at the isthmus end, or where the flight was; moves unless the user asks for less motion. */
+  /**
+   * Enters the lumen at the last position, or at the isthmus end.
+   *
+   * Starts to move unless the user prefers reduced motion.
+   */
   start(): void {
     this.#view.flight.value ??= 0;
     this.playing.value = !stillness.peek();
@@ -57,7 +61,7 @@ export class Flight {
     if (flight.peek() !== undefined) flight.value = Math.max(0, Math.min(1, flown + millimetres / this.#length));
   }
 
-  /** Whether the key was used. */
+  /** Handles a key; returns true if the key has a function. */
   key = (key: string): boolean => {
     const step = { ArrowUp: STEP, ArrowRight: STEP, ArrowDown: -STEP, ArrowLeft: -STEP, PageUp: BIG_STEP, PageDown: -BIG_STEP }[key];
     if (step !== undefined) this.move(step);
@@ -73,7 +77,7 @@ export class Flight {
     for (const leave of this.#leave) leave();
   }
 
-  /** Moves on to the time of a frame, outside effects; whether it goes on. */
+  /** Advances to the time of a frame, outside effects; returns true while the flight continues. */
   advance = (now: number): boolean => {
     if (!this.playing.value) return false;
     const view = this.#view;

@@ -1,18 +1,21 @@
-// Standard views: how far away the camera must be for the tube to fill the picture.
+// Standard views: the camera distance at which the tube fills the picture.
 import type { Course } from "./course.ts";
 import type { Placement, StandardView } from "./pose.ts";
 
-/** A tube along z, millimetres; or along its course, of which z is then the place. */
+/** A tube along z in millimetres, or along its course, where z is the position along the course. */
 export interface Tube {
-  /** Where it begins along the whole tube, if it is a piece of it. Here, its lower end is at z = 0. */
+  /**
+   * Position of the lower end along the whole tube, for a piece. In these coordinates, that end is
+   * at z = 0.
+   */
   begin: number;
   length: number;
-  /** Of the smallest cylinder around it. */
+  /** Radius of the smallest cylinder around the tube. */
   radius: number;
-  /** Centre of its cross section. */
+  /** Centre of the cross section. */
   x: number;
   y: number;
-  /** If it is bent. */
+  /** Course of a bent tube. */
   course?: Course | undefined;
 }
 
@@ -22,13 +25,13 @@ export interface Kept {
   to: number;
 }
 
-/** Vertical angle of the camera's view, degrees. */
+/** Vertical angle of view of the camera, degrees. */
 export const FIELD = 35;
-/** Part of the picture that the tube may fill. */
+/** Fraction of the picture that the tube may fill. */
 const FILLED = 0.9;
 const AROUND = 24;
 
-/** The placement for a view of what is kept of a tube; `aspect` is the picture's width by its height. */
+/** The camera placement for a view of the kept part of a tube; `aspect` is width by height. */
 export function standardView(view: StandardView, tube: Tube, kept: Kept, aspect: number): Placement {
   const { course } = tube;
   switch (view) {
@@ -42,29 +45,29 @@ export function standardView(view: StandardView, tube: Tube, kept: Kept, aspect:
       return frame(tube, kept, -90, 0, aspect);
     case "whole":
       if (course && !course.isStraight) return frame(tube, kept, ...broadest(tube, course, aspect), aspect);
-      // From the ampulla end, receding: across a wide picture, up a tall one.
+      // Seen from the ampulla end: across a wide picture, or up a tall one.
       return aspect > 1 ? frame(tube, kept, -24, 10, aspect) : frame(tube, kept, -9, 20, aspect);
   }
 }
 
-/** Pixels of a millimetre at a distance from the camera, in a picture of so many pixels height. */
+/** Pixels per millimetre at a distance from the camera, in a picture of this height. */
 export function pixelsPerMillimetre(distance: number, height: number): number {
   return height / (2 * distance * Math.tan(((FIELD / 2) * Math.PI) / 180));
 }
 
-/** How far before the camera a point is, along the line of sight; millimetres. */
+/** Distance of a point in front of the camera along the line of sight, millimetres. */
 export function depthOf(camera: Placement, { length }: Pick<Tube, "length">, point: { x: number; y: number; z: number }): number {
   const [a, e] = [(camera.azimuth * Math.PI) / 180, (camera.elevation * Math.PI) / 180];
   const [dx, dy, dz] = [point.x - camera.x, point.y - camera.y, point.z - camera.z * length];
   return camera.distance - (dx * Math.cos(e) * Math.sin(a) + dy * Math.sin(e) + dz * Math.cos(e) * Math.cos(a));
 }
 
-/** Where the tube is along z, in its lengths. */
+/** Extent of the tube along z, as fractions of its length. */
 export function reachOf({ course, length }: Tube): readonly [number, number] {
   return course ? [course.low[2] / length, course.high[2] / length] : [0, 1];
 }
 
-/** The point of the axis in the middle. */
+/** The middle point of the axis. */
 export function middleOf({ x, y, length, course }: Tube): { x: number; y: number; z: number } {
   const middle = new Point();
   middle.set(x, y, length / 2);
@@ -72,18 +75,24 @@ export function middleOf({ x, y, length, course }: Tube): { x: number; y: number
   return { x: middle.x, y: middle.y, z: middle.z };
 }
 
-/** Points of the centre line that views of a bent tube are fitted to. */
+/** Number of points of the centre line to which views of a bent tube are fitted. */
 const ALONG = 96;
-/** Directions that are tried for the view of the whole, degrees apart, and their elevations: from steeply above a tube hardly turns. */
+/**
+ * Step and range of tested directions for the view of the whole tube, degrees.
+ *
+ * Seen from steeply above, a tube hardly seems to turn.
+ */
 const STEP = 5;
 const ELEVATIONS = [-15, 60] as const;
-/** Cosine of the angle by which they may be away from that of the least depth. */
+/** Cosine of the maximum angle between these directions and the direction of minimum depth. */
 const AWAY = Math.cos((32 * Math.PI) / 180);
-/** What it is worth in size to see on to the face of the ampulla, and to have the isthmus at the left or above. */
+/**
+ * Weights, relative to size, of seeing the ampulla's face and of having the isthmus left or above.
+ */
 const FACE = 0.25;
 const ORDER = 0.15;
 
-/** On to an end from beyond it. */
+/** View of an end from beyond it. */
 function facing(tube: Tube, course: Course, at: number, sign: number, aspect: number): Placement {
   const [back, target] = [new Point(), new Point()];
   course.turn(0, 0, sign, at * tube.length, back);
@@ -93,7 +102,7 @@ function facing(tube: Tube, course: Course, at: number, sign: number, aspect: nu
   return { x: target.x, y: target.y, z: target.z / tube.length, azimuth, elevation, distance: endDistance(tube, aspect) };
 }
 
-/** Azimuth and elevation from which the course has little depth, so that it is broad in the picture, with its ends well placed. */
+/** Azimuth and elevation from which the course has little depth and well placed ends. */
 function broadest({ radius }: Tube, course: Course, aspect: number): [number, number] {
   const points = courseOf(course);
   const face = new Point();
@@ -114,7 +123,7 @@ function broadest({ radius }: Tube, course: Course, aspect: number): [number, nu
   return [azimuth, elevation];
 }
 
-/** Directions from all sides, between two elevations. */
+/** Directions all around, between two elevations. */
 function around(lowest: number, highest: number): Directions[] {
   const elevations = Array.from({ length: (highest - lowest) / STEP + 1 }, (_, i) => lowest + i * STEP);
   return elevations.flatMap((elevation) => Array.from({ length: 360 / STEP }, (_, i) => directions(i * STEP - 180, elevation)));
@@ -125,7 +134,7 @@ function least<T>(choices: readonly T[], cost: (choice: T) => number): T {
   return choices[costs.indexOf(Math.min(...costs))]!;
 }
 
-/** The angle of a lengthwise cut that opens a bent tube towards the view of the whole. */
+/** Angle of a lengthwise cut that opens a bent tube towards the view of the whole tube. */
 export function openingAngle(tube: Tube, course: Course, aspect: number): number {
   const { back } = directions(...broadest(tube, course, aspect));
   const point = new Point();
@@ -163,7 +172,7 @@ function endDistance({ radius }: Tube, aspect: number): number {
   return radius / (Math.tan(((FIELD / 2) * Math.PI) / 180) * Math.min(aspect, 1) * FILLED);
 }
 
-/** The nearest placement in a direction from which all of it is seen. */
+/** The nearest placement in a direction from which the whole kept part is visible. */
 function frame(tube: Tube, kept: Kept, azimuth: number, elevation: number, aspect: number): Placement {
   const { back, right, up } = directions(azimuth, elevation);
   const slopeY = Math.tan(((FIELD / 2) * Math.PI) / 180) * FILLED;
@@ -184,7 +193,7 @@ function frame(tube: Tube, kept: Kept, azimuth: number, elevation: number, aspec
 
 type Triple = readonly [number, number, number];
 
-/** Towards the camera, and to the right and up in its picture. */
+/** Direction towards the camera, and the directions right and up in its picture. */
 interface Directions {
   azimuth: number;
   elevation: number;
@@ -204,7 +213,7 @@ function directions(azimuth: number, elevation: number): Directions {
   };
 }
 
-/** Points around what is kept of a tube: around its ends, and along a bent one. */
+/** Points around the kept part of a tube: around its ends, and along a bent tube. */
 function outermost({ x, y, radius, length, course }: Tube, { from, to }: Kept): Triple[] {
   const rings = course ? ALONG : 2;
   const around = course ? AROUND / 3 : AROUND;
@@ -222,7 +231,7 @@ function mean(values: readonly number[]): number {
   return values.reduce((sum, value) => sum + value, 0) / values.length;
 }
 
-/** From the eye to the point of its line of sight that is nearest to the tube's axis, within what is kept. */
+/** Distance from the eye to the point of its line of sight nearest to the axis of the kept part. */
 function distanceToAxis(eye: Triple, back: Triple, tube: Tube, { from, to }: Kept): number {
   const [dx, dy] = [eye[0] - tube.x, eye[1] - tube.y];
   const nearest = (dx * back[0] + dy * back[1]) / (back[0] ** 2 + back[1] ** 2);
@@ -234,7 +243,7 @@ function dot(a: Triple, b: Triple): number {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-/** Where an eye sees points under a slope at most, in one direction of the picture. */
+/** Range of eye positions that see all added points under a limited slope, in one direction. */
 class Extent {
   readonly #slope: number;
   #low = Infinity;
@@ -244,18 +253,18 @@ class Extent {
     this.#slope = slope;
   }
 
-  /** Adds a point by its position across and its height towards the eye. */
+  /** Adds a point by its position across the picture and its height towards the eye. */
   add(at: number, height: number): void {
     this.#high = Math.max(this.#high, at + height * this.#slope);
     this.#low = Math.min(this.#low, at - height * this.#slope);
   }
 
-  /** The least height of the eye. */
+  /** Minimum height of the eye. */
   height(): number {
     return (this.#high - this.#low) / (2 * this.#slope);
   }
 
-  /** Where the eye is in the middle of what it may be. */
+  /** Middle of the range of eye positions. */
   middle(): number {
     return (this.#high + this.#low) / 2;
   }

@@ -1,28 +1,28 @@
-// Loads what is wanted last, and not what is passed on the way there.
+// Loads the latest requested value and skips values that were requested only briefly.
 import { batch, effect, signal } from "@preact/signals";
 
-/** What came of a request. */
+/** Result of a request. */
 export type Outcome<T> = { key: string; value: T; fault?: undefined } | { key: string; value?: undefined; fault: unknown };
 
 type Load<T> = (signal: AbortSignal) => Promise<T>;
 
 export class Latest<T> {
-  /** The last one that came: it stays until that of another key is there. */
+  /** The last result; it stays until the result for another key arrives. */
   readonly outcome = signal<Outcome<T> | undefined>(undefined);
-  /** Key that is being loaded, or will be. */
+  /** Key that is being loaded or will be. */
   readonly awaited = signal<string | undefined>(undefined);
   readonly #pause: number;
   readonly #kept: number;
   readonly #drop: (value: T) => void;
-  /** What has come, the least recently used first. */
+  /** Loaded values, least recently used first. */
   readonly #known = new Map<string, T>();
   #wanted: { key: string; load: Load<T> } | undefined;
   #abort = new AbortController();
 
   /**
-   * @param pause Milliseconds for which a key must be wanted before it is loaded.
-   * @param kept How many values are kept.
-   * @param drop Called with each value that is not kept any longer.
+   * @param pause Milliseconds for which a key must stay requested before it is loaded.
+   * @param kept Maximum number of kept values.
+   * @param drop Called with each dropped value.
    */
   constructor(pause: number, kept: number, drop: (value: T) => void = () => {}) {
     this.#pause = pause;
@@ -30,19 +30,19 @@ export class Latest<T> {
     this.#drop = drop;
   }
 
-  /** Asks for the value of a key, which `load` gives. What was wanted before is aborted. */
+  /** Requests the value of a key, which `load` returns. Aborts the previous request. */
   want(key: string, load: Load<T>): void {
     if (this.#wanted?.key === key) return;
     this.#wanted = { key, load };
     this.#start(this.#pause);
   }
 
-  /** Loads once more what has failed. */
+  /** Repeats the failed request. */
   again(): void {
     if (this.#wanted && this.outcome.peek()?.key === this.#wanted.key && this.outcome.peek()?.fault !== undefined) this.#start(0);
   }
 
-  /** Resolves when nothing is awaited. */
+  /** Resolves when no request is pending. */
   settled(): Promise<void> {
     return new Promise((resolve) => {
       const leave = effect(() => {
@@ -51,7 +51,7 @@ export class Latest<T> {
     });
   }
 
-  /** Asks for nothing more. */
+  /** Stops all requests. */
   stop(): void {
     this.#abort.abort();
     this.#wanted = undefined;

@@ -1,10 +1,13 @@
-// Keeps what is shown in the link of the page.
+// Keeps the view in the link of the page.
 import { effect } from "@preact/signals";
 import { keepQuery, route, setQuerySoon } from "../router.ts";
 import { readSpot, writeSpot, type Measurement } from "./measure.ts";
 import { readView, writeView, type View } from "./view.ts";
 
-/** Restores the view from the link, and writes it there until the function that is returned is called. */
+/**
+ * Restores the view from the link and writes changes to the link, until the returned function is
+ * called.
+ */
 export function keepLink(view: View, measurement?: Measurement): () => void {
   const read = () => {
     readView(view, route.peek().query);

@@ -1,14 +1,14 @@
 // Distance to the mucosa within a section, on a grid.
 import { boundsOf, type Outline } from "./contours.ts";
 
-/** Fractions of a micrometre that a distance is stored in. */
+/** Resolution of stored distances: fractions of a micrometre. */
 const STEPS = 4;
 const FAR = 1e12;
 
-/** Signed distance to a contour, micrometres: positive inside the lumen. */
+/** Signed distance to a contour in micrometres, positive inside the lumen. */
 export class DistanceField {
   readonly #values: Int16Array;
-  /** Cells a side. */
+  /** Number of cells per side. */
   readonly cells: number;
   /** Side of a cell, micrometres. */
   readonly cell: number;
@@ -42,7 +42,7 @@ export class DistanceField {
     return this.#values[row * this.cells + column]! / STEPS;
   }
 
-  /** Distance at a position, between the cells around it. */
+  /** Distance at a position, interpolated between cells. */
   sample(x: number, y: number): number {
     const last = this.cells - 1.001;
     const u = clamp((x - this.x0) / this.cell, last);
@@ -56,7 +56,7 @@ export class DistanceField {
     return below * (1 - b) + above * b;
   }
 
-  /** Which cells have their centre inside the contour. */
+  /** Marks the cells whose centres are inside the contour. */
   #fill({ x, y }: Outline): Uint8Array {
     const { cells, cell, x0, y0 } = this;
     const crossings: number[][] = Array.from({ length: cells }, () => []);
@@ -84,7 +84,11 @@ function clamp(value: number, last: number): number {
   return Math.max(0, Math.min(last, value));
 }
 
-/** Replaces 0 (target) and FAR by squared distances to the nearest target, in cells (Felzenszwalb, Huttenlocher 2012). */
+/**
+ * Replaces 0 (target) and FAR by squared distances to the nearest target, in cells.
+ *
+ * Method: Felzenszwalb and Huttenlocher 2012.
+ */
 function squaredDistances(grid: Float64Array, cells: number): void {
   const line = new Float64Array(cells);
   const vertices = new Int32Array(cells);

@@ -1,4 +1,4 @@
-// Distance between two points of the surface, picked in the picture or entered.
+// Distance between two points of the surface, picked in the picture or typed.
 import type { Signal } from "@preact/signals";
 import { micrometres } from "../ui/format.ts";
 import { Icon } from "../ui/widgets.tsx";
@@ -28,7 +28,7 @@ export function MeasurePanel({ measurement, middle }: { measurement: Measurement
   );
 }
 
-/** Three numbers in millimetres; the first that is entered makes a point of `start`. */
+/** Three numbers in millimetres. The first typed number creates a point from `start`. */
 function Coordinates({ name, spot, start }: { name: string; spot: Signal<Spot | undefined>; start: Spot }) {
   const change = (axis: keyof Spot, text: string) => {
     const value = Number(text);

@@ -13,16 +13,16 @@ export function distanceUm(a: Spot, b: Spot): number {
   return Math.hypot(b.x - a.x, b.y - a.y, b.z - a.z) * 1000;
 }
 
-/** A distance that is being measured on a surface. */
+/** A measurement of a distance on a surface. */
 export class Measurement {
-  /** Whether taps on the surface set points. */
+  /** True if taps on the surface set points. */
   readonly picking = signal(false);
   readonly a = signal<Spot | undefined>(undefined);
   readonly b = signal<Spot | undefined>(undefined);
   /** Micrometres. */
   readonly distance = computed(() => this.a.value && this.b.value && distanceUm(this.a.value, this.b.value));
 
-  /** Takes the next point: the first, the second, then the first of another distance. */
+  /** Sets the next point: the first, the second, then the first of a new measurement. */
   pick(spot: Spot): void {
     if (this.a.value && !this.b.value) this.b.value = spot;
     else {
@@ -37,7 +37,7 @@ export class Measurement {
   }
 }
 
-/** `0.12_0.5_31.2`: for a link. Micrometres are kept. */
+/** `0.12_0.5_31.2`, for a link; rounded to a tenth of a micrometre. */
 export function writeSpot({ x, y, z }: Spot): string {
   return [x, y, z].map((value) => String(Math.round(value * 1e4) / 1e4)).join("_");
 }

@@ -1,6 +1,6 @@
 import { stillness } from "../ui/theme.ts";
 
-/** When a movement of the camera begins; undefined if the user asks for less motion. */
+/** Start time of a camera movement; undefined if the user prefers reduced motion. */
 export function glideFrom(): number | undefined {
   return stillness.peek() ? undefined : performance.now();
 }

@@ -1,4 +1,4 @@
-// The 3D picture of a model, with what lies over it; a still picture where the browser cannot draw it.
+// The 3D picture of a model with its overlays; a still picture if the browser cannot draw it.
 import { effect } from "@preact/signals";
 import { useEffect, useId, useRef, useState } from "preact/hooks";
 import { bytes } from "../ui/format.ts";
@@ -14,7 +14,7 @@ import { device } from "./viewer/device.ts";
 import { Stage } from "./viewer/stage.ts";
 
 interface Props {
-  /** What the picture is of, in its label. */
+  /** Name of the model in the label of the picture. */
   name: string;
   exploration: Exploration;
   view: View;
@@ -83,7 +83,7 @@ export function Picture(props: Props) {
   );
 }
 
-/** Undefined if the browser has no WebGL2, or no context left. */
+/** Creates the stage; undefined without WebGL2 or if no context is left. */
 function newStage(canvas: HTMLCanvasElement, view: View, exploration: Exploration): Stage | undefined {
   const present = device();
   try {
@@ -93,7 +93,9 @@ function newStage(canvas: HTMLCanvasElement, view: View, exploration: Exploratio
   }
 }
 
-/** Passes on to the picture what is loaded, and measures with it. */
+/**
+ * Connects the loaded data and the measurement to the picture; returns a function that disconnects.
+ */
 function connect(stage: Stage, { exploration, view, flight, contraction }: Props, ruler: Ruler, signs: Signs): () => void {
   const { measurement } = exploration;
   void exploration.loadSurface();

@@ -1,4 +1,4 @@
-// Chooses points of the contours of a cross section without pointing at them.
+// Selects points of a cross section's contours without a pointer.
 import { useId } from "preact/hooks";
 import { names, type CrossSection } from "./cross-section.ts";
 import type { ContourPoint } from "./section-points.ts";
@@ -9,7 +9,7 @@ interface Props {
   onChange: (points: readonly ContourPoint[]) => void;
 }
 
-/** Chooses both points with the keyboard: arrow keys go along a contour. */
+/** Selects both points with the keyboard: arrow keys move along a contour. */
 export function ContourPointInputs({ section, points, onChange }: Props) {
   const lumen = section.contours.findIndex(({ kind }) => kind === "lumen");
   const start: ContourPoint = { contour: Math.max(0, lumen), index: 0 };

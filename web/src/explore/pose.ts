@@ -1,12 +1,19 @@
-// Where the camera is: on a sphere around a point of the tube. Lengths in millimetres, angles in degrees.
+// Position of the camera on a sphere around a point of the tube. Lengths in millimetres, angles in
+// degrees.
 import { signal } from "@preact/signals";
 
 export interface Placement {
-  /** Point that the camera looks at; `z` as a fraction of the tube's length, so that models of other lengths can be linked. */
+  /**
+   * Point at which the camera looks. `z` is a fraction of the tube's length, so links suit models
+   * of other lengths.
+   */
   x: number;
   y: number;
   z: number;
-  /** Around the vertical; 0 looks from the ampulla end, -90 from the side with the isthmus at the left. */
+  /**
+   * Angle around the vertical: 0 looks from the ampulla end, -90 from the side with the isthmus
+   * left.
+   */
   azimuth: number;
   elevation: number;
   distance: number;
@@ -15,7 +22,7 @@ export interface Placement {
 export const STANDARD_VIEWS = ["whole", "isthmus", "ampulla", "side"] as const;
 export type StandardView = (typeof STANDARD_VIEWS)[number];
 
-/** Highest elevation: at the poles the vertical is undefined. */
+/** Maximum elevation, because the vertical is undefined at the poles. */
 const POLE = 89;
 const NEAREST = 0.05;
 const FARTHEST = 1000;
@@ -29,9 +36,9 @@ export class Pose implements Placement {
   azimuth = 0;
   elevation = 0;
   distance = 100;
-  /** The standard view that is shown, until it is changed. */
+  /** The shown standard view, until the pose changes. */
   standard: StandardView | undefined = "whole";
-  /** Grows with every change. */
+  /** Counter of changes. */
   readonly changes = signal(0);
   #from: Placement | undefined;
   #to: Placement | undefined;
@@ -44,7 +51,11 @@ export class Pose implements Placement {
     this.changes.value++;
   }
 
-  /** Moves the point that is looked at, in the plane of the picture: millimetres to the right and up. `low` and `high` are where the tube is. */
+  /**
+   * Moves the target in the plane of the picture, by millimetres to the right and up.
+   *
+   * `low` and `high` are the extent of the tube.
+   */
   pan(right: number, up: number, length: number, [low, high]: readonly [number, number] = [0, 1]): void {
     this.#touch();
     const [a, e] = [(this.azimuth * Math.PI) / 180, (this.elevation * Math.PI) / 180];
@@ -67,10 +78,10 @@ export class Pose implements Placement {
     this.changes.value++;
   }
 
-  /** Moves smoothly; `advance` is to be called with each frame. */
+  /** Starts a smooth movement; call `advance` in each frame. */
   glide(placement: Placement, standard: StandardView | undefined, now: number): void {
     this.#from = snapshot(this);
-    // The short way around.
+    // Turn the short way round.
     this.#from.azimuth = placement.azimuth + wrap(this.azimuth - placement.azimuth);
     this.#to = placement;
     this.#began = now;
@@ -113,7 +124,7 @@ function limit(value: number, low: number, high: number): number {
   return Math.max(low, Math.min(high, value));
 }
 
-/** To (-180, 180]. */
+/** Wraps an angle to (-180, 180]. */
 function wrap(degrees: number): number {
   const turned = ((degrees % 360) + 360) % 360;
   return turned > 180 ? turned - 360 : turned;

@@ -1,4 +1,4 @@
-// Figures along the tube.
+// Measures along the tube.
 import { useSignal, type Signal } from "@preact/signals";
 import { useMemo } from "preact/hooks";
 import { ticks } from "../batches/columns.ts";
@@ -10,7 +10,9 @@ import { extent, published, seriesOf, type Series } from "./series.ts";
 import type { Profile } from "./survey.ts";
 import type { View } from "./view.ts";
 
-/** The measures of the report; of a model that has none, what the page measures in its sections. */
+/**
+ * The measures of the report, or the page's own measures of the sections if the report has none.
+ */
 export function ProfileCharts({ exploration, view }: { exploration: Exploration; view: View }) {
   const { survey, report, reportFault, sectionsFault } = exploration;
   const { morphometry, comparison } = report.value ?? {};
@@ -39,14 +41,14 @@ function ownSeries({ z, lumen, tissue, mucosa }: Profile): Series[] {
 
 interface ChartsProps {
   all: readonly Series[];
-  /** Where the junction of isthmus and ampulla begins and ends, millimetres. */
+  /** Beginning and end of the junction between isthmus and ampulla, millimetres. */
   junction?: readonly [number, number] | undefined;
   exploration: Exploration;
   view: View;
 }
 
 function Charts({ all, junction, exploration: { model, fractions, tube }, view }: ChartsProps) {
-  // What is pointed at in one chart is shown in all of them.
+  // Pointing at one chart shows the values at that position in all charts.
   const hovered = useSignal<number | undefined>(undefined);
   const section = (fraction: number) => {
     const known = fractions.value;
@@ -89,16 +91,19 @@ interface ChartProps {
   series: Series;
   junction?: readonly [number, number] | undefined;
   tube: Tube;
-  /** Where the section is that is shown, millimetres. */
+  /** Position of the shown section, millimetres. */
   present: number;
-  /** Where is pointed at, millimetres. */
+  /** Position under the pointer, millimetres. */
   hovered: Signal<number | undefined>;
   onChoose: (z: number) => void;
 }
 
 const [WIDTH, HEIGHT] = [600, 100];
 
-/** A line over the length of the tube; pointing at it shows a value, clicking chooses the section. */
+/**
+ * A line over the length of the tube. Pointing at it shows a value, and clicking selects the
+ * section.
+ */
 function Chart({ series, junction, tube, present, hovered, onChoose }: ChartProps) {
   const { title, unit, z, values, bands } = series;
   const { line, area, marks, x, y } = useMemo(() => drawing(series, tube), [series, tube]);
@@ -148,7 +153,7 @@ function Chart({ series, junction, tube, present, hovered, onChoose }: ChartProp
   );
 }
 
-/** Paths of a series, marks of its axis, and the place of a length and of a value in the picture. */
+/** Paths of a series, marks of its axis, and functions from length and value to the picture. */
 function drawing(series: Series, { begin, length }: Tube) {
   const { z, values, starts } = series;
   const { bottom, top } = extent(series);
@@ -157,13 +162,13 @@ function drawing(series: Series, { begin, length }: Tube) {
   const runs = starts.map((start, k) => {
     const end = starts[k + 1] ?? z.length;
     const points = Array.from({ length: end - start }, (_, i) => `${x(z[start + i]!).toFixed(1)} ${y(values[start + i]!).toFixed(1)}`);
-    // A point alone is a line to itself, whose round ends are seen.
+    // An isolated point is a line of length 0, whose round ends are visible.
     const line = `M${points.length > 1 ? points.join("L") : `${points[0]}L${points[0]}`}`;
     return { line, area: `${line}V${HEIGHT}H${x(z[start]!).toFixed(1)}Z` };
   });
   return {
     line: runs.map((run) => run.line).join(""),
-    // An area says that the axis begins at 0. Ranges are seen better without one.
+    // An area means that the axis begins at 0, and it would hide ranges.
     area: bottom === 0 && series.bands.length === 0 ? runs.map((run) => run.area).join("") : undefined,
     marks: ticks(bottom, top, 5),
     x,

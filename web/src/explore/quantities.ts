@@ -3,7 +3,7 @@
 
 export interface Quantity {
   title: string;
-  /** Empty for a number without one. */
+  /** Empty for a number without a unit. */
   unit: string;
 }
 
@@ -43,14 +43,14 @@ const QUANTITIES: Record<string, readonly [title: string, unit: string]> = {
   outline_dimension: ["Fractal dimension of the lumen outline", ""],
   outline_dimension_error: ["Its standard error", ""],
   lacunarity: ["Lacunarity of the lumen area", ""],
-  // Of the whole tube, as on the page of the report.
+  // Quantities of the whole tube, as on the page of the report.
   length_mm: ["Length", "mm"],
   isthmus_length_mm: ["Length of the isthmus", "mm"],
   ampulla_length_mm: ["Length of the ampulla", "mm"],
   fold_ratio: ["Folds, ampulla over isthmus", ""],
 };
 
-/** A quantity by its name in reports. A name from a later version is shown as it is. */
+/** A quantity by its name in reports. Names from a later version are shown unchanged. */
 export function quantity(name: string): Quantity {
   const [title, unit] = QUANTITIES[name] ?? [name, ""];
   return { title, unit };

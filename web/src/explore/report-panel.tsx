@@ -1,4 +1,4 @@
-// What the service has proven and measured of a model.
+// Certificate and measures of a model.
 import type { Report } from "oviduct-client";
 import { ask, base, explain, key } from "../service.ts";
 import { micrometres, short } from "../ui/format.ts";
@@ -10,7 +10,7 @@ import { islands } from "./words.ts";
 
 type Certificate = Report["certificate"];
 
-/** What a certificate states, in words, and whether it holds. */
+/** The statements of a certificate in words, and whether each holds. */
 export function statements(certificate: Certificate): { text: string; holds: boolean }[] {
   const { open_edges, non_manifold_edges, non_manifold_vertices, disoriented_edges, triangle_intersections, section_crossings, components } = certificate;
   return [
@@ -89,13 +89,16 @@ export function ReportPanel({ exploration }: { exploration: Exploration }) {
 
 const PAGE = "Report as a page";
 
-/** Opens the report as a page to show or to print. With a key its address has a ticket, which is made when it is asked for. */
+/**
+ * Opens the report page to view or print. With an API key, its URL contains a ticket, created on
+ * request.
+ */
 function ReportPage({ id }: { id: string }) {
   if (key.value === undefined) {
     return <a class="button" href={new URL(`models/${id}/report.html`, base).href} target="_blank" rel="noopener">{PAGE}</a>;
   }
   const open = async () => {
-    // At once: browsers keep a page from opening windows later.
+    // Open the window immediately; browsers block windows that are opened later.
     const page = window.open("", "_blank");
     if (page) page.opener = null;
     try {

@@ -11,7 +11,7 @@ export class Ruler {
   readonly #label: SVGTextElement;
   readonly #a = new Vector3();
   readonly #b = new Vector3();
-  /** Micrometres that the label shows. */
+  /** Distance on the label, micrometres. */
   #distance: number | undefined;
 
   constructor(overlay: SVGSVGElement) {
@@ -21,7 +21,10 @@ export class Ruler {
     this.#label = overlay.querySelector("text")!;
   }
 
-  /** Moves line, ends and label to where they are in the picture; to be called after each frame, outside effects. */
+  /**
+   * Moves line, ends and label to their positions in the picture. Call after each frame, outside
+   * effects.
+   */
   draw({ a: from, b: to, distance }: Measurement, stage: Stage): void {
     const start = from.value;
     const end = to.value ?? start;
@@ -30,7 +33,7 @@ export class Ruler {
     const seen = start !== undefined && end !== undefined && stage.project(start, a) && stage.project(end, b);
     this.#overlay.style.display = seen ? "" : "none";
     if (!seen) return;
-    // Lengths are set as numbers: attributes would be new strings in each frame.
+    // Numeric properties avoid the new strings that attributes would need in each frame.
     for (let i = 0; i < this.#lines.length; i++) {
       const { x1, y1, x2, y2 } = this.#lines[i]!;
       x1.baseVal.value = a.x;

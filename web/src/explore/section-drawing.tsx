@@ -1,4 +1,4 @@
-// The drawing of a cross section: contours or a picture, scale, and distances between points of the contours.
+// Drawing of a cross section: contours or a picture, scale, and distances between contour points.
 import { useSignal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { useEffect, useId, useMemo, useRef } from "preact/hooks";
@@ -14,18 +14,18 @@ import { control } from "./viewer/controls.ts";
 
 interface Props {
   section: CrossSection;
-  /** Place along the tube, for its name. */
+  /** Position along the tube, for the name of the drawing. */
   z: string;
   look: Look;
-  /** Another one needs another picture. */
+  /** Name of the picture; another name needs another picture. */
   name: string;
   waiting: boolean;
   picture: Picture | undefined;
-  /** Called with the number of pixels that the whole section has in each direction as it is shown. */
+  /** Called with the number of pixels of the whole section in each direction, as shown. */
   onPixels: (pixels: number) => void;
-  /** Shown on the sheet. */
+  /** Content on the sheet. */
   note: ComponentChildren;
-  /** Below the sheet. */
+  /** Content below the sheet. */
   children: ComponentChildren;
 }
 
@@ -36,14 +36,14 @@ export function Drawing({ section, z, look, name, waiting, picture, note, onPixe
   const clip = useId();
   const paths = useMemo(() => section.contours.map((contour) => ({ kind: contour.kind, data: pathData(contour) })), [section]);
   const whole = useMemo(() => windowOf(extentOf(section)), [section]);
-  /** Undefined for the whole section. */
+  /** Shown part; undefined for the whole section. */
   const shown = useSignal<SectionWindow | undefined>(undefined);
   const measuring = useSignal(false);
   const points = useSignal<readonly ContourPoint[]>([]);
   const { x, y, span } = shown.value ?? whole;
   const drawn = useRef({ section, whole });
   if (drawn.current.section !== section) {
-    // Points are of one section.
+    // Points belong to one section.
     drawn.current = { section, whole };
     points.value = [];
   }

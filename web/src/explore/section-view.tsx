@@ -1,4 +1,4 @@
-// A place along the tube: the surface cut there, or the section of the simulation, and what can be done with it.
+// A position along the tube: the cut of the surface or the simulated section, with its controls.
 import { OviductError, type Section, type Sections, type SlideUrlOptions } from "oviduct-client";
 import { useEffect, useMemo } from "preact/hooks";
 import { ask, explain } from "../service.ts";
@@ -36,18 +36,20 @@ export function SectionView({ exploration, view }: Props) {
   return <Loaded exploration={exploration} view={view} sections={sections.value} index={index} />;
 }
 
-/** What is shown at a place. */
+/** The content at a position. */
 interface Shown {
   section: CrossSection;
-  /** Whether the surface is being cut. */
+  /** True while the surface is being cut. */
   waiting: boolean;
-  /** Why it is the section of the simulation. */
+  /** Reason why the simulated section is shown. */
   why?: string | undefined;
-  /** Why it is, if another attempt may succeed. */
+  /** The reason, if a retry may succeed. */
   fault?: string | undefined;
 }
 
-/** The cut in the place of a section; the section until it is there, and where there is none. */
+/**
+ * The cut at a section's position; the section itself until the cut arrives or if there is none.
+ */
 function useShown({ model, cuts, uncut }: Exploration, section: Section, z_um: number): Shown {
   const key = String(section.index);
   useEffect(() => {
