@@ -1,12 +1,12 @@
-// Measures how fast models move in a browser that draws in software; see scripts/frames.
+// Measures the frames per second of models in a browser that draws in software; see scripts/frames.
 import { Oviduct } from "../../clients/typescript/src/index.ts";
 import { Service } from "../../clients/typescript/test/service.ts";
 import { closeBrowser, Visit } from "../test/page/browser.ts";
 
 const SIZES = [[1280, 800], [1920, 1080], [390, 844]] as const;
-/** Queries of what is looked at; the model is turned, or flown through. */
+/** Queries of the measured views, in which the model is turned or flown through. */
 const MODES = { whole: "", opened: "open=20", across: "cut=0.6", "both cuts": "open=20&cut=0.6", flight: "fly=0.3" };
-/** Milliseconds until the movement is steady, and of the measurement. */
+/** Milliseconds until the movement is steady, and milliseconds of the measurement. */
 const [WARMING, MEASURED] = [3000, 5000];
 
 const [wanted] = process.argv.slice(2);

@@ -6,7 +6,7 @@ import { Oviduct } from "../../clients/typescript/src/index.ts";
 import { Service } from "../../clients/typescript/test/service.ts";
 import { closeBrowser, Visit } from "../test/page/browser.ts";
 
-/** Stills go to `images`, the frames of the animation to `frames`. */
+/** Folder of the stills, and folder of the frames of the animation. */
 const [images, frames] = process.argv.slice(2) as [string, string];
 mkdirSync(frames, { recursive: true });
 
@@ -38,7 +38,7 @@ class Film {
 const service = await Service.start();
 const client = new Oviduct(service.url);
 try {
-  // Growth, then a turn, a cut, a flight: at the size of a column of the README.
+  // Growth, a turn, a cut and a flight, in the width of a column of the README.
   const film = new Film();
   const visit = await Visit.open(service.url, { viewport: { width: 900, height: 640 }, reducedMotion: "no-preference" });
   const { page } = visit;
@@ -86,7 +86,7 @@ try {
   await service[Symbol.asyncDispose]();
 }
 
-/** Queries of the views of the animation. */
+/** Queries of the views in the animation. */
 function* turn(): Generator<string> {
   for (let angle = -40; angle <= 60; angle += 10) yield `open=${angle}`;
   for (let at = 0.95; at >= 0.3; at -= 0.05) yield `cam=ampulla&cut=${at.toFixed(2)}`;

@@ -1,4 +1,4 @@
-// First, for the style sheets of pages change what it says.
+// Must be first, because the style sheets of pages override it.
 import "./ui/theme.css";
 import { render } from "preact";
 import { App } from "./app.tsx";

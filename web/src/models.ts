@@ -1,8 +1,8 @@
-// What is known of the models: from the event stream (stream.ts), and from what pages have read.
+// Known states of models, from the event stream (stream.ts) and from requests of pages.
 import { batch, signal, type Signal } from "@preact/signals";
 import type { Model, ModelEvent, ModelState } from "oviduct-client";
 
-/** A contour: x and y of each point in turn, micrometres. */
+/** A contour: x and y of the points alternately, micrometres. */
 export type Contour = Float32Array;
 
 /** A section of a growing tube, thinned for drawing. */
@@ -11,31 +11,31 @@ export interface LiveSection {
   index: number;
   step: number;
   z_um: number;
-  /** Unknown of a section from before the page was loaded again. */
+  /** Undefined for a section from before a reload of the page. */
   inner?: Contour;
   outer: Contour;
 }
 
-/** Grows when a model appears, goes or changes its status. */
+/** Increases when a model appears, disappears or changes its status. */
 export const changes = signal(0);
 
-/** Ids of the known models, in the order of acceptance: they are UUIDv7. */
+/** Ids of the known models in the order of acceptance, because ids are UUIDv7. */
 const order: string[] = [];
-/** Those that were read or changed last are last. */
+/** States of models; the least recently read or changed come first. */
 const states = new Map<string, Signal<ModelState | undefined>>();
-/** Models that something on the page shows. */
+/** Ids of the models that the page shows. */
 const shown = new Set<string>();
 const growing = new Map<string, Signal<readonly LiveSection[]>>();
-/** Models that were deleted: an answer that was on its way must not bring them back. */
+/** Ids of deleted models. A response that was under way must not restore them. */
 const deleted = new Set<string>();
-/** Models that are kept, if not more are shown. */
+/** Number of kept models, unless more are shown. */
 export const KEPT = 2000;
-/** How many were dropped: lists that were read before may lack some. */
+/** Number of dropped models. Lists that were read earlier may lack some. */
 export let drops = 0;
-/** Ended models whose sections are kept. */
+/** Number of ended models whose sections are kept. */
 const ENDED_KEPT = 4;
 
-/** The newest known state of a model; undefined if nothing is known, or it was deleted. */
+/** The newest known state of a model; undefined if it is unknown or deleted. */
 export function state(id: string): Signal<ModelState | undefined> {
   let known = states.get(id);
   if (!known) {
@@ -45,13 +45,17 @@ export function state(id: string): Signal<ModelState | undefined> {
   return known;
 }
 
-/** All known models, newest first. Reading it in a component subscribes to `changes`, not to the progress of each model. */
+/**
+ * All known models, newest first.
+ *
+ * A component that reads them subscribes to `changes`, not to the progress of each model.
+ */
 export function* known(): Generator<ModelState, void> {
   void changes.value;
   for (let k = order.length - 1; k >= 0; k--) yield states.get(order[k]!)!.peek()!;
 }
 
-/** The number of known models that were accepted before this one. */
+/** Number of known models that were accepted before this one. */
 function olderThan(id: string): number {
   let [from, to] = [0, order.length];
   while (from < to) {
@@ -62,14 +66,14 @@ function olderThan(id: string): number {
   return from;
 }
 
-/** The sections of a growing model that were seen, from the isthmus. */
+/** Received sections of a growing model, isthmus end first. */
 export function sections(id: string): Signal<readonly LiveSection[]> {
   let seen = growing.get(id);
   if (!seen) growing.set(id, (seen = signal([])));
   return seen;
 }
 
-/** Takes over states that were read, unless newer ones are known. */
+/** Stores states that were read, unless newer ones are known. */
 export function remember(models: readonly (Model | ModelState)[]): void {
   batch(() => {
     for (const model of models) {
@@ -88,7 +92,7 @@ export function remember(models: readonly (Model | ModelState)[]): void {
   drop();
 }
 
-/** Drops the models that were touched least recently and are not shown, if there are too many. */
+/** Drops the least recently used models that are not shown, if there are too many. */
 function drop(): void {
   if (states.size <= KEPT) return;
   for (const [id, known] of states) {
@@ -102,7 +106,7 @@ function drop(): void {
   }
 }
 
-/** Removes a model that was deleted. */
+/** Removes a deleted model. */
 export function forget(id: string): void {
   deleted.add(id);
   const [oldest] = deleted;
@@ -118,7 +122,7 @@ export function forget(id: string): void {
   });
 }
 
-/** Forgets everything: another key sees other models. */
+/** Forgets all models, because another API key sees other models. */
 export function reset(): void {
   waiting = [];
   batch(() => {
@@ -135,12 +139,12 @@ function bump(): void {
   changes.value = changes.peek() + 1;
 }
 
-/** Milliseconds for which events are gathered before pages are drawn again. */
+/** Milliseconds for which events are collected before pages are rendered. */
 const GATHERING = 50;
 let waiting: ModelEvent[] = [];
 let timer: ReturnType<typeof setTimeout> | undefined;
 
-/** Takes over an event of the stream, soon. */
+/** Processes an event of the stream, after a short delay. */
 export function receive(event: ModelEvent): void {
   waiting.push(event);
   timer ??= setTimeout(() => {
@@ -166,7 +170,7 @@ function contour(points: readonly number[][]): Contour {
 
 function addSection(id: string, section: LiveSection): void {
   const seen = sections(id);
-  // A model that starts again from an earlier step repeats sections.
+  // A model that resumes from an earlier step repeats sections.
   seen.value = [...seen.peek().filter((other) => other.index < section.index), section];
   const ended = [...growing.keys()].filter((other) => states.get(other)?.peek()?.status !== "running");
   for (const other of ended.slice(0, -ENDED_KEPT)) growing.delete(other);

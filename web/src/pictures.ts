@@ -1,14 +1,18 @@
-// Pictures of models that the service draws. An image element cannot send the key, so they are fetched.
+// Pictures of models that the service draws. Image elements cannot send an API key, so `fetch`
+// loads them.
 import type { PreviewOptions } from "oviduct-client";
 import { ask, session } from "./service.ts";
 
-/** Pictures that are kept; a list shows as many at most before its first ones are dropped. */
+/**
+ * Maximum number of kept pictures; also the maximum that a list shows without losing its first
+ * ones.
+ */
 const KEPT = 300;
 const pictures = new Map<string, Promise<string>>();
 
-/** The address of a picture of a model that has succeeded; `size` is its longest side in pixels. */
+/** The URL of a succeeded model's picture; `size` is its longest side in pixels. */
 export function picture(id: string, view: NonNullable<PreviewOptions["view"]>, size: number): Promise<string> {
-  // Another key may see other models.
+  // Another API key may see other models.
   const name = [session.peek(), id, view, size].join(" ");
   let known = pictures.get(name);
   if (!known) {

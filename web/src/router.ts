@@ -1,13 +1,14 @@
-// Pages are fragments of one URL, so that any prefix of a proxy works: `#/models/0197…?at=120`.
+// Pages are fragments of one URL, so they work under any prefix of a proxy:
+// `#/models/0197…?at=120`.
 import { signal } from "@preact/signals";
 
 export interface Route {
-  /** Segments of the path; none for the first page. */
+  /** Segments of the path; none for the start page. */
   path: string[];
   query: URLSearchParams;
 }
 
-/** The part of the address that `route` was read from. */
+/** The fragment from which `route` was read. */
 let seen = location.hash;
 export const route = signal(parse(seen));
 
@@ -31,7 +32,7 @@ function decode(segment: string): string {
   }
 }
 
-/** The address of a page, for `href`. */
+/** The fragment of a page, for `href`. */
 export function href(path: string[], query?: URLSearchParams | Record<string, string>): string {
   const search = new URLSearchParams(query).toString();
   return `#/${path.map(encodeURIComponent).join("/")}${search && `?${search}`}`;
@@ -41,14 +42,17 @@ export function go(path: string[], query?: URLSearchParams | Record<string, stri
   location.hash = href(path, query);
 }
 
-/** Names the page in the window and in the history. */
+/** Sets the title of the window and of the history entry. */
 export function setTitle(title: string): void {
   document.title = `${title} · oviduct`;
 }
 
-/** Changes the query of the present page without a new entry in the history, so that its link restores the view. */
+/**
+ * Changes the query of the current page without a new history entry, so that its link restores the
+ * view.
+ */
 export function setQuery(query: URLSearchParams | Record<string, string>): void {
-  // A link was opened meanwhile, whose event is still to come: the address is no longer that of this page.
+  // Another link was opened, and its event is still to come, so the URL belongs to another page.
   if (location.hash !== seen) return;
   const target = href(route.value.path, query);
   if (target === seen) return;
@@ -56,17 +60,17 @@ export function setQuery(query: URLSearchParams | Record<string, string>): void 
   read();
 }
 
-/** Milliseconds without a change after which a query that changes often is written. */
+/** Milliseconds without a change after which a frequently changing query is written. */
 const SETTLED = 300;
 let waiting: { query: () => URLSearchParams; timer: ReturnType<typeof setTimeout> } | undefined;
 
-/** Changes the query once it has not been asked for a while; the newest one counts. */
+/** Changes the query after a pause in changes; the newest query counts. */
 export function setQuerySoon(query: () => URLSearchParams): void {
   clearTimeout(waiting?.timer);
   waiting = { query, timer: setTimeout(writeQuery, SETTLED) };
 }
 
-/** Forgets what `setQuerySoon` has not written yet. */
+/** Discards a query that `setQuerySoon` has not written yet. */
 export function keepQuery(): void {
   clearTimeout(waiting?.timer);
   waiting = undefined;
@@ -78,7 +82,7 @@ function writeQuery(): void {
   if (query) setQuery(query());
 }
 
-/** The link to what is shown now. */
+/** The link to the current view. */
 export function link(): string {
   writeQuery();
   return location.href;

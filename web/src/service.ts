@@ -1,23 +1,26 @@
-// The service that served this page, and the key that it may ask for.
+// The service that served this page, and the API key that it may require.
 import { batch, computed, signal } from "@preact/signals";
 import { Oviduct, OviductConnectionError, OviductError } from "oviduct-client";
 
-/** The folder of this page: where the service is, with the prefix of a proxy. */
+/** The folder of this page, which is the URL of the service including the prefix of a proxy. */
 export const base = new URL(".", document.baseURI);
-// `fetch` refuses addresses with credentials; browsers send those of the page by themselves.
+// `fetch` refuses URLs with credentials; browsers send the credentials of the page themselves.
 [base.username, base.password] = ["", ""];
 
 const STORED = "oviduct-key";
 
-/** The key of this session, kept in the tab. */
+/** The API key of this session, kept in the tab. */
 export const key = signal(stored());
-/** Why a key is asked for; undefined while requests are let in. */
+/** Reason why an API key is required; undefined while requests are accepted. */
 export const locked = signal<"missing" | "refused" | undefined>(undefined);
-/** Grows when another key is used: what pages have read is another owner's. */
+/** Increases when another API key is used, because pages have read another owner's data. */
 export const session = signal(0);
 export const service = computed(() => new Oviduct(base, { key: key.value, fetch: direct, attempts: 3, maxDelay: 5000 }));
 
-/** Files are read from the service itself: the policy of the page does not let it follow a redirect to the artifact store. */
+/**
+ * Reads files from the service itself, because the page's policy forbids redirects to the artifact
+ * store.
+ */
 function direct(input: RequestInfo | URL, init: RequestInit = {}): Promise<Response> {
   const headers = new Headers(init.headers);
   if (String(input).includes("/files/")) headers.set("prefer", "redirect=no");
@@ -32,13 +35,13 @@ function stored(): string | undefined {
   }
 }
 
-/** Uses a key from now on; undefined forgets it. */
+/** Sets the API key for later requests; undefined removes it. */
 export function setKey(value: string | undefined): void {
   try {
     if (value === undefined) sessionStorage.removeItem(STORED);
     else sessionStorage.setItem(STORED, value);
   } catch {
-    // Storage is blocked: the key is kept until the page is left.
+    // Storage is blocked; the key lasts until the page is left.
   }
   batch(() => {
     locked.value = undefined;
@@ -47,7 +50,7 @@ export function setKey(value: string | undefined): void {
   });
 }
 
-/** Calls the service. If it asks for a key, the page does too. */
+/** Calls the service. If the service requires an API key, the page asks for it. */
 export async function ask<T>(call: (service: Oviduct) => Promise<T>): Promise<T> {
   try {
     return await call(service.value);
@@ -66,15 +69,15 @@ export function noteRefusal(error: unknown): void {
 const UNREACHABLE = "The service cannot be reached. Is it running?";
 const UNUSABLE = "The answer of the service did not come in time, or is damaged. Try again.";
 
-/** An error in words for people. */
+/** An error in words for users. */
 export function explain(error: unknown): string {
   if (error instanceof OviductError) {
-    // A proxy in front of a service that does not run.
+    // The response of a proxy whose service is not running.
     if (error.type === "about:blank" && error.status >= 502) return UNREACHABLE;
     if (error.is("forbidden")) return `This key does not allow that. ${error.detail}`;
     return error.errors.length > 0 ? error.errors.map((fault) => fault.detail).join(" ") : error.detail;
   }
-  // `fetch` fails with a TypeError if the connection does; the others are answers that are late, cut off or no JSON.
+  // A failed connection gives a TypeError; other causes are late, aborted or invalid responses.
   if (error instanceof OviductConnectionError) return error.cause instanceof TypeError ? UNREACHABLE : UNUSABLE;
   return error instanceof Error ? error.message : String(error);
 }

@@ -1,25 +1,35 @@
-// The one event stream of the page, kept open through restarts of the service, lost networks and sleep.
+// The event stream of the page, kept open across restarts of the service, lost networks and sleep.
 import { batch, effect, signal, untracked } from "@preact/signals";
 import { Oviduct, OviductError } from "oviduct-client";
 import { receive, reset } from "./models.ts";
 import { base, key, locked, noteRefusal, session } from "./service.ts";
 
 export type Connection = "connecting" | "live" | "lost" | "refused";
-/** State of the event stream. A key that may not read it is refused: it is not asked for again with that key. */
+/**
+ * State of the event stream. `refused` means that the API key may not read it; it is not retried
+ * with that key.
+ */
 export const connection = signal<Connection>("connecting");
-/** Why there is no stream, while the connection is lost or refused. */
+/** Reason why there is no stream, while the connection is lost or refused. */
 export const fault = signal<unknown>(undefined);
-/** Grows with each stream that was opened after the first: what pages have read may be outdated. */
+/** Increases with each stream after the first, because data on pages may be outdated. */
 export const reconnections = signal(0);
 
-/** Milliseconds after which a stream that was refused is asked for again. */
+/** Milliseconds after which a refused stream is retried. */
 const PAUSE = 3000;
-/** Milliseconds after which a machine that slept opens a new stream: the old one may be dead unnoticed. */
+/**
+ * Milliseconds of sleep after which the machine opens a new stream, because the old one may be
+ * dead.
+ */
 const ASLEEP = 30_000;
-/** Milliseconds after which a hidden page closes its stream: over HTTP/1.1 a browser has six connections for all its tabs. */
+/**
+ * Milliseconds after which a hidden page closes its stream.
+ *
+ * Over HTTP/1.1, a browser shares six connections between all its tabs.
+ */
 const HIDDEN = 5000;
 
-/** The last event that was seen. */
+/** Id of the last received event. */
 let last: string | undefined;
 let opened = false;
 
@@ -31,11 +41,12 @@ async function follow(key: string | undefined, signal: AbortSignal): Promise<voi
     });
     if (signal.aborted) return response;
     if (response.ok) opens();
-    // Not awaited: the client reads the same answer.
+    // Do not wait, because the client reads the same response.
     else void OviductError.of(response.clone()).then((error) => signal.aborted || lose(error), lose);
     return response;
   };
-  // By `fetch`, for an `EventSource` does not show the comments by which a live stream is told from a dead one.
+  // Use `fetch`, because an `EventSource` hides the comments that distinguish a live stream from a
+  // dead one.
   const options = { key, fetch: watched, eventSource: null, reconnects: Infinity, maxDelay: PAUSE, timeout: 10_000 };
   const service = new Oviduct(base, options);
   while (!signal.aborted) {
@@ -58,7 +69,7 @@ async function follow(key: string | undefined, signal: AbortSignal): Promise<voi
 function opens(): void {
   if (opened) reconnections.value++;
   opened = true;
-  // An unknown id also brings the models that ended while there was no stream.
+  // With an unknown id, the stream also reports models that ended while there was no stream.
   last ??= "none";
   connection.value = "live";
 }
@@ -70,7 +81,7 @@ function lose(why: unknown): void {
   });
 }
 
-/** Follows all models while the page is seen. */
+/** Follows all models while the page is visible. */
 export function watch(): void {
   let abort = new AbortController();
   const restart = () => {
@@ -105,7 +116,8 @@ export function watch(): void {
       restart();
     }
   });
-  // A timer that is late by so much has slept. Browsers also slow down the timers of hidden pages; those are handled above.
+  // Such a late timer means that the machine slept. Browsers also delay the timers of hidden pages,
+  // which are handled above.
   let awake = Date.now();
   setInterval(() => {
     const asleep = Date.now() - awake > ASLEEP;

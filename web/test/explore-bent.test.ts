@@ -10,7 +10,7 @@ import { firstHitBent } from "../src/explore/viewer/ray.ts";
 import type { Patch } from "../src/explore/viewer/surface.ts";
 import { courseInWords } from "../src/explore/words.ts";
 
-/** A quarter of a circle of 10 mm from the origin along z, toward x. */
+/** A quarter circle with a radius of 10 mm, from the origin along z, toward x. */
 const COUNT = 200;
 const RADIUS = 10;
 const LENGTH = (RADIUS * Math.PI) / 2;
@@ -27,7 +27,7 @@ const course = new Course({
 });
 const tube: Tube = { begin: 0, length: LENGTH, radius: 1.5, x: 0, y: 0, course };
 
-/** A wall with a square cross section of half the side `half`, as fine as the course. */
+/** A wall with a square cross section of half side `half`, as fine as the course. */
 function wall(name: Patch["name"], half: number, rings = 120): Patch {
   const straight: number[] = [];
   const index: number[] = [];
@@ -45,7 +45,7 @@ function wall(name: Patch["name"], half: number, rings = 120): Patch {
   return { name, positions, straight: Float32Array.from(straight), normals: new Int8Array(straight.length), index: Uint32Array.from(index) };
 }
 
-/** Outer and inner wall: tissue lies from 0.5 to 1.5 mm. */
+/** Outer and inner wall: the tissue lies between 0.5 and 1.5 mm. */
 const walls = [wall("outer_wall", 1.5), wall("inner_wall", 0.5)];
 
 function areaOf({ positions, index }: { positions: Float32Array; index: ArrayLike<number> }): number {
@@ -68,7 +68,7 @@ function outlines(plane: { nx: number; ny: number; nz: number; d: number }): Seg
 
 test("the face of a cut along the centre line is the tissue on both sides of the lumen", () => {
   const face = fill(outlines({ nx: 0, ny: 1, nz: 0, d: 0 }), [1, 0, 0], [0, 0, 1]);
-  // In the plane of the arc: a quarter of two rings.
+  // In the plane of the arc, the face is a quarter of two rings.
   const expected = (Math.PI / 4) * (11.5 ** 2 - 10.5 ** 2 + 9.5 ** 2 - 8.5 ** 2);
   assert.ok(Math.abs(areaOf(face) / expected - 1) < 1e-3, `${areaOf(face)} and not ${expected}`);
   for (let i = 0; i < face.straight.length; i += 3) {
@@ -101,7 +101,7 @@ test("a ray meets a bent wall, the face of a cut, or what lies behind what is cu
   const near = (distance: number | undefined, expected: number) => assert.ok(Math.abs(distance! - expected) < 2e-3, `${distance} and not ${expected}`);
   near(firstHitBent(walls, [], from(9)), 18.5);
   near(firstHitBent([...walls, face], [cut], from(9)), 20);
-  // Through the lumen on to its floor.
+  // Through the lumen to its floor.
   near(firstHitBent([...walls, face], [cut], from(10)), 20.5);
   assert.equal(firstHitBent([...walls, face], [cut], from(13)), undefined);
 });
@@ -112,12 +112,12 @@ test("ends are looked on to, and the whole from where it is broadest", () => {
   // The other end points to x.
   const ampulla = standardView("ampulla", tube, { from: 0, to: 1 }, 1.5);
   assert.deepEqual([ampulla.azimuth, ampulla.x, ampulla.z * LENGTH].map(Math.round), [90, 10, 10]);
-  // What is kept ends where it points half way.
+  // The kept part ends at half of the turn.
   assert.equal(Math.round(standardView("ampulla", tube, { from: 0, to: 0.5 }, 1.5).azimuth), 45);
   // The arc lies in the plane y = 0.
   const whole = standardView("whole", tube, { from: 0, to: 1 }, 1.5);
   assert.ok(whole.elevation >= 45, `from ${whole.elevation}°`);
-  // So opened, its lumen is seen from above.
+  // With this cut, the lumen is visible from above.
   assert.ok(Math.abs(openingAngle(tube, course, 1.5) + 90) <= 45);
   assert.deepEqual(reachOf(tube).map((value) => Math.round(value * 1e3)), [0, 637]);
   assert.deepEqual(reachOf({ ...tube, course: undefined }), [0, 1]);

@@ -12,7 +12,10 @@ const { readMotion } = await import("../src/explore/viewer/motion.ts");
 
 const TUBE = { begin: 0, length: 20, radius: 1, x: 0, y: 0 };
 
-/** A file of one triangle with two frames: in the second it is 1 mm higher along y and faces the other way. */
+/**
+ * A file of one triangle with two frames. In the second it is 1 mm higher along y and faces the
+ * other way.
+ */
 function file(animated = true): ArrayBuffer {
   const floats = [
     ...[0, 0, 0.025, 0.001, 0, 0.025, 0, 0.001, 0.025],
@@ -89,7 +92,7 @@ test("a contraction plays at its own pace, stops where it is sought, and leaves 
   contraction.start();
   assert.deepEqual([contraction.playing.value, contraction.shown.value], [true, motion]);
   for (let now = 1000; now <= 2000; now += 20) assert(contraction.advance(now));
-  // A second of four: half of the way to the second frame.
+  // One second of four: half of the way to the second frame.
   assert.deepEqual(heights(motion), [0.5, 0.5, 1.5]);
   assert(moved >= 50 && Math.abs(view.phase.value! - 0.25) < 0.03, `${moved} ${view.phase.value}`);
   contraction.toggle();

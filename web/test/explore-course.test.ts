@@ -1,9 +1,9 @@
-// Bent tubes: where points of the straight tube are, and back.
+// Bent tubes: positions of the straight tube's points, and back.
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { Course, isBent } from "../src/explore/course.ts";
 
-/** A helix about z whose windings are nearer to each other than twice the radius of their walls. */
+/** A helix about z whose windings are closer to each other than twice the radius of their walls. */
 export function helix({ radius = 5, pitch = 4, windings = 2, from = 0, count = 600 } = {}): Course {
   const [rise, length] = [pitch / (2 * Math.PI), windings * 2 * Math.PI * Math.hypot(radius, pitch / (2 * Math.PI))];
   const speed = Math.hypot(radius, rise);
@@ -47,13 +47,13 @@ test("points of a cross section lie across the centre line, and straight on beyo
   course.bend(0, 0, -2, out);
   assert.ok(Math.hypot(out.x - 5 + 2 * tangent.x, out.y + 2 * tangent.y, out.z + 2 * tangent.z) < 1e-12);
   assert.equal(course.begin, 3);
-  // Half way between two points of the document.
+  // Halfway between two points of the document.
   const half = course.length / 2 + course.length / 1200;
   course.bend(0, 0, half, out);
   assert.ok(Math.abs(Math.hypot(out.x, out.y) - 5) < 1e-3);
 });
 
-/** A tube around the centre line that widens: rings of points, joined by triangles. */
+/** A widening tube around the centre line: rings of points, connected by triangles. */
 function tube(length: number, radius: (z: number) => number, rings = 400, around = 12) {
   const points: [number, number, number][] = [];
   const index: number[] = [];
@@ -71,7 +71,7 @@ function tube(length: number, radius: (z: number) => number, rings = 400, around
 }
 
 test("a bent surface is made straight again, also where another part of the centre line is nearer", () => {
-  // The windings are 4 mm apart: walls 3 mm from the upper one are 1 mm from the lower.
+  // The windings are 4 mm apart, so walls 3 mm from the upper winding are 1 mm from the lower.
   const course = helix();
   const { points, index } = tube(course.length, (z) => 0.4 + (2.6 * z) / course.length);
   const [positions, out] = [new Float32Array(3 * points.length), new Triple()];
@@ -79,7 +79,7 @@ test("a bent surface is made straight again, also where another part of the cent
     course.bend(x, y, z, out);
     positions.set([out.x, out.y, out.z], 3 * i);
   });
-  // In any order.
+  // The order of triangles does not matter.
   const shuffled = Array.from({ length: index.length / 3 }, (_, t) => (t * 7919) % (index.length / 3)).flatMap((t) => index.slice(3 * t, 3 * t + 3));
   for (const order of [index, shuffled]) {
     const straight = course.straighten(positions, order);

@@ -1,4 +1,4 @@
-// Planar cuts: what is drawn of them, which are asked for, and what is said about them.
+// Planar cuts: their drawing, the requested planes, and their description.
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { OviductError, type Cut, type Report } from "../../clients/typescript/src/index.ts";

@@ -29,7 +29,7 @@ test("a flight has the speed that it states, and tells its position now and then
   assert.equal(flight.shown.value, view.flown);
   flight.move(-5);
   assert(Math.abs(view.flown - 0.25) < 1e-9);
-  // A pause takes no way, and neither does a second picture of the same frame.
+  // The flight does not move during a pause, nor for a second picture of the same frame.
   flight.toggle();
   flight.advance(9000);
   flight.advance(9050);

@@ -1,4 +1,4 @@
-// What is left out of the picture while it moves: pixels, and triangles that cannot be seen.
+// Parts that the picture omits during movements: pixels, and triangles that cannot be visible.
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { Resolution } from "../src/explore/viewer/resolution.ts";
@@ -6,7 +6,7 @@ import { around, seenThroughEnds, select, type Stretch } from "../src/explore/vi
 
 Object.assign(globalThis, { devicePixelRatio: 1 });
 
-/** Draws frames at intervals of so many milliseconds; the last time. */
+/** Draws frames at intervals in milliseconds; returns the last time. */
 function draw(resolution: Resolution, count: number, interval: number, from = 0): number {
   for (let k = 1; k <= count; k++) resolution.frame(from + k * interval);
   return from + count * interval;
@@ -20,7 +20,7 @@ test("a slow movement is drawn coarsely, and sharply once it rests", (context) =
   assert.deepEqual([resolution.coarse, resolution.ratio], [false, 1]);
   now = draw(resolution, 20, 60, now);
   assert.deepEqual([resolution.coarse, resolution.ratio], [true, 0.5]);
-  // In between nothing changes, so that it does not flicker.
+  // Between the two limits nothing changes, so the picture does not flicker.
   now = draw(resolution, 100, 20, now);
   assert(resolution.coarse);
   assert.equal(rests, 0);
@@ -28,7 +28,7 @@ test("a slow movement is drawn coarsely, and sharply once it rests", (context) =
   assert.equal(rests, 1);
   resolution.frame(now + 1000);
   assert.deepEqual([resolution.coarse, resolution.ratio], [false, 1]);
-  // The next movement is slow from its first frame on, until the device is quick.
+  // The next movement is coarse from its first frame, until the device proves fast.
   now = draw(resolution, 1, 20, now + 2000);
   assert(resolution.coarse);
   draw(resolution, 20, 8, now);
@@ -44,7 +44,7 @@ test("without a graphics processor a movement begins coarsely, and a picture at 
   context.mock.timers.tick(1000);
   resolution.frame(2000);
   assert.deepEqual([resolution.coarse, resolution.ratio], [false, 1.5]);
-  // What moves on is no picture at rest, however long its frame takes.
+  // A continuing movement is not a picture at rest, however long its frame takes.
   draw(resolution, 1, 20, 2000);
   context.mock.timers.tick(1000);
   resolution.moved();
@@ -61,11 +61,11 @@ test("from outside one sees into an open end as far as a line of sight reaches w
     seenThroughEnds({ x, y: 0, z }, TUBE, ends, out);
     return out;
   };
-  /** Fails if a line of sight through an end leaves the tube beyond what is said to be seen. */
+  /** Fails if a line of sight through an end leaves the tube beyond the computed stretch. */
   const covers = (x: number, z: number, end: number) => {
     const { from, to } = seen(x, z);
     for (const entry of [-1.5, 0, 1.5]) {
-      // Where it leaves the tube at the other side.
+      // The point where the line of sight leaves the tube on the other side.
       const at = end + ((Math.sign(entry - x) * 1.5 - entry) / (entry - x)) * (end - z);
       const last = Math.max(0, Math.min(TUBE.length, at));
       assert(from <= last && last <= to, `${last} from (${x}, ${z})`);
@@ -77,7 +77,7 @@ test("from outside one sees into an open end as far as a line of sight reaches w
       covers(x, 60 + beyond, 60);
     }
   }
-  // Neither end is seen from the side, and all from before an end or from within.
+  // From the side, neither end is visible. From in front of an end or from inside, everything is.
   assert(seen(1, 30).from <= 0 && seen(1, 30).to >= 60);
   assert(seen(50, 30).to < 0);
   assert(seen(0, 100).from < 0 && seen(0, 100).to > 60);
@@ -97,7 +97,7 @@ test("a stretch around a camera changes seldom and holds its surroundings", () =
 });
 
 test("triangles wholly behind a plane are left out", () => {
-  // Four in a row along x, each 1 wide, of a strip.
+  // Four triangles in a row along x, each 1 wide.
   const positions = Float32Array.from([0, 0, 0, 1, 0, 0, 0, 1, 0, 2, 0, 0, 3, 0, 0, 2, 1, 0]);
   const index = Uint16Array.from([0, 1, 2, 3, 4, 5, 0, 4, 5]);
   const patch = { name: "outer_wall" as const, positions, straight: positions, normals: new Int8Array(), index };
@@ -106,9 +106,9 @@ test("triangles wholly behind a plane are left out", () => {
   assert.deepEqual(left(), [...index]);
   assert.deepEqual(left({ nx: 1, ny: 0, nz: 0, d: -1.5 }), [3, 4, 5, 0, 4, 5]);
   assert.deepEqual(left({ nx: -1, ny: 0, nz: 0, d: 1.5 }), [0, 1, 2, 0, 4, 5]);
-  // Behind one plane with a corner and behind the other with the rest.
+  // One corner is behind one plane, and the rest is behind the other plane.
   assert.deepEqual(left({ nx: 1, ny: 0, nz: 0, d: -1.5 }, { nx: -1, ny: 0, nz: 0, d: 1.5 }), [0, 4, 5]);
-  // Nothing is beside the infinite.
+  // Nothing lies beside a plane at infinity.
   assert.deepEqual(left({ nx: 0, ny: 0, nz: 1, d: Infinity }, { nx: 0, ny: 0, nz: -1, d: Infinity }), [...index]);
   assert.deepEqual(left({ nx: 0, ny: 0, nz: 1, d: -Infinity }), []);
 });

@@ -1,4 +1,4 @@
-// Exploring sections: contours, the distance to the mucosa, the way through the lumen.
+// Sections in the explorer: contours, the distance to the mucosa, the path through the lumen.
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { centreline, positionAt } from "../src/explore/centreline.ts";
@@ -11,7 +11,11 @@ const square: Outline = { x: [0, 10, 10, 0], y: [0, 0, 10, 10] };
 
 const noPause = () => Promise.resolve();
 
-/** A lumen of two round rooms of 60 µm, joined by a passage; `open` is the larger room: -1 at the left, 1 at the right. */
+/**
+ * A lumen of two round rooms of 60 µm with a passage between them.
+ *
+ * `open` is the larger room: -1 at the left, 1 at the right.
+ */
 function rooms(open: -1 | 1): Outline {
   const [x, y]: [number[], number[]] = [[], []];
   const room = (centre: number, radius: number, from: number) => {
@@ -75,7 +79,7 @@ test("the way stays in the lumen while the open room changes sides", async () =>
 });
 
 test("the way goes straight where the widest place jumps between equal ones", async () => {
-  // Two equal rooms; noise makes now one, now the other the wider.
+  // Two equal rooms; noise makes either of them the wider one.
   const z = Array.from({ length: 20 }, (_, k) => 300 * k);
   const fields = z.map((_, k) => {
     const { x, y } = rooms(1);

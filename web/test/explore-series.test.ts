@@ -1,4 +1,4 @@
-// What is plotted along the tube and compared with publications.
+// Plots along the tube, and comparisons with publications.
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
@@ -8,7 +8,7 @@ import { bandsOf, extent, known, published, seriesOf, type Comparison, type Morp
 
 const region = (from_mm: number, to_mm: number) => ({ from_mm, to_mm, sections: 3, quantities: {} });
 
-/** Nine sections of a tube of 8 mm; the shape tree is made of every fourth. */
+/** Nine sections of a tube of 8 mm; every fourth one has a shape tree. */
 const morphometry = {
   along: {
     z_mm: [0, 1, 2, 3, 4, 5, 6, 7, 8],
@@ -50,7 +50,7 @@ test("a section without a value is a gap, unless its shape tree is not made", ()
   const [folds, order] = seriesOf(morphometry, undefined);
   assert.deepEqual([folds!.z, folds!.starts], [[0, 1, 3, 4, 5, 6, 7, 8], [0, 2]]);
   assert.deepEqual([order!.z, order!.values, order!.starts], [[0, 4, 8], [1, 1.5, 2], [0]]);
-  // A tree that was made and has no value.
+  // A computed shape tree may have no value.
   const gap = known([0, 1, 2, 3, 4, 5, 6], [1, null, null, null, 2, null, 3], 2);
   assert.deepEqual(gap, { z: [0, 4, 6], values: [1, 2, 3], starts: [0, 1] });
   assert.deepEqual(known([0, 1], [null, null], 1), { z: [], values: [], starts: [] });

@@ -1,4 +1,4 @@
-// Reading the surface from quantized files.
+// Reading of surfaces from quantized files.
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { readSurface } from "../src/explore/viewer/surface.ts";
@@ -39,7 +39,8 @@ function file(name: string, positions: Int16Array, normals: Int8Array, scale: nu
 
 test("positions are in millimetres from the begin of the piece, and normals are perpendicular, whatever the steps of the axes", async () => {
   const scale = [0.001, 0.002, 0.06];
-  // In millimetres: (1, 0, 0), (1, 2, 0) and (2, 0, 60), whose normal is (60, 0, -1) of length 1.
+  // In millimetres: (1, 0, 0), (1, 2, 0) and (2, 0, 60), with the normal (60, 0, -1) scaled to
+  // length 1.
   const positions = Int16Array.of(0, 0, 0, 0, 32767, 0, 32767, 0, 32767);
   const normal = [60 * scale[0]!, 0, -1 * scale[2]!];
   const length = Math.hypot(...normal);

@@ -13,7 +13,7 @@ import type { Patch } from "../src/explore/viewer/surface.ts";
 
 const tube: Tube = { begin: 0, length: 60, radius: 1.5, x: 0.02, y: -0.01 };
 
-/** Where a point is in the picture: -1 to 1 within it. */
+/** Position of a point in the picture; -1 to 1 is inside. */
 function seen({ x, y, z, azimuth, elevation, distance }: Placement, aspect: number, point: [number, number, number]): [number, number] {
   const [a, e] = [(azimuth * Math.PI) / 180, (elevation * Math.PI) / 180];
   const back = [Math.cos(e) * Math.sin(a), Math.sin(e), Math.cos(e) * Math.cos(a)];
@@ -45,7 +45,7 @@ test("lengths in the picture are those at a depth", () => {
   const target = { x: camera.x, y: camera.y, z: camera.z * tube.length };
   assert.ok(Math.abs(depthOf(camera, tube, target) - camera.distance) < 1e-9);
   for (const z of [0, 60]) {
-    // A millimetre in the direction that is to the right in the picture.
+    // One millimetre in the direction that points right in the picture.
     const a = (camera.azimuth * Math.PI) / 180;
     const [left, right] = [seen(camera, 1.5, [0, 0, z]), seen(camera, 1.5, [Math.cos(a), 0, z - Math.sin(a)])];
     const pixels = ((right[0] - left[0]) / 2) * 1.5 * 600;
@@ -107,7 +107,10 @@ test("measured points go into a link and come back; a third begins anew", () => 
   for (const wrong of [null, "", "1_2", "1_2_x", "1_2_3_4"]) assert.equal(readSpot(wrong), undefined);
 });
 
-/** A box from -1 to 1 in x and y, from 0 to 10 in z, with triangles facing outwards; all of it as one patch. */
+/**
+ * A box from -1 to 1 in x and y and from 0 to 10 in z, with triangles facing outwards, as one
+ * patch.
+ */
 function box(name: Patch["name"], half = 1): Patch {
   const corners = [0, 10].flatMap((z) => [[-half, -half, z], [half, -half, z], [half, half, z], [-half, half, z]]);
   const faces = [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]];
@@ -147,18 +150,18 @@ test("segments grow and keep what they hold", () => {
 });
 
 test("a ray meets the surface, a cut face of tissue, or what lies behind what is cut away", () => {
-  // A tube with a square wall from 0.5 to 1: the inner box is its lumen.
+  // A tube with a square wall from 0.5 to 1. The inner box is its lumen.
   const patches = [box("outer_wall"), box("inner_wall", 0.5)];
   const all = () => true;
   const from = (x: number, y: number) => ({ ox: x, oy: y, oz: 20, dx: 0, dy: 0, dz: -1 });
   const cut = [{ nx: 0, ny: 0, nz: -1, d: 4 }];
   assert.equal(firstHit(patches, all, [], from(0.75, 0.1)), 10);
   assert.equal(firstHit(patches, all, cut, from(0.75, 0.1)), 16);
-  // In the lumen there is no face: the ray goes on to its bottom.
+  // In the lumen there is no face, so the ray continues to its bottom.
   assert.equal(firstHit(patches, all, cut, from(0.2, 0.1)), 20);
   assert.equal(firstHit(patches, (patch) => patch.name === "outer_wall", cut, from(0.2, 0.1)), 20);
   assert.equal(firstHit(patches, all, cut, from(3, 0)), undefined);
-  // A face that another plane has cut away is not met.
+  // The ray ignores a face that another plane has cut away.
   assert.equal(firstHit(patches, () => false, [...cut, { nx: -1, ny: 0, nz: 0, d: 0 }], from(0.75, 0.1)), undefined);
 });
 

@@ -1,4 +1,4 @@
-// What the drawing of a section shows.
+// The shown part of a section's drawing.
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { dragged, pointAt, windowOf, zoomed } from "../src/explore/section-window.ts";

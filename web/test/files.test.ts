@@ -3,7 +3,7 @@ import { readFileSync } from "node:fs";
 import { test } from "node:test";
 import { subjectOf } from "../src/explore/files.ts";
 
-/** Names in the first column of the table of docs/files.md. */
+/** Names in the first column of the table in docs/files.md. */
 function documented(): string[] {
   const text = readFileSync("../docs/files.md", "utf8");
   const table = text.slice(0, text.indexOf("\n\n", text.indexOf("|---")));

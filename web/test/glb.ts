@@ -1,6 +1,6 @@
 // Binary glTF files for tests.
 
-/** A file of a description and of binary data, which `write` writes from byte `at` on. */
+/** A file of a JSON description and binary data, which `write` writes at the offset `at`. */
 export function glb(json: object, length: number, write: (view: DataView, at: number) => void): ArrayBuffer {
   let text = JSON.stringify(json);
   text += " ".repeat((4 - (text.length % 4)) % 4);

@@ -111,7 +111,7 @@ test("of many models those are dropped that are not shown and were touched least
   assert.deepEqual([seeds.length, ...seeds.slice(0, 3)], [KEPT, 1, 2, 6]);
   remember([model(1, { version: 2, status: "succeeded" })]);
   assert.equal(shown.value?.status, "succeeded");
-  // No longer shown, and touched longer ago than the others.
+  // The model is not shown and is the least recently used one.
   stop();
   remember([...known()].filter(({ seed }) => seed !== 1));
   remember([model(KEPT + 4)]);

@@ -1,4 +1,4 @@
-// The outlines of growing tubes through a reload of the page.
+// Outlines of growing tubes across a reload of the page.
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 import type { ModelState } from "oviduct-client";
@@ -14,14 +14,14 @@ function grow(id: string, count: number, changed: Partial<ModelState> = {}): voi
   sections(id).value = Array.from({ length: count }, (_, k) => section(k));
 }
 
-/** A circle of 1,000 µm, of more points than are kept. */
+/** A circle with a radius of 1,000 µm and more points than are kept. */
 function section(index: number): LiveSection {
   const points = Array.from({ length: 500 }, (_, k) => (2 * Math.PI * k) / 500).flatMap((turn) => [1000 * Math.cos(turn), 1000 * Math.sin(turn)]);
   const contour = Float32Array.from(points);
   return { index, step: 5 * index, z_um: 300 * index, inner: contour, outer: contour };
 }
 
-/** As when the page is loaded again; gives what was stored. */
+/** Simulates a reload of the page; returns the stored text. */
 function reload(): string {
   const text = writeOutlines();
   reset();

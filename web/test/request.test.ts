@@ -13,7 +13,7 @@ import { addKey, extent, moveKey, removeKey, round, stepOf, valueAt, type Schedu
 import { snippets } from "../src/request/snippets.ts";
 import { readList, readNumber, readPoints, readSeeds } from "../src/request/text.ts";
 
-// A cut of `GET /schema` and `GET /presets/pig`.
+// Excerpts of `GET /schema` and `GET /presets/pig`.
 const schema: SchemaNode = {
   properties: {
     steps: { type: "integer", minimum: 1, maximum: 100_000 },

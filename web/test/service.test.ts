@@ -1,4 +1,4 @@
-// The service of the page, at an address with the credentials of a proxy.
+// The service of the page, at a URL with the credentials of a proxy.
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { OviductConnectionError } from "oviduct-client";

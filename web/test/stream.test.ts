@@ -7,7 +7,7 @@ Object.assign(globalThis, { document: page, addEventListener: () => {} });
 const { connection, watch } = await import("../src/stream.ts");
 const { setKey } = await import("../src/service.ts");
 
-/** What the service answers, and the keys of the requests that it got. */
+/** Response of the service, and the API keys of received requests. */
 let answer: { status: number; slug: string };
 let asked: (string | null)[] = [];
 globalThis.fetch = async (_, init) => {
@@ -31,7 +31,7 @@ test("a key that may not read is not tried again, another one is", async (contex
   assert.deepEqual(asked, [null]);
   assert.equal(connection.value, "refused");
 
-  // It was hidden and is seen again.
+  // The page was hidden and is visible again.
   for (const hidden of [true, false]) {
     page.hidden = hidden;
     page.dispatchEvent(new Event("visibilitychange"));
@@ -43,7 +43,7 @@ test("a key that may not read is not tried again, another one is", async (contex
   await pass(60);
   assert.deepEqual(asked, [null, "Bearer other"]);
 
-  // Other refusals may pass.
+  // Other refusals may be transient.
   answer = { status: 429, slug: "rate-limited" };
   asked = [];
   setKey("busy");
@@ -51,7 +51,7 @@ test("a key that may not read is not tried again, another one is", async (contex
   assert(asked.length > 3, `${asked.length} requests`);
   assert.equal(connection.value, "lost");
 
-  // The page asks for a key.
+  // The page asks for an API key.
   answer = { status: 401, slug: "unauthorized" };
   asked = [];
   setKey("wrong");

@@ -1,12 +1,16 @@
-// The style sheets of the parts of the page are loaded as these are visited, and stay: none may depend on their order.
+// The style sheets of pages are loaded on the first visit and stay loaded, so no sheet may depend
+// on their order.
 import assert from "node:assert/strict";
 import { readdirSync, readFileSync } from "node:fs";
 import { test } from "node:test";
 
-/** Comes first. Its classes are for all pages, which may change them together with a class of their own. */
+/**
+ * The first sheet. Its classes are for all pages, which may change them together with their own
+ * classes.
+ */
 const SHARED = "ui/theme.css";
 
-/** The classes of each selector of a sheet, with those of the rules around it. */
+/** The classes of each selector in a sheet, including the surrounding rules. */
 function selectors(css: string): string[][] {
   const around: string[][][] = [];
   const found: string[][] = [];

@@ -1,4 +1,4 @@
-// A page of another origin uses the client in Chromium, with a key and tickets.
+// A page of another origin uses the client in Chromium, with an API key and tickets.
 import assert from "node:assert/strict";
 import { createHash } from "node:crypto";
 import { readFile } from "node:fs/promises";
@@ -11,7 +11,7 @@ import { ENDLESS, FIT, Service, SMALL, withServer } from "./service.js";
 const EXECUTABLE = process.env["CHROMIUM"] ?? "/usr/bin/chromium";
 const FLAGS = ["--no-sandbox", "--headless", "--disable-gpu", "--disable-background-networking"];
 
-/** The page and the built client. */
+/** Serves the page and the built client. */
 const files: RequestListener = async (request, answer) => {
   const { pathname } = new URL(request.url ?? "/", "http://page");
   const root = new URL("../", import.meta.url);
@@ -52,7 +52,7 @@ function call<T>(page: Page, name: string, ...values: unknown[]): Promise<T> {
 
 test("a page of another origin submits, follows through a restart, and downloads", async () => {
   await withServer(files, async (own) => {
-    // The name is not that of this machine, so the page is not secure: it has no hashes and no UUIDs.
+    // A foreign host name makes the page insecure, so it has neither hash functions nor UUIDs.
     const plain = own.replace("127.0.0.1", "lab.example");
     const service = await Service.start("--cors-origin", own, "--cors-origin", plain);
     const browser = await chromium.launch({
@@ -130,7 +130,7 @@ test("a page of another origin submits, follows through a restart, and downloads
       assert.equal((await call<Batch>(page, "batch", service.url, key, { ...SMALL, seeds: [3, 4] })).counts.succeeded, 2);
       assert.equal((await call<Loaded>(page, "load", service.url, key, model.id)).count, loaded.count);
 
-      // Of an origin that the service does not know, no call succeeds.
+      // The service does not know this origin, so no call succeeds.
       await page.goto(own.replace("127.0.0.1", "localhost"));
       await page.waitForFunction("window.ready");
       const refused = call(page, "problem", service.url, key);

@@ -1,4 +1,4 @@
-// The code of docs/clients.md is checked and runs as one program.
+// Compiles the code of docs/clients.md and runs it as one program.
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
 import { mkdirSync, readFileSync, writeFileSync } from "node:fs";
@@ -17,7 +17,7 @@ test("the tutorial runs", async () => {
   writeFileSync(at("build/docs/tutorial.ts"), blocks.join("\n"));
   const config = {
     extends: "../../tsconfig.json",
-    // As a user would compile it, without the types of a browser; also checks the declarations of the package.
+    // Compile like a user, without browser types; also check the declarations of the package.
     compilerOptions: { lib: ["ES2022"], types: ["node"], rootDir: ".", outDir: ".", declaration: false, skipLibCheck: false },
     files: ["tutorial.ts"],
     include: [],

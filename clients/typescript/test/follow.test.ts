@@ -1,8 +1,8 @@
-// Streams of events that break.
+// Event streams that break.
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { Oviduct, OviductConnectionError, OviductError, type ModelEvent } from "oviduct-client";
-// Not exported by the package.
+// The package does not export these.
 import { LIMITS, openEventSource } from "../dist/events.js";
 import { ENDLESS, ENDLESS_FIT, FIT, SMALL, withServer, withService } from "./service.js";
 
@@ -77,7 +77,7 @@ test("a stream is resumed after the last event, with all its parameters", async 
         return void answer.writeHead(503, headers).end('{"type":"urn:oviduct:problem:too-many-streams"}');
       }
       answer.writeHead(200, { "content-type": "text/event-stream" });
-      // Line ends of all kinds, in pieces; a comment, an id alone, and an event that is not complete.
+      // All kinds of line ends, split into chunks; a comment, an id alone, and an incomplete event.
       const pieces = [
         ": hi\r",
         '\nevent: status\r\nid: 1\r\ndata: {"id":\r\ndata: "m","status":"running"}\r\n\r\nid: 2\r\r',
@@ -133,7 +133,7 @@ test("a stream that cannot be opened fails", async () => {
   await assert.rejects(follow(nobody), OviductConnectionError);
 });
 
-/** An EventSource that does what a test says. */
+/** An EventSource that a test controls. */
 class Scripted {
   static urls: string[] = [];
   static script: ((source: Scripted) => void)[] = [];
@@ -155,7 +155,7 @@ class Scripted {
   }
 }
 
-/** Shortens limits of streams during a test. */
+/** Shortens the limits of streams during a test. */
 async function withLimits(limits: Partial<typeof LIMITS>, test: () => Promise<void>): Promise<void> {
   const before = { ...LIMITS };
   Object.assign(LIMITS, limits);
@@ -218,7 +218,7 @@ test("each EventSource has a ticket of its own, and is closed before the next", 
         (source) => {
           used.push(source);
           source.send("open");
-          // The reader is slow: of the two states of progress it sees the last.
+          // The reader is slow, so it sees only the last of the two progress events.
           source.send("status", '{"id":"m","status":"running"}', "c-1");
           source.send("progress", '{"id":"m","status":"running","version":2}', "c-2");
           source.send("progress", '{"id":"m","status":"running","version":3}', "c-3");
@@ -249,7 +249,7 @@ test("the end of a batch is learnt by fetch, which sees ids without an event", a
     (request, answer) => {
       asked.push(request.url ?? "");
       if (asked.length > 1) return void answer.writeHead(204).end();
-      // Another process: it does not know the cursor.
+      // Another process of the service does not know the cursor.
       answer.writeHead(200, { "content-type": "text/event-stream" });
       answer.end('event: end\ndata: {"id":"m","status":"succeeded"}\nid: d-7\n\nid: over-b-1\n\n');
     },

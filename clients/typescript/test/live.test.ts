@@ -16,7 +16,7 @@ before(async () => {
 });
 after(() => service[Symbol.asyncDispose]());
 
-/** The problem that a call fails with. */
+/** The problem with which a call fails. */
 async function problemOf(call: Promise<unknown>): Promise<OviductError> {
   const error = await call.then(
     () => assert.fail("it succeeded"),
@@ -171,7 +171,7 @@ test("a fit is checked, followed to its result, listed and deleted", async () =>
   const page = await client.listFitsPage({ status: "succeeded" }, { pageSize: 1 });
   assert.deepEqual([page.fits.length, page.next ?? null, page.fits[0]?.result], [1, null, undefined]);
 
-  // One that is followed while it is cancelled, and one while it is deleted.
+  // One fit is followed while it is cancelled, and one while it is deleted.
   for await (const { type } of client.followFit(gone.id)) if (type === "progress") await client.cancelFit(gone.id);
   assert.equal((await client.cancelFit(gone.id)).status, "cancelled");
   const deleted = await client.submitFit(ENDLESS_FIT);
@@ -212,7 +212,7 @@ test("many models are followed by one stream", async () => {
   const gone = "00000000-0000-7000-8000-000000000000";
   const [last] = await all(client.follow({ ids: [gone] }));
   assert.deepEqual(last?.model, { id: gone, status: "deleted" });
-  // A stream by label does not end by itself.
+  // A stream by label does not end.
   const labels = { followed: "later" };
   const { id } = await client.submit({ ...ENDLESS, seed: 22, labels });
   const stop = new AbortController();
@@ -235,7 +235,7 @@ test("files arrive whole, in parts and by links, and their references are absolu
   const response = await client.file(model.id, "model.glb");
   assert.equal(response.headers.get("etag"), `"${file.sha256}"`);
   assert.equal(hash(await response.arrayBuffer()), file.sha256);
-  // It arrives compressed; the tag has the hash of the decoded bytes.
+  // The report arrives compressed; its entity tag contains the hash of the decoded bytes.
   const report = model.files.find((file) => file.name === "report.json")!;
   const compressed = await client.file(model.id, "report.json");
   assert.equal(compressed.headers.get("etag"), `W/"${report.sha256}"`);
@@ -278,7 +278,7 @@ test("sections are the same as arrays and as JSON", async () => {
 });
 
 test("the surface is cut across and along the tube, as points and as pictures", async () => {
-  // Without a lean, the cut at the place of a section is the section.
+  // Without lean, a cut at the position of a section equals the section.
   const { z_um, outer } = await client.section(model.id, 5);
   const cut = await client.cut(model.id, { z_um });
   assert.deepEqual([cut.model, cut.units, cut.file, cut.islands, cut.pockets], [model.id, "um", "model.glb", 0, 0]);

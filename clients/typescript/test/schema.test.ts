@@ -1,4 +1,4 @@
-// The client calls every operation of openapi.yaml, but for those below.
+// The client calls every operation of openapi.yaml, except those below.
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
@@ -7,7 +7,7 @@ const UNUSED = ["get_docs", "get_openapi", "get_metrics"];
 
 test("every operation has a method", () => {
   const at = (path: string) => readFileSync(new URL(`../${path}`, import.meta.url), "utf8");
-  // The paths of the client, as `models/{}/cancel`.
+  // The paths in the client, such as `models/{}/cancel`.
   const roots = "models|batches|fits|workers|presets|schema|tickets|healthz|readyz|events";
   const client = at("src/client.ts").matchAll(new RegExp(`["\`]((?:${roots})[^"\`]*)["\`]`, "g"));
   const called = new Set(Array.from(client, ([, path]) => path!.replaceAll(/\$\{[^}]*\}/g, "{}")));

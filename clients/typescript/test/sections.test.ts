@@ -1,4 +1,5 @@
-// A damaged sections.bin, and a page that has no hashes. What is in a whole one, live.test.ts compares.
+// A damaged sections.bin, and a page without hash functions. live.test.ts compares the contents of
+// a valid file.
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
 import { Oviduct, Sections } from "oviduct-client";

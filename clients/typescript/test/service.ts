@@ -1,4 +1,4 @@
-// A live service for the tests: a binary on a free loopback port, with a directory of its own.
+// A live service for the tests: a binary on a free loopback port with its own directory.
 import assert from "node:assert/strict";
 import { execFileSync, spawn, type ChildProcess } from "node:child_process";
 import { mkdtempSync, openSync, readFileSync, rmSync } from "node:fs";
@@ -9,12 +9,15 @@ import { join } from "node:path";
 import { setTimeout as sleep } from "node:timers/promises";
 import type { FitRequest, ModelRequest } from "oviduct-client";
 
-/** A model that takes about a second: few steps and particles, all stages. */
+/** A model that takes about a second: few steps and particles, but all stages. */
 export const SMALL = {
   spec: { steps: 120, particles: { total: { keys: [[0, 300], [1, 600]] } }, lean: { strength_um: 0 } },
 } satisfies ModelRequest;
 
-/** A model with hours of work, so that it is still growing whatever a test does meanwhile; its first sections come soon. */
+/**
+ * A model that takes hours, so it is still growing at the end of a test; its first sections come
+ * soon.
+ */
 export const ENDLESS = { spec: { steps: 100_000, solver: { search: "all_pairs", record_every: 100 } } } satisfies ModelRequest;
 
 /** A small fit. */
@@ -27,7 +30,7 @@ export const FIT = {
   models: 1,
 } satisfies FitRequest;
 
-/** A fit with more than half an hour of work: it ends only if a test cancels or deletes it. */
+/** A fit that takes more than half an hour, so it ends only if a test cancels or deletes it. */
 export const ENDLESS_FIT = {
   ...FIT,
   spec: { steps: 1000, particles: { total: { keys: [[0, 600], [1, 2000]] } }, solver: { search: "all_pairs" } },
@@ -55,12 +58,13 @@ export class Service {
     return service;
   }
 
-  /** Starts it, also again, and waits until it is ready. */
+  /** Starts the service, also again, and waits until it is ready. */
   async start(): Promise<void> {
     assert(binary, "OVIDUCT_BINARY names the program to test");
     const log = openSync(join(this.data, "server.log"), "a");
     const line = ["serve", "--addr", `127.0.0.1:${this.#port}`, "--data", this.data, "--gpu", "off"];
-    // Jobs of a killed process are taken up soon. ENDLESS is over the usual limit.
+    // The short lease makes the next process resume the jobs of a killed one soon. ENDLESS exceeds
+    // the default limit.
     line.push("--heartbeat", "500ms", "--lease", "2s", "--max-model-time", "30d", ...this.#options);
     this.#process = spawn(binary, line, { stdio: ["ignore", log, log] });
     for (const end = Date.now() + 120_000; Date.now() < end; await sleep(50)) {
@@ -76,14 +80,14 @@ export class Service {
     return readFileSync(join(this.data, "server.log"), "utf8");
   }
 
-  /** Kills it with SIGKILL. */
+  /** Kills the service with SIGKILL. */
   async kill(): Promise<void> {
     const ended = new Promise((resolve) => this.#process?.once("exit", resolve));
     this.#process?.kill("SIGKILL");
     await ended;
   }
 
-  /** Makes a key; the service asks for one from then on. */
+  /** Creates an API key; the service then requires one. */
   async key(...options: string[]): Promise<string> {
     const line = ["keys", "add", "--data", this.data, "--owner", "lab", ...options];
     if (!options.includes("--scopes")) line.push("--scopes", "read,submit");
@@ -102,7 +106,7 @@ export class Service {
   }
 }
 
-/** Runs a test with a service of its own. */
+/** Runs a test with its own service. */
 export async function withService(options: string[], test: (service: Service) => Promise<void>): Promise<void> {
   const service = await Service.start(...options);
   try {
@@ -115,7 +119,7 @@ export async function withService(options: string[], test: (service: Service) =>
   }
 }
 
-/** A server of the test itself. Gives its URL, and ends with the function. */
+/** Runs a test with its own server at the URL that the test receives. */
 export async function withServer(listener: RequestListener, test: (url: string) => Promise<void>): Promise<void> {
   const server = createHttp(listener);
   await new Promise<void>((resolve) => server.listen(0, "127.0.0.1", resolve));
@@ -150,7 +154,7 @@ export async function until(what: string, holds: () => Promise<boolean>): Promis
   throw new Error(`in vain: ${what}`);
 }
 
-/** A port that nobody listens on now, below those of outgoing connections. */
+/** A port on which nobody listens, below the range of outgoing connections. */
 export async function freePort(): Promise<number> {
   for (;;) {
     const port = 15_000 + Math.floor(Math.random() * 15_000);

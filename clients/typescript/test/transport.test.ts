@@ -1,4 +1,4 @@
-// Retries, limits of time, and what errors say, with servers that misbehave.
+// Retries, time limits and error messages, with servers that misbehave.
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { setTimeout as sleep } from "node:timers/promises";
@@ -25,7 +25,7 @@ test("a submission is repeated with the same key, also if the answer is lost", a
       if (keys.length === 1) return void request.socket.destroy();
       if (keys.length === 2) return void answer.writeHead(503, { "retry-after": "1" }).end();
       if (keys.length === 3) {
-        // The body breaks off.
+        // The connection breaks within the body.
         answer.writeHead(202, { "content-length": "100" }).write("{");
         return void setTimeout(() => answer.destroy(), 20);
       }
@@ -161,7 +161,7 @@ test("a body may take longer than the limit, but not pause for so long", async (
 
 test("bytes that do not have the hash of their entity tag are loaded again", async () => {
   const tag = '"5891b5b522d5df086d0ff0b110fbd9d21bb4fc7163af34d08286a2e846f6be03"';
-  // The tag of a compressed answer is weak.
+  // The entity tag of a compressed response is weak.
   const weak = { etag: `W/${tag}`, "content-encoding": "gzip" };
   for (const headers of [{ etag: tag }, weak]) {
     let count = 0;
@@ -179,7 +179,7 @@ test("bytes that do not have the hash of their entity tag are loaded again", asy
 });
 
 test("the progress of bytes is told as they come, and begins anew with each attempt", async () => {
-  // Each part is sent once the one before it was told.
+  // Each part is sent after the progress of the previous one was reported.
   let told = () => {};
   let attempts = 0;
   await withServer(

@@ -77,7 +77,7 @@ function Loaded({ exploration, view, sections, index }: Props & { sections: Sect
   const z = `${short(stored.z_um / 1000)} mm`;
   const cutHere = () => {
     view.flight.value = undefined;
-    // Where it is shown: the nearest section, not the place that was asked for.
+    // The position of the nearest section, which is shown, instead of the requested position.
     view.position.value = exploration.fractions.peek()[index]!;
     view.across.value = true;
   };
@@ -146,7 +146,7 @@ function Caption({ section, waiting, why, fault, again }: Shown & { again: () =>
   );
 }
 
-/** What a cross section is of. */
+/** The shown cross section. */
 interface Place {
   id: string;
   source: CrossSection["source"];
@@ -163,7 +163,7 @@ interface PicturedProps {
   z: string;
 }
 
-/** The drawing, with a picture over it once that is there. */
+/** The drawing, with a picture over it after the picture has loaded. */
 function Pictured({ exploration: { pictures }, place, look, waiting, section, z }: PicturedProps) {
   const { id, source, index, z_um } = place;
   const name = `${source} ${index} ${look}`;
@@ -218,16 +218,18 @@ function Legend({ section, look }: { section: CrossSection; look: Look }) {
   );
 }
 
-/** Longest side of a picture that is saved, pixels. */
+/** Longest side of a saved picture, pixels. */
 const PIXELS = 2048;
 
-/** Links need a ticket of their own each time, so the address is asked for when it is wanted. */
+/**
+ * Saves a cross section. A link needs a new ticket each time, so the URL is requested on demand.
+ */
 async function save({ cuts }: Exploration, { id, index, z_um }: Place, kind: "svg" | "png" | "json", look: Look): Promise<void> {
   const stained = kind === "png" && look !== "contours" ? look : undefined;
-  // The service makes no pictures of contours: the drawing becomes one here.
+  // The service draws no pictures of contours, so the page converts the drawing.
   const isDrawn = kind === "png" && !stained;
   const options: SlideUrlOptions = { format: isDrawn ? "svg" : kind, ...(stained && slideOptions(stained, PIXELS)) };
-  // What is saved is what will be shown.
+  // Save the content that will be shown.
   await cuts.settled();
   const outcome = cuts.outcome.peek();
   const isCut = outcome?.key === String(index) && outcome.value?.cut !== undefined;
@@ -244,7 +246,7 @@ async function save({ cuts }: Exploration, { id, index, z_um }: Place, kind: "sv
   }
 }
 
-/** The address of a drawing as PNG. */
+/** The object URL of a drawing as PNG. */
 async function pngOf(drawing: string): Promise<string> {
   const response = await fetch(drawing);
   if (!response.ok) throw await OviductError.of(response);
@@ -255,7 +257,7 @@ async function pngOf(drawing: string): Promise<string> {
   canvas.width = Math.round(width * scale);
   canvas.height = Math.round(height * scale);
   const image = new Image();
-  // Not all browsers draw an image without a size.
+  // Some browsers do not draw an image without a size.
   const sized = svg.replace("<svg ", `<svg width="${canvas.width}" height="${canvas.height}" `);
   image.src = URL.createObjectURL(new Blob([sized], { type: "image/svg+xml" }));
   await image.decode();

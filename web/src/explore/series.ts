@@ -1,4 +1,4 @@
-// What is plotted along the tube: the measures of a report, and the ranges that are published for them.
+// Values plotted along the tube: measures of a report and their published ranges.
 import type { Report } from "oviduct-client";
 import { short } from "../ui/format.ts";
 import { quantity } from "./quantities.ts";
@@ -6,19 +6,22 @@ import { quantity } from "./quantities.ts";
 export type Morphometry = NonNullable<Report["morphometry"]>;
 export type Comparison = NonNullable<Report["comparison"]>;
 
-/** A figure along the tube. */
+/** A measure along the tube. */
 export interface Series {
   title: string;
   unit: string;
-  /** Millimetres from the isthmus end: the sections that have a value. */
+  /** Positions of the sections that have a value, millimetres from the isthmus end. */
   z: ArrayLike<number>;
   values: ArrayLike<number>;
-  /** Indices from which the line is drawn anew, the first one among them: before the others, sections have no value. */
+  /**
+   * Indices at which the line starts again, because the sections before have no value. The first is
+   * 0.
+   */
   starts: readonly number[];
   bands: readonly Band[];
 }
 
-/** A published range of a region. */
+/** Published range of a region. */
 export interface Band {
   region: string;
   /** Millimetres from the isthmus end. */
@@ -28,7 +31,7 @@ export interface Band {
   high: number;
 }
 
-/** In the order of the report as a page. */
+/** Plotted quantities, in the order of the report page. */
 const PLOTTED = [
   "folds_on_ring",
   "branching_order_mean",
@@ -42,10 +45,10 @@ const PLOTTED = [
   "fractal_dimension",
 ] as const;
 
-/** Those of the shape tree, which is not made of every section. */
+/** Quantities of the shape tree, which is computed only for some sections. */
 const OF_TREES: ReadonlySet<string> = new Set(["branching_order_mean", "fold_height_p50_um"]);
 
-/** What is plotted of a model; quantities without any value are left out. */
+/** The series of a model, without quantities that have no values. */
 export function seriesOf(morphometry: Morphometry, comparison: Comparison | undefined): Series[] {
   const { along, settings } = morphometry;
   const places = along["z_mm"] ?? [];
@@ -57,7 +60,7 @@ export function seriesOf(morphometry: Morphometry, comparison: Comparison | unde
 
 type Points = Pick<Series, "starts"> & { z: number[]; values: number[] };
 
-/** The values that are known. A line joins those of sections that are at most `stride` apart. */
+/** The known values. A line connects sections that are at most `stride` apart. */
 export function known(places: readonly (number | null)[], all: readonly (number | null)[], stride: number): Points {
   const points = { z: [] as number[], values: [] as number[], starts: [] as number[] };
   let last = -Infinity;
@@ -72,7 +75,7 @@ export function known(places: readonly (number | null)[], all: readonly (number 
   return points;
 }
 
-/** The published ranges of a quantity that hold for a region of the tube. */
+/** Published ranges of a quantity that apply to a region of the tube. */
 export function bandsOf(name: string, { regions }: Morphometry, comparison: Comparison | undefined): Band[] {
   return (comparison?.compared ?? []).flatMap(({ quantity, region, low, high }) => {
     const place = regions[region];
@@ -81,7 +84,7 @@ export function bandsOf(name: string, { regions }: Morphometry, comparison: Comp
   });
 }
 
-/** Ends of the axis of values. It begins at 0 unless the values vary little, as dimensions do. */
+/** Range of the value axis. It begins at 0 unless the values vary little, as dimensions do. */
 export function extent({ values, bands }: Pick<Series, "values" | "bands">): { bottom: number; top: number } {
   let [low, high] = [Infinity, 0];
   for (const value of [...Array.from(values), ...bands.flatMap((band) => [band.low, band.high])]) {
@@ -94,7 +97,7 @@ export function extent({ values, bands }: Pick<Series, "values" | "bands">): { b
 
 const REGIONS: Record<string, string> = { isthmus: "in the isthmus", junction: "in the junction", ampulla: "in the ampulla", whole: "over the whole tube" };
 
-/** `published 7.41 to 9.21 or 1 to 2 in the isthmus, 28.9 to 37.9 in the ampulla`; empty without any. */
+/** `published 7.41 to 9.21 or 1 to 2 in the isthmus, 28.9 to 37.9 in the ampulla`, or empty. */
 export function published({ bands, unit }: Pick<Series, "bands" | "unit">): string {
   const ranges = Array.from(new Set(bands.map(({ region }) => region)), (region) => {
     const own = bands.filter((band) => band.region === region);

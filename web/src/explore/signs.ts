@@ -8,9 +8,14 @@ import type { Stage } from "./viewer/stage.ts";
 import type { Surface } from "./viewer/surface.ts";
 import type { View } from "./view.ts";
 
-/** Longest scale bar, pixels. */
+/** Maximum width of the scale bar, pixels. */
 const BAR = 110;
-/** Pixels from the rim of an end down or up to the line of its name, and from that to the edges of the picture; half of its width. */
+/**
+ * Layout of a name, in pixels.
+ *
+ * Distance from the rim of the end down or up to the name's line, from that line to the edges of
+ * the picture, and half of the name's width.
+ */
 const [BELOW, ABOVE, EDGE, HALF] = [18, 8, 8, 36];
 
 export class Signs {
@@ -22,11 +27,13 @@ export class Signs {
   readonly #pose: Pose;
   readonly #ends: readonly [End, End];
   #shown = false;
-  /** Millimetres, and pixels, that the scale bar shows. */
+  /** Length of the scale bar in millimetres and in pixels. */
   #length = 0;
   #width = 0;
 
-  /** `overlay` has the names of the isthmus and the ampulla, `scale` an element that is made as wide as the bar. */
+  /**
+   * `overlay` contains the names of isthmus and ampulla; `scale` is the element of the scale bar.
+   */
   constructor(overlay: SVGSVGElement, scale: HTMLElement, tube: Tube, pose: Pose) {
     this.#tube = tube;
     this.#pose = pose;
@@ -37,7 +44,7 @@ export class Signs {
     this.#bar = scale.querySelector("b")!;
   }
 
-  /** Names the ends of a surface where they are. */
+  /** Sets the positions of the names from the ends of a surface. */
   show({ patches }: Surface): void {
     for (const { name, straight } of patches) {
       if (name === "cap_isthmus") this.#ends[0].fit(straight);
@@ -45,7 +52,7 @@ export class Signs {
     }
   }
 
-  /** Moves names and scale bar to where they belong; to be called after each frame, outside effects. */
+  /** Moves names and scale bar to their positions. Call after each frame, outside effects. */
   draw(view: View, stage: Stage): void {
     const shown = !view.flying.value;
     if (shown !== this.#shown) {
@@ -66,9 +73,9 @@ export class Signs {
       const name = this.#names[i]!;
       const seen = end !== covered && end.before && (i === 0 ? from === 0 : to === 1) && end.x > 0 && end.x < width && end.y > 0 && end.y < height;
       name.style.display = seen ? "" : "none";
-      // Lengths are set as numbers: attributes would be new strings in each frame.
+      // Numeric properties avoid the new strings that attributes would need in each frame.
       name.x.baseVal.getItem(0).value = Math.max(HALF, Math.min(width - HALF, end.x));
-      // On the side where the tube is not.
+      // Place the name on the side away from the tube.
       const other = this.#ends[1 - i]!;
       const above = other.before && other.y > end.y + end.radius;
       const y = above ? end.y - end.radius - ABOVE : end.y + end.radius + BELOW;
@@ -86,13 +93,13 @@ export class Signs {
   }
 }
 
-/** An end of what is kept of the tube: the picture of a circle around it, in pixels. */
+/** An end of the kept part of the tube: the projected circle around it, in pixels. */
 class End {
   x = 0;
   y = 0;
   radius = 0;
   depth = 0;
-  /** Whether it is before the camera. */
+  /** True if the end is in front of the camera. */
   before = false;
   readonly #at = new Vector3();
   /** The circle itself, millimetres. */
@@ -102,7 +109,7 @@ class End {
     this.#circle = circle;
   }
 
-  /** Takes the circle around points. */
+  /** Fits the circle to points. */
   fit(positions: Float32Array): void {
     let [left, right, bottom, top] = [Infinity, -Infinity, Infinity, -Infinity];
     for (let i = 0; i < positions.length; i += 3) {
@@ -123,7 +130,7 @@ class End {
     [this.x, this.y] = [spot.x, spot.y];
   }
 
-  /** Whether it hides the other end. */
+  /** True if this end hides the other one. */
   covers(other: End): boolean {
     return this.before && this.depth < other.depth && Math.hypot(this.x - other.x, this.y - other.y) < this.radius;
   }

@@ -1,11 +1,11 @@
-// How cross sections are shown, and pictures of them.
+// Looks of cross sections, and their pictures.
 import type { Slide, SlideOptions } from "oviduct-client";
 
 export const LOOKS = ["contours", "stained", "labels"] as const;
-/** How a cross section is shown. */
+/** Look of a cross section. */
 export type Look = (typeof LOOKS)[number];
 
-/** Tissues of a label image from value 2 on; the colours are those of the legend. */
+/** Tissues of a label image, from the value 2; the colours are those of the legend. */
 export const TISSUES = [
   { name: "Epithelium", color: "#6d3a8c" },
   { name: "Lamina propria", color: "#f0b6c6" },
@@ -30,7 +30,7 @@ export async function pictureOf(slide: Slide, look: Exclude<Look, "contours">): 
   return { url, width, height };
 }
 
-/** Labels in colours; what is no tissue is transparent. */
+/** Colours tissue labels and makes other pixels transparent. */
 async function coloured(labels: ImageBitmap): Promise<Blob> {
   const canvas = document.createElement("canvas");
   [canvas.width, canvas.height] = [labels.width, labels.height];
@@ -42,7 +42,7 @@ async function coloured(labels: ImageBitmap): Promise<Blob> {
   return new Promise((resolve, reject) => canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("The picture could not be made."))), "image/png"));
 }
 
-/** Replaces grey labels by colours, in pixels of red, green, blue and alpha. */
+/** Replaces grey labels by colours, in RGBA pixels. */
 export function colour(pixels: Uint8ClampedArray): void {
   const colours = TISSUES.map(({ color }) => [1, 3, 5].map((at) => parseInt(color.slice(at, at + 2), 16)));
   for (let i = 0; i < pixels.length; i += 4) {
@@ -52,12 +52,15 @@ export function colour(pixels: Uint8ClampedArray): void {
   }
 }
 
-/** What a picture is asked for with. */
+/** Options of the request for a picture. */
 export function slideOptions(look: Exclude<Look, "contours">, size: number): SlideOptions {
   return look === "labels" ? { size, labels: true } : { size, stain: "he" };
 }
 
-/** Longest side of a picture that fills a number of pixels; one of few, so that pictures can be kept. */
+/**
+ * Longest side of a picture for this number of pixels. There are few sizes, so pictures can be
+ * reused.
+ */
 export function sizeFor(pixels: number): number {
   return pixels <= 1100 ? 1024 : 2048;
 }

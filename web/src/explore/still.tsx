@@ -1,4 +1,4 @@
-// The service's picture of a model, in place of the 3D view.
+// The service's picture of a model, instead of the 3D view.
 import type { ComponentChildren } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import { picture } from "../pictures.ts";
@@ -8,7 +8,7 @@ export function Still({ exploration, children }: { exploration: Exploration; chi
   const [url, setUrl] = useState<string>();
   const { id, seed } = exploration.model;
   useEffect(() => {
-    // Without the picture the words remain.
+    // Without the picture, only the text is shown.
     picture(id, "opened", 1024).then(setUrl, () => {});
   }, []);
   return (

@@ -1,10 +1,11 @@
-// What is computed from the sections of a model: figures along the tube, and the way through the lumen.
+// Results computed from the sections of a model: measures along the tube, and a path through the
+// lumen.
 import type { Sections } from "oviduct-client";
 import { centreline, type Centreline } from "./centreline.ts";
 import { area, perimeter } from "./contours.ts";
 import { DistanceField } from "./lumen.ts";
 
-/** Figures of all sections, from the isthmus. */
+/** Measures of all sections, isthmus end first. */
 export interface Profile {
   /** Millimetres from the isthmus end. */
   z: Float64Array;
@@ -21,12 +22,16 @@ export interface Survey {
   way: Centreline;
 }
 
-/** Most sections that the way is laid through; more do not make it smoother. */
+/** Maximum number of sections for the path. More sections do not make it smoother. */
 const WAY_SECTIONS = 400;
 /** Milliseconds of work between two pauses, so that the page stays responsive. */
 const WORK = 12;
 
-/** Reads all sections, in pieces; the way through them starts at `begin` millimetres. Throws `signal.reason` if it is aborted. */
+/**
+ * Reads all sections in portions; the path through them starts at `begin` millimetres.
+ *
+ * @throws `signal.reason` if the signal is aborted.
+ */
 export async function survey(sections: Sections, begin: number, signal: AbortSignal): Promise<Survey> {
   const count = sections.length;
   const figures = () => new Float64Array(count);
@@ -50,7 +55,7 @@ export async function survey(sections: Sections, begin: number, signal: AbortSig
   return { profile: { z, lumen, tissue, mucosa }, way: await centreline(fields, fieldsAt, pause) };
 }
 
-/** Lets the page do other things now and then. */
+/** Returns a function that pauses from time to time, so that the page can do other work. */
 function pauses(signal: AbortSignal): () => Promise<void> {
   let started = performance.now();
   return async () => {

@@ -1,4 +1,4 @@
-// What is shown and how: shared by the parts of a page, and kept in its link.
+// The shown content and its view, shared by the parts of a page and kept in its link.
 import { computed, signal, type Signal } from "@preact/signals";
 import { openingAngle, reachOf, standardView, type Kept, type Tube } from "./framing.ts";
 import { Pose, STANDARD_VIEWS, type StandardView } from "./pose.ts";
@@ -7,39 +7,42 @@ import { LOOKS, type Look } from "./slides.ts";
 export const PATCHES = ["inner", "outer", "caps"] as const;
 export type PatchGroup = (typeof PATCHES)[number];
 
-/** From where a tube is seen. */
+/** Viewpoint of a tube. */
 export interface Viewpoint {
   readonly pose: Pose;
-  /** What standard views frame: the tube, or the longer one of two that are seen from the same place. */
+  /** The tube that standard views frame; for two tubes with one viewpoint, the longer one. */
   readonly tube: Tube;
-  /** Width of the picture by its height. */
+  /** Width of the picture divided by its height. */
   aspect: number;
 }
 
-/** Positions along the tube are fractions of its length: two models of different length share a view. */
+/**
+ * State of a view. Positions are fractions of the tube's length, so models of different length
+ * share a view.
+ */
 export class View {
-  /** One for all tubes, or one for each, which are moved together. */
+  /** One viewpoint for all tubes, or one per tube; several move together. */
   readonly viewpoints: readonly [Viewpoint, ...Viewpoint[]];
-  /** Whether the tube is opened along its axis, and at which angle around it (degrees). */
+  /** True if the tube is opened along its axis, and the angle of the cut in degrees. */
   readonly lengthwise = signal(false);
   readonly angle = signal(0);
-  /** Whether the tube is cut across, and where. */
+  /** True if the tube is cut across, and the position of the cut. */
   readonly across = signal(false);
   readonly position = signal(0.75);
-  /** Whether what is on the isthmus side of the cut is removed, instead of the ampulla side. */
+  /** True if the cut removes the isthmus side instead of the ampulla side. */
   readonly flipped = signal(false);
   readonly shown: Record<PatchGroup, Signal<boolean>> = { inner: signal(true), outer: signal(true), caps: signal(true) };
   readonly translucent = signal(false);
-  /** The section beside the model. */
+  /** Position of the section next to the model. */
   readonly section = signal(0.8);
-  /** How it is shown. */
+  /** Look of the section. */
   readonly look = signal<Look>("contours");
   readonly plane = signal(false);
-  /** Position of the flight, told a few times a second while it is played; undefined while the model is seen from outside. */
+  /** Position of the flight, updated a few times per second; undefined outside the flight. */
   readonly flight = signal<number | undefined>(undefined);
-  /** Position of the flight in the present frame. A signal that changes with each frame would allocate in each. */
+  /** Position of the flight in the current frame. A signal would allocate memory in each frame. */
   flown = 0;
-  /** Part of the period of a contraction; undefined while the tube is at rest. */
+  /** Time of a contraction as a fraction of the period; undefined for the tube at rest. */
   readonly phase = signal<number | undefined>(undefined);
   readonly flying = computed(() => this.flight.value !== undefined);
 
@@ -55,7 +58,7 @@ export class View {
     this.reframe();
   }
 
-  /** The first of the viewpoints. */
+  /** Pose of the first viewpoint. */
   get pose(): Pose {
     return this.viewpoints[0].pose;
   }
@@ -64,18 +67,21 @@ export class View {
     return this.viewpoints.find((viewpoint) => viewpoint.tube === tube) ?? this.viewpoints[0];
   }
 
-  /** Whether all walls and caps are shown, and hide what is behind them. */
+  /** True if all walls and caps are shown and opaque. */
   get closed(): boolean {
     return PATCHES.every((patch) => this.shown[patch].value) && !this.translucent.value;
   }
 
-  /** Subscribes the effect that calls it to all that a link keeps. */
+  /** Subscribes the calling effect to all state that a link keeps. */
   subscribe(): void {
     for (let i = 0; i < this.#linked.length; i++) void this.#linked[i]!.value;
     for (const { pose } of this.viewpoints) void pose.changes.value;
   }
 
-  /** Shows a standard view: moving there from `now` on (milliseconds, as of frames), or at once. */
+  /**
+   * Shows a standard view: moves there from `now` (milliseconds, as of frames), or jumps without
+   * `now`.
+   */
   show(standard: StandardView, now?: number): void {
     for (const viewpoint of this.viewpoints) this.frame(viewpoint, standard, now);
   }
@@ -91,7 +97,9 @@ export class View {
     for (const { pose } of this.viewpoints) pose.orbit(azimuth, elevation);
   }
 
-  /** Moves in the plane of the picture: millimetres to the right and up, in the picture of a tube. */
+  /**
+   * Moves in the plane of the picture, by millimetres to the right and up in the picture of a tube.
+   */
   pan(right: number, up: number, tube: Tube): void {
     const from = this.viewpointOf(tube).pose.distance;
     for (const viewpoint of this.viewpoints) {
@@ -105,23 +113,23 @@ export class View {
     for (const { pose } of this.viewpoints) pose.zoom(factor);
   }
 
-  /** What the cut across leaves. */
+  /** The part of the tube that the cut across leaves. */
   get kept(): Kept {
     const at = this.position.value;
     if (!this.across.value) return { from: 0, to: 1 };
     return this.flipped.value ? { from: at, to: 1 } : { from: 0, to: at };
   }
 
-  /** Fits a standard view to the present shape of the picture, and to what is kept. */
+  /** Fits standard views to the current shape of the picture and the kept part. */
   reframe(): void {
     for (const viewpoint of this.viewpoints) if (viewpoint.pose.standard) this.frame(viewpoint, viewpoint.pose.standard);
   }
 }
 
-/** Names in the query that belong to a view; others belong to the page. */
+/** Names of view members in the query; other names belong to the page. */
 const NAMES = ["cam", "cam2", "open", "cut", "flip", "hide", "glass", "at", "look", "plane", "fly", "phase"] as const;
 
-/** Writes the view into a query, as short as the picture needs. */
+/** Writes the view into a query, only as far as it differs from a new view. */
 export function writeView(view: View, query: URLSearchParams): URLSearchParams {
   const result = new URLSearchParams(query);
   for (const name of NAMES) result.delete(name);
@@ -141,7 +149,7 @@ export function writeView(view: View, query: URLSearchParams): URLSearchParams {
   return result;
 }
 
-/** Restores a view. What a query does not say, or says wrongly, is as in a new view. */
+/** Restores a view. Missing and invalid members get the values of a new view. */
 export function readView(view: View, query: URLSearchParams): void {
   const angle = number(query, "open", -360, 360);
   view.lengthwise.value = angle !== undefined;
@@ -188,7 +196,7 @@ function significant(value: number, digits: number): string {
   return String(Number(value.toPrecision(digits)));
 }
 
-/** Five decimals: less than a micrometre of a tube. */
+/** Five decimals, less than a micrometre of a tube. */
 function fraction(value: number): string {
   return String(Math.round(value * 1e5) / 1e5);
 }

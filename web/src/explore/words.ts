@@ -1,4 +1,4 @@
-// What models have, in words.
+// Properties of models in words.
 import type { Report } from "oviduct-client";
 import { short, squareMicrometres } from "../ui/format.ts";
 import type { Course } from "./course.ts";
@@ -10,7 +10,7 @@ export function census(areas: readonly number[], name: string): string {
   return `${areas.length} ${name}${areas.length === 1 ? "" : "s"} (${squareMicrometres(sum)})`;
 }
 
-/** What planar cuts show, in a line; undefined if the report has none. */
+/** Summary of planar cuts in one line; undefined if the report has none. */
 export function islands({ cuts }: Pick<Report, "cuts">): string | undefined {
   if (!cuts) return undefined;
   const { count, with_islands, islands_per_cut, island_area_um2: area } = cuts;
@@ -19,7 +19,7 @@ export function islands({ cuts }: Pick<Report, "cuts">): string | undefined {
   return `Islands in ${Math.round(100 * with_islands)} % of ${through}, ${islands_per_cut.toFixed(1)} a cut${area ? `, median ${squareMicrometres(area.p50)}` : ""}`;
 }
 
-/** How a tube runs: of its whole length, also if the model is a piece of it. */
+/** Course of the whole tube in words, even if the model is a piece of it. */
 export function courseInWords(course: Pick<Course, "tortuosity" | "endDistance" | "turned" | "isStraight"> | undefined): string {
   if (!course) return "The tube is straight.";
   const { tortuosity, endDistance, turned, isStraight } = course;

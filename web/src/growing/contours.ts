@@ -1,4 +1,4 @@
-// Geometry of contours for drawing: x and y of each point in turn, micrometres.
+// Geometry of contours for drawing: x and y of the points alternately, micrometres.
 import type { Contour } from "../models.ts";
 
 export interface Bounds {
@@ -6,7 +6,7 @@ export interface Bounds {
   y: [number, number];
 }
 
-/** The least box around contours; undefined without a point. */
+/** Bounding box of contours; undefined without points. */
 export function bounds(contours: Iterable<Contour>): Bounds | undefined {
   const box: Bounds = { x: [Infinity, -Infinity], y: [Infinity, -Infinity] };
   for (const contour of contours) {
@@ -37,8 +37,10 @@ export function thinned(contour: Contour, most: number): Contour {
 }
 
 /**
- * The contour as `count` points at equal distances along it. It begins where it leaves the centre to the right (angle 0), so that
- * equal indices of the outer contours of neighbouring sections face each other.
+ * The contour as `count` points at equal distances along it.
+ *
+ * It begins at the point whose direction from the centre is closest to angle 0. Equal indices in
+ * the outer contours of neighbouring sections therefore face each other.
  */
 export function evenly(contour: Contour, count: number): Contour {
   const points = contour.length / 2;

@@ -1,4 +1,4 @@
-// A model that waits or grows.
+// A queued or growing model.
 import { useState } from "preact/hooks";
 import type { ModelState } from "oviduct-client";
 import { sections } from "../models.ts";
@@ -17,7 +17,7 @@ const TROUBLES: Record<Trouble, string> = {
   lost: "the browser took the graphics card away. It is shown again when the browser gives it back.",
 };
 
-/** `length` is that of the whole tube in micrometres. */
+/** `length` is the length of the whole tube, micrometres. */
 export function Growing({ model, length }: { model: ModelState; length: number }) {
   const [trouble, setTrouble] = useState<Trouble>();
   if (model.status === "queued") return <Waiting model={model} />;

@@ -1,19 +1,24 @@
-// The outlines of growing tubes, kept in the tab while the page is loaded again: the service sends a section only once.
+// Outlines of growing tubes, kept in the tab across a reload, because the service sends each
+// section only once.
 import { known, sections, type Contour, type LiveSection } from "../models.ts";
 import { evenly } from "./contours.ts";
 
 const STORED = "oviduct-outlines";
-/** What is kept: the newest models, sections of each, points of each section. Some 300 kB, of the 5 MB that a page has. */
+/**
+ * Maximum numbers of kept models, of sections per model, and of points per section.
+ *
+ * Together about 300 kB; a page may store 5 MB.
+ */
 const [MODELS, SECTIONS, POINTS] = [4, 150, 48];
 
-/** The outer contours of the models that grow, as text; empty if there is none. */
+/** The outer contours of growing models as text; empty if there are none. */
 export function writeOutlines(): string {
   const growing = [...known()].filter(({ id, status }) => status === "running" && sections(id).peek().length > 0);
   if (growing.length === 0) return "";
   return JSON.stringify(growing.slice(0, MODELS).map(({ id }) => [id, spread(sections(id).peek()).map(stored)]));
 }
 
-/** Takes over what was written; text that is none of this is left alone. */
+/** Restores written outlines; ignores other text. */
 export function readOutlines(text: string): void {
   try {
     for (const [id, outlines] of JSON.parse(text) as [string, Stored[]][]) {
@@ -24,11 +29,11 @@ export function readOutlines(text: string): void {
   }
 }
 
-/** Goes on with the outlines from before the page was loaded again, and keeps them when it is left. */
+/** Restores the outlines from before a reload, and stores them when the page is left. */
 export function keepOutlines(): void {
   try {
     readOutlines(sessionStorage.getItem(STORED) ?? "[]");
-    // The page has them now: a key that is forgotten leaves none behind.
+    // Remove the stored outlines, so that nothing remains after the API key is forgotten.
     sessionStorage.removeItem(STORED);
   } catch {
     // Storage is blocked.
@@ -44,7 +49,7 @@ export function keepOutlines(): void {
   });
 }
 
-/** Index, step, z, and x and y of the points of the contour; whole micrometres. */
+/** Index, step, z, and x and y of the contour's points in whole micrometres. */
 type Stored = [number, number, number, number[]];
 
 function stored({ index, step, z_um, outer }: LiveSection): Stored {
@@ -55,7 +60,7 @@ function thin(contour: Contour): Contour {
   return contour.length > 2 * POINTS ? evenly(contour, POINTS) : contour;
 }
 
-/** As many sections as are kept, evenly chosen, with the first and the last. */
+/** As many sections as may be kept, evenly chosen, including the first and the last. */
 function spread(all: readonly LiveSection[]): LiveSection[] {
   const count = Math.min(SECTIONS, all.length);
   return Array.from({ length: count }, (_, k) => all[Math.round((k * (all.length - 1)) / Math.max(1, count - 1))]!);

@@ -1,4 +1,4 @@
-// A cross section as a drawing: tissue between the outer and the inner contour.
+// Drawing of a cross section: tissue between the outer and the inner contour.
 import type { Contour } from "../models.ts";
 import { micrometres } from "../ui/format.ts";
 import { bounds, roundLength, type Bounds } from "./contours.ts";
@@ -10,9 +10,9 @@ export interface Drawn {
 }
 
 interface Props extends Drawn {
-  /** What the drawing shows, for people who do not see it; without it, the drawing is an ornament. */
+  /** Description for users who cannot see the drawing; without it, the drawing is decorative. */
   label?: string;
-  /** The box to show; that of the section by default. */
+  /** Box to show; by default the bounding box of the section. */
   box?: Bounds;
   scaleBar?: boolean;
 }

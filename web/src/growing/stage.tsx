@@ -5,7 +5,7 @@ import { dark, stillness } from "../ui/theme.ts";
 import { short } from "../ui/format.ts";
 import type { Tube } from "./tube.ts";
 
-/** Radians by which an arrow key turns the tube, and a drag by one pixel. */
+/** Turn of the tube per arrow key and per pixel of a drag, radians. */
 const [STEP, PER_PIXEL] = [0.12, 0.008];
 const TURNS: Record<string, [number, number]> = {
   ArrowLeft: [STEP, 0],
@@ -14,18 +14,23 @@ const TURNS: Record<string, [number, number]> = {
   ArrowDown: [0, -STEP],
 };
 
-/** The module of the tube could not be loaded, WebGL2 is missing, or its context was lost for now. */
+/**
+ * Reasons why there is no drawing: the module failed to load, WebGL2 is missing, or its context is
+ * lost.
+ */
 export type Trouble = "unloaded" | "missing" | "lost";
 
 interface Props {
   sections: readonly LiveSection[];
-  /** Of the whole tube, micrometres. */
+  /** Length of the whole tube, micrometres. */
   length: number;
-  /** Called with what keeps the tube from being drawn; with undefined when it is drawn again. */
+  /**
+   * Called with the reason why the tube cannot be drawn, and with undefined when it is drawn again.
+   */
   onTrouble: (trouble: Trouble | undefined) => void;
 }
 
-/** The sections seen so far as a tube in 3D. */
+/** The sections received so far, as a tube in 3D. */
 export function Stage({ sections, length, onTrouble }: Props) {
   const canvas = useRef<HTMLCanvasElement>(null);
   const [isthmus, ampulla] = [useRef<HTMLSpanElement>(null), useRef<HTMLSpanElement>(null)];
@@ -46,7 +51,8 @@ export function Stage({ sections, length, onTrouble }: Props) {
       }
     };
     const load = () => void import("./tube.ts").then(make, () => left || onTrouble("unloaded"));
-    // A lost context takes what was made in it along; afterwards, deleting that would be a fault.
+    // A lost context has already destroyed its resources; deleting them afterwards would be an
+    // error.
     const lose = (event: Event) => {
       event.preventDefault();
       made?.dispose();
@@ -101,7 +107,7 @@ export function Stage({ sections, length, onTrouble }: Props) {
   );
 }
 
-/** The colours of the theme as they apply to an element. */
+/** The colours of the theme at an element. */
 function colours(element: HTMLElement) {
   const colour = (name: string) => {
     element.style.color = `var(${name})`;

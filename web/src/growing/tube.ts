@@ -1,4 +1,5 @@
-// The growing tube in 3D: a stack of its sections within a translucent outer wall, seen from the ampulla.
+// The growing tube in 3D: a stack of its sections inside a translucent outer wall, seen from the
+// ampulla.
 import {
   BufferAttribute, BufferGeometry, Color, DirectionalLight, DoubleSide, Group, HemisphereLight, LineBasicMaterial, LineLoop,
   LineSegments, Mesh, MeshBasicMaterial, MeshLambertMaterial, PerspectiveCamera, Scene, ShapeUtils, Vector2, Vector3, WebGLRenderer,
@@ -13,18 +14,18 @@ export interface TubeColours {
   ink: string;
 }
 
-/** Points of the outer wall around the tube. */
+/** Number of points of the outer wall around the tube. */
 const AROUND = 96;
-/** Points of a contour of the stack. */
+/** Maximum number of points per contour of the stack. */
 const POINTS = 320;
-/** Length of the tube as drawn, in largest radii: true to scale it would be a thread. */
+/** Drawn length of the tube in largest radii. At true scale the tube would be a thread. */
 const SLENDERNESS = 7;
-/** The view: radians from the axis, and above it. */
+/** Direction of the view: radians from the axis, and above it. */
 const VIEW = { azimuth: 0.74, elevation: 0.3 };
-/** Lines across the axis, every so many micrometres. */
+/** Distance between lines across the axis, micrometres. */
 const TICK = 10_000;
 const FRAME = 1000 / 30;
-/** Faces of a cut are seen from both sides, and lie behind the contours that are drawn in the same plane. */
+/** Material of cut faces: visible from both sides, and behind the contours in the same plane. */
 const CUT = { side: DoubleSide, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 };
 
 export class Tube {
@@ -40,7 +41,7 @@ export class Tube {
   readonly #axisLine = new LineBasicMaterial({ transparent: true, opacity: 0.45 });
   readonly #ground = new MeshBasicMaterial(CUT);
   readonly #wall = new Mesh(new BufferGeometry(), this.#outside);
-  /** Closes the lumen of the newest section, so that its folds stand out. */
+  /** Face that closes the lumen of the newest section, so that its folds stand out. */
   readonly #lumen = new Mesh(new BufferGeometry(), this.#ground);
   readonly #axis: LineSegments;
   /** Micrometres. */
@@ -54,7 +55,7 @@ export class Tube {
   #drawn = 0;
 
   /**
-   * @param length Of the whole tube, micrometres.
+   * @param length Length of the whole tube, micrometres.
    * @param ends Elements that are moved to the isthmus and the ampulla.
    * @throws Error without WebGL2.
    */
@@ -70,7 +71,7 @@ export class Tube {
     this.#scene.add(this.#tube, light, new HemisphereLight(0xffffff, 0xc9a7b4, 2));
   }
 
-  /** How many times shorter the tube is drawn than it is. */
+  /** Factor by which the drawn tube is shorter than the real one. */
   get compression(): number {
     return 1 / this.#tube.scale.z;
   }
@@ -85,7 +86,7 @@ export class Tube {
     this.render();
   }
 
-  /** Draws these sections, from the isthmus. */
+  /** Draws these sections, isthmus end first. */
   show(sections: readonly LiveSection[]): void {
     const present = new Set(sections);
     for (const [section, slice] of this.#slices) {
@@ -133,7 +134,7 @@ export class Tube {
     this.render();
   }
 
-  /** Whether the tube sways gently, until it is turned by hand. */
+  /** Starts or stops a gentle sway, which ends when the user turns the tube. */
   sway(on: boolean): void {
     this.#swaying = on;
     this.render();
@@ -164,7 +165,7 @@ export class Tube {
     this.ends.forEach((end, k) => this.#place(end, k * this.#length));
   }
 
-  /** Looks at the whole length from a direction, as near as it fits. */
+  /** Looks at the whole length from a direction, as close as it fits. */
   #aim(azimuth: number): void {
     const [camera, radius, length] = [this.#camera, Math.max(this.#radius, 1), this.#length * this.#tube.scale.z];
     const level = Math.cos(this.#elevation);
@@ -191,7 +192,7 @@ export class Tube {
     camera.updateMatrixWorld();
   }
 
-  /** Moves the name of an end below what is drawn there. */
+  /** Moves the name of an end below its drawing. */
   #place(end: HTMLElement, z: number): void {
     const { clientWidth, clientHeight } = this.#renderer.domElement;
     const near = [...this.#slices.keys()].filter(({ z_um }) => Math.abs(z_um - z) < this.#length / 4);
@@ -209,7 +210,7 @@ export class Tube {
     this.#axis.geometry.dispose();
     for (const material of [this.#tissue, this.#front, this.#ground, this.#mucosa, this.#outside, this.#axisLine]) material.dispose();
     this.#renderer.dispose();
-    // One that is lost may come back.
+    // A lost context may return.
     if (!this.#renderer.getContext().isContextLost()) this.#renderer.forceContextLoss();
   }
 }

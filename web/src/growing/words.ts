@@ -1,4 +1,4 @@
-// What a model is doing, in words.
+// The activity of a model in words.
 import type { ModelRequest, ModelState, Progress, Worker, WorkerList } from "oviduct-client";
 import { duration } from "../ui/format.ts";
 
@@ -12,7 +12,7 @@ export const STAGES: readonly { stage: Progress["stage"]; name: string; meaning:
   { stage: "store", name: "Storage", meaning: "The files are stored." },
 ];
 
-/** The service counts the models ahead up to this number. */
+/** Maximum number of models ahead that the service counts. */
 const COUNTED = 1000;
 
 export function placeInQueue(position: number | null | undefined): string {
@@ -23,7 +23,7 @@ export function placeInQueue(position: number | null | undefined): string {
 }
 
 export function percent(fraction: number): string {
-  // 100 % is for what is complete.
+  // 100 % is reserved for complete models.
   return `${Math.min(99, Math.floor(fraction * 100))} %`;
 }
 
@@ -41,12 +41,15 @@ export function hasEnded({ status }: Pick<ModelState, "status">): boolean {
   return status === "succeeded" || status === "failed" || status === "cancelled";
 }
 
-/** Workers that start models now. */
+/** The workers that start models. */
 export function activeWorkers({ pause, workers }: WorkerList): Worker[] {
   return pause ? [] : workers.filter(({ state }) => state === "active");
 }
 
-/** Why no worker would start a model, and what to do; undefined if one would, or none is known. */
+/**
+ * Reason why no worker would start a model, and a remedy; undefined if a worker would, or if
+ * unknown.
+ */
 export function standstill(list: WorkerList | undefined, backend: ModelRequest["backend"] = "auto"): { title: string; detail: string } | undefined {
   if (!list) return undefined;
   if (list.pause) {

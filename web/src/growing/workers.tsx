@@ -1,4 +1,4 @@
-// The workers of the service, and a notice if none of them starts what waits.
+// The workers of the service, and a notice if none of them starts queued models.
 import { effect, signal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import type { WorkerList } from "oviduct-client";
@@ -7,13 +7,13 @@ import { reconnections } from "../stream.ts";
 import { Notice } from "../ui/widgets.tsx";
 import { standstill } from "./words.ts";
 
-/** Milliseconds between two looks at the workers. */
+/** Milliseconds between two requests for the workers. */
 const INTERVAL = 10_000;
 
-/** As they were read last. */
+/** The last received list of workers. */
 export const workers = signal<WorkerList | undefined>(undefined);
 
-/** Reads the list of workers now and then, until the result is called. */
+/** Requests the list of workers periodically, until the returned function is called. */
 export function watchWorkers(): () => void {
   const abort = new AbortController();
   const read = async () => {
@@ -21,7 +21,7 @@ export function watchWorkers(): () => void {
     try {
       workers.value = await ask((service) => service.workers({ signal: abort.signal }));
     } catch {
-      // The frame says that the service does not answer; what was known stays.
+      // The frame of the page reports the lost connection; the last list stays.
     }
   };
   const timer = setInterval(read, INTERVAL);
@@ -36,7 +36,7 @@ export function watchWorkers(): () => void {
   };
 }
 
-/** Shown beside models that wait: why none of them starts, if that is so. */
+/** Shown next to queued models: the reason why no worker starts them, if that is the case. */
 export function WorkersNotice() {
   useEffect(watchWorkers, []);
   const trouble = standstill(workers.value);

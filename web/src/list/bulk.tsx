@@ -1,4 +1,4 @@
-// What is done with several models at once.
+// Actions on several models.
 import { useEffect, useState } from "preact/hooks";
 import type { ModelFilter, ModelState, Which } from "oviduct-client";
 import { hasEnded } from "../growing/words.ts";
@@ -14,7 +14,7 @@ type Deed = "cancel" | "delete";
 
 interface SelectionProps {
   models: ModelState[];
-  /** Called with the ids that are selected from now on. */
+  /** Called with the ids of the new selection. */
   onSelect: (ids: string[]) => void;
 }
 
@@ -55,11 +55,12 @@ export function Selection({ models, onSelect }: SelectionProps) {
   );
 }
 
-/** Cancels or deletes all models that match a filter, loaded or not, after the service has counted them. */
+/** Cancels or deletes all matching models, loaded or not, after the service has counted them. */
 export function AllMatching({ which, deed, onClose }: { which: ModelFilter; deed: Deed; onClose: () => void }) {
   const [count, setCount] = useState<number>();
   const [fault, setFault] = useState<string>();
-  // Those that were counted: a period moves on. Without a condition the service wants to be told that all are meant.
+  // Keep the counted conditions, because a period moves on. Without conditions, the service
+  // requires `all`.
   const [meant] = useState<Which>(() => (hasConditions(which) ? which : { all: true }));
   const conditional = !meant.all;
   const apply = (dryRun: boolean) =>

@@ -1,8 +1,8 @@
-// Which models the list shows, as the link has it.
+// Conditions of the list of models, as in the link.
 import type { ModelFilter, ModelState, Status } from "oviduct-client";
 
 export const STATUSES: readonly Status[] = ["queued", "running", "succeeded", "failed", "cancelled"];
-/** Periods up to now, in hours. */
+/** Periods that end at the current time, in hours. */
 export const PERIODS = { hour: 1, day: 24, week: 168, month: 720 } as const;
 export type Period = keyof typeof PERIODS;
 
@@ -34,7 +34,7 @@ export function writeFilter({ labels, ...rest }: Filter): URLSearchParams {
   return query;
 }
 
-/** With one more label, in place of another value of the same name. */
+/** Adds a label, replacing another value of the same name. */
 export function withLabel(labels: readonly string[], label: string): string[] {
   const [name] = split(label);
   return [...labels.filter((other) => split(other)[0] !== name), label];
@@ -44,7 +44,7 @@ export function isEmpty(filter: Filter): boolean {
   return writeFilter(filter).size === 0;
 }
 
-/** The conditions of the service; `now` in milliseconds. */
+/** The conditions for the service; `now` is in milliseconds. */
 export function conditions({ status, preset, labels, batch, within }: Filter, now: number): ModelFilter {
   const after = within && new Date(now - PERIODS[within] * 3_600_000);
   const own = Object.fromEntries(labels.map(split));
@@ -55,7 +55,7 @@ export function hasConditions(which: ModelFilter): boolean {
   return Object.values(which).some((value) => value !== undefined);
 }
 
-/** Whether a model meets the conditions, as the service judges it. */
+/** True if a model meets the conditions, by the rules of the service. */
 export function matches(model: ModelState, { status, preset, labels = {}, batch, created_after: after }: ModelFilter): boolean {
   return (
     (status === undefined || model.status === status) &&

@@ -1,7 +1,7 @@
 import type { RefObject } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 
-/** What had the focus, and where in the list; -1 for elsewhere. */
+/** The focused element and its place in the list; -1 outside the list. */
 interface Place {
   element: Element;
   row: Element | null;
@@ -9,8 +9,10 @@ interface Place {
 }
 
 /**
- * Keeps keyboards in the list: when what has the focus goes, as with a deleted model, its row gets it, or the next one, or the
- * heading. Gives the listener of `focusin`.
+ * Keeps the focus in the list when the focused element disappears, for example with a deleted
+ * model.
+ *
+ * Then its row, the next row, or the heading gets the focus. Returns the listener of `focusin`.
  */
 export function useKeptFocus(heading: RefObject<HTMLElement | null>, list: RefObject<HTMLElement | null>) {
   const place = useRef<Place>(null);

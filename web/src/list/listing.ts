@@ -1,4 +1,4 @@
-// The models that the list shows: the newest known ones within what was read of the service.
+// The models in the list: the newest known models within the range that was read from the service.
 import { computed, signal } from "@preact/signals";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { OviductError, type ModelFilter, type ModelState } from "oviduct-client";
@@ -9,39 +9,42 @@ import { now } from "../ui/widgets.tsx";
 import { conditions, hasConditions, matches, writeFilter, type Filter } from "./filter.ts";
 import { settle } from "./settle.ts";
 
-/** Models that are shown at first, and with each further step. */
+/** Number of models shown at first and added per step. */
 const PAGE = 50;
-/** Most models of one answer. */
+/** Maximum number of models per response. */
 const LARGEST_PAGE = 100;
-/** Most models that are read again when one comes back to a list; a longer one is cut. */
+/** Maximum number of models that are read again on return to a list; a longer list is cut. */
 const READ_AGAIN = 200;
 
-/** How far a list has been read, and how much of it is shown. */
+/** The read range of a list, and the number of its shown models. */
 interface Reach {
-  /** The oldest id that was read; "" if there are no older models. */
+  /** Oldest id that was read; "" if there are no older models. */
   oldest: string;
   cursor: string | undefined;
   rows: number;
-  /** Value of `drops` when reading began: if it has grown, models may be missing within the reach. */
+  /**
+   * Value of `drops` when reading began. If `drops` has increased, models within the range may be
+   * missing.
+   */
   drops: number;
 }
-/** Before anything is read: an id that is newer than all. */
+/** Initial value of `oldest`: greater than all ids. */
 const NOTHING = "~";
 
 export interface Listing {
-  /** What the service was asked for. */
+  /** Conditions of the requests to the service. */
   which: ModelFilter;
-  /** Undefined until the first page was read. */
+  /** Undefined until the first page has been read. */
   models: ModelState[] | undefined;
   /** Shows older models; undefined if there are none. */
   more: (() => void) | undefined;
   reading: boolean;
   fault: string | undefined;
-  /** Reads again what could not be read. */
+  /** Repeats the failed request. */
   retry: () => void;
 }
 
-/** By session and filter: lists are as long when one comes back to them. */
+/** Ranges by session and filter, so that a list has the same length on return. */
 const reached = signal<ReadonlyMap<string, Reach>>(new Map());
 const minute = computed(() => Math.floor(now.value / 60_000) * 60_000);
 
@@ -49,7 +52,7 @@ export function useListing(filter: Filter): Listing {
   const query = writeFilter(filter).toString();
   const list = `${session.value} ${query}`;
   const present = reached.value.get(list);
-  // Periods end now, so what they begin with moves on.
+  // Periods end at the current time, so their beginning moves.
   const until = filter.within && minute.value;
   const which = useMemo(() => conditions(filter, until ?? 0), [query, until]);
   const [reading, setReading] = useState(true);
@@ -71,13 +74,13 @@ export function useListing(filter: Filter): Listing {
       if (!signal.aborted) setReading(false);
     }
   };
-  // What was read may be outdated once the stream was lost.
+  // The read models may be outdated after the stream was lost.
   useEffect(() => {
     void read((signal) => readNewest(which, Math.min(present?.rows ?? PAGE, READ_AGAIN), signal));
     return () => abort.current.abort();
   }, [list, reconnections.value, retries]);
 
-  // Those of the next step too, which tell whether it must be read.
+  // Include the models of the next step, which show whether that step must be read.
   const found = present && newest(present, which, present.rows + PAGE);
   const more = (reach: Reach) => {
     const longer = { ...reach, rows: reach.rows + PAGE };
@@ -99,7 +102,7 @@ function setReach(list: string, reach: Reach): void {
   reached.value = new Map(reached.peek()).set(list, reach);
 }
 
-/** The newest known models that match, within what was read. */
+/** The newest known models that match, within the read range. */
 function newest({ oldest }: Reach, which: ModelFilter, count: number): ModelState[] {
   const found: ModelState[] = [];
   for (const model of known()) {
@@ -109,7 +112,7 @@ function newest({ oldest }: Reach, which: ModelFilter, count: number): ModelStat
   return found;
 }
 
-/** Reads a list from its beginning, for so many rows. */
+/** Reads a list from its beginning, for this number of rows. */
 async function readNewest(which: ModelFilter, rows: number, signal: AbortSignal): Promise<Reach> {
   let reach: Reach = { oldest: NOTHING, cursor: undefined, rows, drops };
   for (let left = rows; left > 0; left -= LARGEST_PAGE) {
@@ -119,7 +122,7 @@ async function readNewest(which: ModelFilter, rows: number, signal: AbortSignal)
   return reach;
 }
 
-/** Reads on from a reach, and drops models that are known there but no longer listed. */
+/** Continues a range, and drops known models that the service does not list any more. */
 async function readPage(which: ModelFilter, { oldest: from, cursor, ...reach }: Reach, pageSize: number, signal: AbortSignal): Promise<Reach> {
   const before = [...known()].filter((model) => model.id < from && matches(model, which));
   const { models, next } = await ask((service) => service.listPage(which, { cursor, pageSize, view: "summary", signal }));
@@ -129,7 +132,7 @@ async function readPage(which: ModelFilter, { oldest: from, cursor, ...reach }: 
   const listed = new Set(models.map(({ id }) => id));
   const unlisted = before.filter(({ id }) => id >= oldest && !listed.has(id));
   if (hasConditions(which)) {
-    // They were deleted, or have changed.
+    // These models were deleted or have changed.
     const [failed] = await settle(unlisted, ({ id }) => check(id, signal));
     if (failed) throw failed.error;
   } else {

@@ -1,4 +1,4 @@
-// One model of the list; it changes by itself.
+// One model of the list; follows changes of the model itself.
 import type { ModelState } from "oviduct-client";
 import { growth, placeInQueue } from "../growing/words.ts";
 import { ModelActions } from "../model/actions.tsx";
@@ -14,9 +14,9 @@ import { shortId } from "./twins.ts";
 interface Props {
   id: string;
   selected: boolean;
-  /** Whether another row has the same preset and seed. */
+  /** True if another row has the same preset and seed. */
   twin: boolean;
-  /** Always the same function: otherwise every row is drawn again with the list. */
+  /** Must be the same function in every render; otherwise every row is rendered with the list. */
   onSelect: (id: string, selected: boolean) => void;
 }
 

@@ -1,7 +1,7 @@
-/** Calls that run at the same time. */
+/** Maximum number of concurrent calls. */
 const AT_ONCE = 3;
 
-/** Does something with each, a few at a time; gives those that failed, and why. */
+/** Calls `what` for each item, a few at a time; returns the failed items with their errors. */
 export async function settle<T>(all: readonly T[], what: (one: T) => Promise<void>): Promise<{ one: T; error: unknown }[]> {
   const rest = all.values();
   const failed: { one: T; error: unknown }[] = [];

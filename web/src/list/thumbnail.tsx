@@ -1,4 +1,4 @@
-// A small picture of a model: its ampulla end; while it grows, the newest section.
+// A small picture of a model: its ampulla end, or its newest section while it grows.
 import { useEffect, useRef, useState } from "preact/hooks";
 import type { ModelState } from "oviduct-client";
 import { thinned } from "../growing/contours.ts";
@@ -6,11 +6,11 @@ import { SectionDrawing } from "../growing/section.tsx";
 import { sections } from "../models.ts";
 import { picture } from "../pictures.ts";
 
-/** Longest side in pixels: twice that of the frame, for dense screens. */
+/** Longest side in pixels, twice that of the frame for dense screens. */
 const SIZE = 176;
-/** Milliseconds in sight after which a picture is asked for. */
+/** Milliseconds in view after which the picture is requested. */
 const PAUSE = 150;
-/** Points of a contour that a thumbnail shows. */
+/** Maximum number of points per contour in a thumbnail. */
 const POINTS = 400;
 
 export function Thumbnail({ model }: { model: ModelState }) {
@@ -31,7 +31,7 @@ export function Thumbnail({ model }: { model: ModelState }) {
         () => {},
       );
     };
-    // Those that are scrolled past are not drawn.
+    // Rows that are scrolled past request no picture.
     const watcher = new IntersectionObserver((entries) => {
       clearTimeout(timer);
       if (entries.at(-1)?.isIntersecting) timer = setTimeout(ask, PAUSE);

@@ -1,7 +1,7 @@
-// Models that their preset and seed do not tell apart: they differ in other parameters.
+// Models with the same preset and seed, which differ in other parameters.
 import type { ModelState } from "oviduct-client";
 
-/** The ids of those that share preset and seed with another one. */
+/** Ids of the models that share preset and seed with another model. */
 export function twins(models: readonly Pick<ModelState, "id" | "preset" | "seed">[]): Set<string> {
   const first = new Map<string, string>();
   const found = new Set<string>();
@@ -14,7 +14,7 @@ export function twins(models: readonly Pick<ModelState, "id" | "preset" | "seed"
   return found;
 }
 
-/** The end of an id: it differs also between models of one moment. */
+/** The last characters of an id, which differ even between models of the same moment. */
 export function shortId(id: string): string {
   return id.slice(-6);
 }

@@ -1,4 +1,4 @@
-// What a newcomer sees.
+// Introduction for new users.
 import { useState } from "preact/hooks";
 import { attempt } from "../model/actions.tsx";
 import { remember } from "../models.ts";

@@ -1,4 +1,4 @@
-// What can be done with a model, as buttons.
+// Actions on a model, as buttons.
 import { useState } from "preact/hooks";
 import { OviductError, type Model, type ModelRequest, type ModelState } from "oviduct-client";
 import { hasEnded } from "../growing/words.ts";
@@ -9,7 +9,7 @@ import { Icon, toast, type IconName } from "../ui/widgets.tsx";
 import { Confirm } from "./confirm.tsx";
 import "./model.css";
 
-/** Does something and shows the error if it fails; undefined then. */
+/** Runs an action; shows the error and returns undefined if it fails. */
 export async function attempt<T>(what: () => Promise<T>): Promise<T | undefined> {
   try {
     return await what();
@@ -27,7 +27,7 @@ export async function remove(id: string): Promise<void> {
   try {
     await ask((service) => service.delete(id));
   } catch (error) {
-    // Somebody else was faster.
+    // Another client has already deleted the model.
     if (!(error instanceof OviductError && error.is("model-not-found"))) throw error;
   }
   forget(id);
@@ -39,7 +39,7 @@ async function retry(id: string): Promise<Model> {
   return model;
 }
 
-/** Submits the request of a model again; without a seed the service draws one. */
+/** Submits the request of a model again; without a seed, the service draws one. */
 async function again(id: string, seed?: number): Promise<Model> {
   const { preset, spec, outputs, bodies, units, labels, priority, backend } = await ask((service) => service.get(id));
   const request: ModelRequest = { preset, outputs, bodies, units, labels, priority, backend: backend.requested };
@@ -52,9 +52,9 @@ async function again(id: string, seed?: number): Promise<Model> {
 
 interface Props {
   model: ModelState;
-  /** The name of the model in the labels of the buttons, where there are many models. */
+  /** Name of the model for the labels of buttons, on pages with several models. */
   name?: string;
-  /** Called with the model that was made from this one. */
+  /** Called with the new model that was requested from this one. */
   onMade: (model: Model) => void;
   onDeleted?: () => void;
 }

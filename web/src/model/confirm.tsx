@@ -1,16 +1,16 @@
-// Asks before something is done that cannot be undone.
+// Asks for confirmation of an action that cannot be undone.
 import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
 import { Dialog } from "../ui/widgets.tsx";
 
 interface Props {
   title: string;
-  /** What the button says that does it. */
+  /** Text of the confirming button. */
   action: string;
   children: ComponentChildren;
-  /** Whether the button waits, for instance until it is known what it would do. */
+  /** True while the button is disabled, for example until the consequence is known. */
   disabled?: boolean;
-  /** Does it; the dialog closes afterwards. */
+  /** Runs the action; the dialog closes afterwards. */
   onConfirm: () => Promise<unknown>;
   onClose: () => void;
 }

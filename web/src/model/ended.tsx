@@ -1,11 +1,11 @@
-// A model that has failed or was cancelled.
+// A failed or cancelled model.
 import type { ModelState } from "oviduct-client";
 import { SectionDrawing } from "../growing/section.tsx";
 import { sections } from "../models.ts";
 import { short } from "../ui/format.ts";
 import { Notice } from "../ui/widgets.tsx";
 
-/** What the common problems mean for the one who asked for the model; others are told by their own words. */
+/** Meanings of common problems for the user. Other problems are shown with the service's text. */
 const MEANINGS: Record<string, string> = {
   certificate: "The surface did not pass its tests, so there are no files. Another seed, or weaker growth, may pass.",
   panic: "The program itself failed. That is a fault of oviduct: whoever runs the service finds the details in its log.",

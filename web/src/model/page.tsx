@@ -1,4 +1,4 @@
-// One model: it waits, grows, has ended; once it has succeeded, it is explored.
+// One model: queued, growing, ended; a succeeded model is explored.
 import type { FunctionComponent } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import { OviductError, type Model, type ModelState } from "oviduct-client";
@@ -22,7 +22,7 @@ export default function ModelPage() {
   const live = state(id).value;
   const succeeded = live?.status === "succeeded";
 
-  // Events have no spec, and come too late for models that ended before this page was opened.
+  // Events contain no spec, and there are none for models that ended before the page was opened.
   useEffect(() => {
     const abort = new AbortController();
     ask((service) => service.get(id, { signal: abort.signal })).then(
@@ -45,7 +45,7 @@ export default function ModelPage() {
 
   if (fault instanceof OviductError && fault.is("model-not-found")) return <Missing detail="It never existed, or it was deleted." />;
   if (read && !model) return <Missing detail="It was deleted." />;
-  // The files are in what is read after the end.
+  // Only a response after the end contains the files.
   if (!model || !read || (succeeded && read.status !== "succeeded")) {
     return fault ? <Unread fault={fault} onRetry={() => setAttempts(attempts + 1)} /> : <p class="soft" aria-busy="true">Loading …</p>;
   }
@@ -88,14 +88,14 @@ function Body({ model, read }: { model: ModelState; read: Model }) {
   return <Growing model={model} length={lengthOf(read)} />;
 }
 
-/** The length of the tube in micrometres. */
+/** Length of the tube, micrometres. */
 function lengthOf({ spec }: Model): number {
   return (spec?.length_mm ?? 60) * 1000;
 }
 
 type Explorer = FunctionComponent<{ model: Model }>;
 
-/** The model in 3D, loaded when the first one is shown. */
+/** The model in 3D; the code is loaded when the first model is shown. */
 function Explored({ model }: { model: Model }) {
   const [explorer, setExplorer] = useState<{ Explore: Explorer } | "unavailable">();
   useEffect(() => {

@@ -1,4 +1,4 @@
-// The names of the presets, read once for each key.
+// The names of the presets, read once per API key.
 import { signal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import type { PresetList } from "oviduct-client";
@@ -7,7 +7,7 @@ import { ask, session } from "../service.ts";
 const presets = signal<PresetList["presets"]>([]);
 let readFor: number | undefined;
 
-/** The presets of the service; none until they are read. */
+/** The presets of the service; none until they have been read. */
 export function usePresets(): PresetList["presets"] {
   useEffect(() => {
     if (readFor === session.peek()) return;
@@ -20,7 +20,7 @@ export function usePresets(): PresetList["presets"] {
   return presets.value;
 }
 
-/** `Pig oviduct` for `pig`, once the presets are read. */
+/** `Pig oviduct` for `pig`, after the presets have been read. */
 export function presetTitle(name: string): string {
   return presets.value.find((preset) => preset.name === name)?.title ?? name;
 }

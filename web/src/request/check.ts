@@ -1,4 +1,4 @@
-// The service's opinion of the form while it is filled in: faults, and what the request would cost.
+// Validation of the form by the service while it is filled in: faults and predicted cost.
 import { computed, effect, signal } from "@preact/signals";
 import { OviductError, type BatchValidation, type Fault, type Validation } from "oviduct-client";
 import { reconnections } from "../stream.ts";
@@ -11,13 +11,13 @@ export type Opinion =
   | { kind: "model"; validation: Validation }
   | { kind: "study"; validation: BatchValidation }
   | { kind: "faults"; faults: readonly Fault[] }
-  /** There is no opinion, and why. */
+  /** There is no validation; `reason` explains why. */
   | { kind: "unknown"; reason: string };
 
-/** Pause in typing after which the service is asked, in milliseconds. */
+/** Milliseconds without typing after which the form is validated. */
 const PAUSE = 300;
 
-/** The newest answer; it may be about an earlier state of the form while `checking`. */
+/** The newest result; while `checking`, it may refer to an earlier state of the form. */
 export const opinion = signal<Opinion | undefined>(undefined);
 export const checking = signal(false);
 
@@ -26,7 +26,7 @@ export const faults = computed(() => {
   return assign(found, fields.value);
 });
 
-/** The faults that an error of a request names; undefined if it is about something else. */
+/** The faults in an error response; undefined for other errors. */
 export function faultsOf(error: unknown): readonly Fault[] | undefined {
   if (!(error instanceof OviductError) || error.status !== 422) return undefined;
   return error.errors.length > 0 ? error.errors : [{ pointer: "", detail: error.detail }];
@@ -43,7 +43,9 @@ async function validate(request: Request, signal: AbortSignal): Promise<Opinion>
   }
 }
 
-/** Checks each state of the form, the newest one only, until the result is called. */
+/**
+ * Validates each state of the form, always the newest one, until the returned function is called.
+ */
 export function checkWhileTyping(): () => void {
   let abort = new AbortController();
   let last = "";

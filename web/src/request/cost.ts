@@ -8,9 +8,9 @@ import type { Backend } from "./form.ts";
 const NAMES: Record<string, string> = { gpu: "the GPU", cpu: "the CPU", "cpu-single": "one core" };
 
 export interface Cost {
-  /** How many models, how long. */
+  /** Number of models and duration. */
   headline: string;
-  /** All else in a line. */
+  /** All other information in one line. */
   brief: string;
   details: [term: string, value: string][];
 }
@@ -61,7 +61,7 @@ function studyCost({ cost, models, points, seeds }: BatchValidation, backend: Ba
   };
 }
 
-/** Times on the backends that could take the request, the likely one first. */
+/** Times on the backends that can run the request, the most likely one first. */
 function times(seconds: Record<string, number>, backend: Backend, workers: WorkerList | undefined): string[] {
   const present = new Set(workers ? activeWorkers(workers).map((worker) => worker.backend) : []);
   const candidates = backend === "auto" ? (["gpu", "cpu", "cpu-single"] as const).filter((name) => present.has(name)) : [backend];

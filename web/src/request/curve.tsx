@@ -1,4 +1,4 @@
-// The curve of a schedule, with keys to drag or to move by the keyboard.
+// The curve of a schedule, whose keys can be dragged or moved by the keyboard.
 import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import { short } from "../ui/format.ts";
 import type { Bounds } from "./parameters.ts";
@@ -6,9 +6,9 @@ import { addKey, curve, extent, moveKey, removeKey, round, stepOf, valueAt, type
 
 const HEIGHT = 220;
 const MARGIN = { left: 56, right: 20, top: 14, bottom: 44 };
-/** Width in pixels below which there is no room for all labels. */
+/** Width in pixels below which some labels are omitted. */
 const NARROW = 460;
-/** Steps of the arrow keys along the tube; a tenth with Shift. */
+/** Step of the arrow keys along the tube; a tenth with Shift. */
 const ALONG = 0.01;
 
 interface Scale {
@@ -20,7 +20,7 @@ interface Scale {
   step: number;
 }
 
-/** The values that the plot shows: all of both curves with room to drag, within the bounds. */
+/** The value range of the plot: both curves with room to drag, within the bounds. */
 function span(schedule: Schedule, ghost: number | Schedule, { minimum, maximum }: Bounds): [number, number] {
   const [a, b] = [extent(schedule), extent(ghost)];
   const [low, high] = [Math.min(a[0], b[0]), Math.max(a[1], b[1])];
@@ -64,7 +64,7 @@ export interface CurveProps {
   title: string;
   unit: string;
   schedule: Schedule;
-  /** The preset's. */
+  /** The schedule of the preset. */
   ghost: number | Schedule;
   bounds: Bounds;
   mostKeys: number;
@@ -76,7 +76,7 @@ export interface CurveProps {
 export function CurveEditor(props: CurveProps) {
   const { title, unit, schedule, ghost, bounds, onChange } = props;
   const { ref, width } = useWidth();
-  // While a key is held the scale stays, or the key would run away from the pointer.
+  // The scale stays while a key is held; otherwise the key would move away from the pointer.
   const [held, setHeld] = useState<{ index: number; scale: Scale }>();
   const [wanted, setWanted] = useState<number>();
   useEffect(() => {
@@ -181,7 +181,7 @@ export function CurveEditor(props: CurveProps) {
   );
 }
 
-/** The curve in the size of a word, with the preset's behind it. */
+/** The curve in the size of a word, over the curve of the preset. */
 export function Sparkline({ schedule, ghost }: { schedule: number | Schedule; ghost: number | Schedule }) {
   const [a, b] = [extent(schedule), extent(ghost)];
   const [low, high] = [Math.min(a[0], b[0]), Math.max(a[1], b[1])];

@@ -1,10 +1,13 @@
-// Faults of a request at the fields that they belong to.
+// Assignment of faults to the fields of a request.
 import type { Fault } from "oviduct-client";
 
-/** Faults by the pointer of their field; those that belong to no field are under "". */
+/** Faults by the pointer of their field; faults without a field are under "". */
 export type Assigned = ReadonlyMap<string, readonly Fault[]>;
 
-/** Gives each fault to the field with the longest pointer above it; in the order of the fields. */
+/**
+ * Assigns each fault to the field with the longest pointer that contains it, in the order of
+ * fields.
+ */
 export function assign(faults: readonly Fault[], fields: readonly string[]): Assigned {
   const byLength = fields.toSorted((a, b) => b.length - a.length);
   const assigned = new Map<string, Fault[]>(["", ...fields].map((field) => [field, []]));
@@ -17,9 +20,9 @@ export function assign(faults: readonly Fault[], fields: readonly string[]): Ass
 }
 
 /**
- * A fault as a sentence about its field, or the part of it that has the fault.
+ * A fault as a sentence about its field or about the faulty part of the field.
  *
- * @param titles Titles of parameters, in place of the pointers that the service names.
+ * @param titles Titles of parameters, which replace the pointers in the service's text.
  */
 export function sentence(fault: Fault, field: string, title: string, titles: ReadonlyMap<string, string>): string {
   const subject = part((fault.pointer ?? "").slice(field.length)) ?? title;

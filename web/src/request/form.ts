@@ -1,4 +1,4 @@
-// What the form holds, and the request that it makes.
+// The state of the form, and the request that it describes.
 import type { BatchRequest, Fault, ModelRequest } from "oviduct-client";
 import type { Parameter } from "./parameters.ts";
 import { specPatch, type Changes, type Json } from "./patch.ts";
@@ -39,11 +39,11 @@ export const UNITS: Record<Units | "habit", string> = {
   mm: "Millimetres",
   um: "Micrometres",
 };
-/** What a request without `outputs` gets. */
+/** Outputs of a request without `outputs`. */
 const DEFAULT_OUTPUTS: readonly Output[] = ["glb", "lod"];
 const DEFAULT_BODIES: readonly Body[] = ["tissue"];
 
-/** A parameter that a study varies. Numbers are as typed. */
+/** A parameter that a study varies. Numbers are stored as typed. */
 export interface Varied {
   pointer: string;
   values: "range" | "list";
@@ -66,7 +66,7 @@ export interface Form {
   priority: string;
   reuse: boolean;
   purpose: "model" | "study";
-  /** Of a study: the service draws one or some, or they are given. */
+  /** Seeds of a study: the service draws one or several, or the user gives them. */
   seeds: "one" | "drawn" | "given";
   seedCount: string;
   seedList: string;
@@ -97,7 +97,9 @@ export const BLANK: Form = {
 
 export type Request = { purpose: "model"; body: ModelRequest } | { purpose: "study"; body: BatchRequest };
 
-/** What the form asks for; or faults that only the form knows, at the pointers that the service would use. */
+/**
+ * The request of the form, or the faults that only the form can detect, at the service's pointers.
+ */
 export function requestOf(form: Form, preset: string, parameters: readonly Parameter[]): Request | Fault[] {
   const faults: Fault[] = [];
   const number = (text: string, pointer: string): number => {
@@ -133,11 +135,11 @@ export function requestOf(form: Form, preset: string, parameters: readonly Param
     addStudy({ ...form, varied: variedOf(form, parameters) }, body, number, faults);
   }
   if (faults.length > 0) return faults;
-  // The service checks what the types of its members cannot.
+  // The service validates the members beyond their types.
   return { purpose: form.purpose, body } as Request;
 }
 
-/** What the form varies of the parameters of its preset; it keeps what it varies of another preset's for that one. */
+/** The varied parameters that the current preset has. Others are kept for another preset. */
 export function variedOf({ varied }: Form, parameters: readonly Parameter[]): readonly Varied[] {
   const pointers = new Set(parameters.map(({ pointer }) => pointer));
   return varied.filter(({ pointer }) => pointers.has(pointer));
@@ -174,7 +176,9 @@ function addStudy(form: Form, body: Json, number: (text: string, pointer: string
   };
 }
 
-/** Where the values of a varied parameter are in the request, and its members that have an input of their own. */
+/**
+ * JSON pointer in the request for the values of a varied parameter, or for one of their members.
+ */
 export function variedPointer(pointer: string, member?: (typeof RANGE)[number]): string {
   return `/vary/values/${escaped(pointer)}${member === undefined ? "" : `/${member}`}`;
 }
@@ -195,7 +199,9 @@ function notNumbers(value: Value | undefined, pointer: string): Fault[] {
   ];
 }
 
-/** Values to begin with when a parameter is varied: a fifth to either side of the preset's, within the bounds. */
+/**
+ * Initial values of a varied parameter: a fifth below and above the preset's value, within bounds.
+ */
 export function variedFrom({ pointer, kind, preset }: Parameter): Varied {
   const blank: Varied = { pointer, values: "list", from: "", to: "", count: "5", list: "" };
   if (kind.type === "points") return blank;

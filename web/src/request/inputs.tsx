@@ -1,4 +1,5 @@
-// Parts of the form: a number that may be mistyped, a choice of a few, a field with its faults.
+// Parts of the form: a number that may be mistyped, a choice of a few options, a field with its
+// faults.
 import type { ComponentChildren } from "preact";
 import { useId, useState } from "preact/hooks";
 import { faults } from "./check.ts";
@@ -17,7 +18,7 @@ interface NumberProps {
   "aria-describedby"?: string | undefined;
 }
 
-/** A number as text, so that nothing that was typed is lost; NaN while it is none. */
+/** A number input that keeps the typed text; the value is NaN while the text is not a number. */
 export function NumberInput({ value, onValue, ...rest }: NumberProps) {
   const [draft, setDraft] = useState("");
   const shown = Object.is(readNumber(draft), value) ? draft : Number.isNaN(value) ? "" : String(value);
@@ -41,7 +42,7 @@ export function Marked({ text }: { text: string }) {
   return <>{text.split("`").map((part, i) => (i % 2 === 1 ? <code key={i}>{part}</code> : part))}</>;
 }
 
-/** One of a few, side by side. */
+/** A choice of a few options, side by side. */
 export function Segments<Name extends string>(props: {
   label: string;
   value: Name;
@@ -61,7 +62,7 @@ export function Segments<Name extends string>(props: {
   );
 }
 
-/** Id of the control that has the faults of a pointer. */
+/** Id of the control that shows the faults of a pointer. */
 export function controlId(pointer: string): string {
   return `field${pointer}`;
 }
@@ -99,7 +100,7 @@ export function Field(props: { pointer: string; title: string; hint?: string; ch
   );
 }
 
-/** Shows a control, in whatever is folded around it, and goes to it. */
+/** Unfolds the parts around a control and focuses the control. */
 export function goTo(pointer: string): void {
   const control = document.getElementById(controlId(pointer));
   for (let at = control?.parentElement; at; at = at.parentElement) {

@@ -1,4 +1,4 @@
-// What a request has beside its spec: preset, seed, labels, files, and how it is queued.
+// Options of a request besides its spec: preset, seed, labels, files, queueing.
 import { Icon } from "../ui/widgets.tsx";
 import { BACKENDS, BODIES, OUTPUTS, UNITS, type Backend, type Form } from "./form.ts";
 import { controlId, controlOf, Faults, Field } from "./inputs.tsx";
@@ -83,7 +83,7 @@ export function MoreOptions() {
   );
 }
 
-/** A box for each name; the chosen ones keep the order of the names. */
+/** A checkbox per name; the chosen names keep the order of all names. */
 function Boxes<Name extends string>({ titles, chosen, set }: { titles: Record<Name, string>; chosen: readonly Name[]; set: (chosen: readonly Name[]) => void }) {
   const all = entriesOf(titles);
   const toggle = (toggled: Name, wanted: boolean) =>

@@ -17,7 +17,7 @@ import { StudyFields } from "./study.tsx";
 import { GeneralFaults, Summary } from "./summary.tsx";
 import "./request.css";
 
-/** What most shapes the tube comes first: its size, its folds and their spacing, and how stiffly they move. */
+/** The most influential parameters come first: size, folds, their spacing, and their stiffness. */
 const FIRST = [
   "/length_mm",
   "/particles/total",
@@ -45,7 +45,8 @@ export default function Page() {
   useEffect(() => {
     if (!ready) return;
     void fillFrom(query);
-    // A reload keeps what was changed since. If another link was opened before this effect ran, its query is left to the next one.
+    // Keep later changes across a reload. If another link was opened before this effect ran, the
+    // next effect handles its query.
     if (route.peek().query === query) setQuery({});
   }, [ready, query]);
 
@@ -136,7 +137,7 @@ function GroupFields({ group }: { group: Group }) {
   );
 }
 
-/** A part that is folded away; its title says what is changed and what is wrong inside. */
+/** A folded part; its title shows the numbers of changes and faults inside. */
 function Folded({ title, pointers, children }: { title: string; pointers: readonly string[]; children: ComponentChildren }) {
   const changed = pointers.filter((pointer) => pointer.replace(/^\/spec/, "") in form.value.changes).length;
   const faulty = pointers.filter((pointer) => faults.value.has(pointer)).length;

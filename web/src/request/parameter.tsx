@@ -1,4 +1,4 @@
-// A parameter of the spec: its value, what it means, and where the preset's value comes from.
+// A parameter of the spec: its value, its meaning, and the source of the preset's value.
 import { short } from "../ui/format.ts";
 import { Icon } from "../ui/widgets.tsx";
 import { controlId, controlOf, Faults, Marked, NumberInput } from "./inputs.tsx";

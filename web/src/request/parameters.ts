@@ -1,8 +1,9 @@
-// Parameters of a spec: their kinds and bounds from `GET /schema`, values and sources from `GET /presets/{name}`.
+// Parameters of a spec: kinds and bounds from `GET /schema`, values and sources from `GET
+// /presets/{name}`.
 import type { Preset } from "oviduct-client";
 import { readValue, type Value } from "./schedule.ts";
 
-/** What is read of a JSON Schema. */
+/** The used part of a JSON Schema. */
 export interface SchemaNode {
   type?: string;
   title?: string;
@@ -25,7 +26,7 @@ export interface SchemaNode {
 export interface Bounds {
   minimum?: number | undefined;
   maximum?: number | undefined;
-  /** Why there is a maximum. */
+  /** Reason for the maximum. */
   reason?: string | undefined;
 }
 
@@ -34,13 +35,13 @@ export interface Choice {
   description: string | undefined;
 }
 
-/** What a schedule may hold. */
+/** Permitted content of a schedule. */
 export interface ScheduleKind {
   type: "schedule";
   bounds: Bounds;
   /** A maximum of 0 forbids a fluctuation. */
   amplitude: Bounds;
-  /** In steps. */
+  /** Bounds in steps. */
   period: Bounds;
   eases: Choice[];
   mostKeys: number;
@@ -51,7 +52,7 @@ export type Kind =
   | ScheduleKind
   | { type: "choice"; choices: Choice[] }
   | { type: "flag" }
-  /** Points of so many coordinates; 0 for a square of numbers. */
+  /** Points with this number of coordinates; 0 for a square of numbers. */
   | { type: "points"; coordinates: number };
 
 export interface Parameter {
@@ -59,7 +60,7 @@ export interface Parameter {
   pointer: string;
   title: string;
   description: string;
-  /** Empty if it has none. */
+  /** Empty if there is none. */
   unit: string;
   source: string | undefined;
   kind: Kind;
@@ -68,7 +69,7 @@ export interface Parameter {
 }
 
 export interface Group {
-  /** First segment of the pointers; empty for those that belong to no group. */
+  /** First segment of the pointers; empty for parameters without a group. */
   name: string;
   title: string;
   description: string | undefined;
@@ -86,7 +87,7 @@ export function parametersOf(schema: SchemaNode, preset: Preset): Parameter[] {
   });
 }
 
-/** Parameters by the first segment of their pointers. */
+/** Parameters grouped by the first segment of their pointers. */
 export function groupsOf(schema: SchemaNode, parameters: readonly Parameter[]): Group[] {
   const groups = new Map<string, Group>();
   for (const parameter of parameters) {
@@ -141,7 +142,7 @@ function choicesOf(node: SchemaNode): Choice[] {
   return (node.enum ?? []).map((name, index) => ({ name, description: node["x-enum-descriptions"]?.[index] }));
 }
 
-/** A node with what its `$ref` holds; its own members win. */
+/** A node merged with the target of its `$ref`; its own members take precedence. */
 function resolved(node: SchemaNode, schema: SchemaNode): SchemaNode {
   const { $ref, ...own } = node;
   const name = $ref?.replace("#/$defs/", "");

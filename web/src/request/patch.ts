@@ -1,4 +1,4 @@
-// The changes of a preset, as a merge patch (RFC 7396) and as values by JSON pointer.
+// Changes of a preset, as a merge patch (RFC 7396) and as values by JSON pointer.
 import type { Parameter } from "./parameters.ts";
 import { isSchedule, readValue, same, sameFluctuation, sameKeys, type Schedule, type Value } from "./schedule.ts";
 import { readPoints } from "./text.ts";
@@ -10,7 +10,7 @@ export interface Json {
   [name: string]: unknown;
 }
 
-/** The merge patch on the preset that makes these changes; empty if there are none. */
+/** The merge patch on the preset with these changes; empty if there are none. */
 export function specPatch(changes: Changes, parameters: readonly Parameter[]): Json {
   const patch: Json = {};
   for (const { pointer, kind, preset } of parameters) {
@@ -25,21 +25,26 @@ export function specPatch(changes: Changes, parameters: readonly Parameter[]): J
   return patch;
 }
 
-/** A patch keeps the members of the preset's schedule that it does not name; over a constant they have defaults. */
+/**
+ * The patch for a schedule.
+ *
+ * A patch keeps the members of the preset's schedule that it does not name; over a constant,
+ * omitted members have their defaults.
+ */
 function schedulePatch(value: Schedule, preset: Value): Json {
   const below = isSchedule(preset) ? preset : undefined;
   const patch: Json = {};
   if (!below || !sameKeys(value, below)) patch["keys"] = value.keys;
   if (value.ease !== (below?.ease ?? "linear")) patch["ease"] = value.ease;
   if (!below || !sameFluctuation(value, below)) {
-    // null would restore that of the preset.
+    // `null` would restore the fluctuation of the preset.
     if (value.fluctuation) patch["fluctuation"] = value.fluctuation;
     else if (below?.fluctuation) patch["fluctuation"] = { amplitude: 0 };
   }
   return patch;
 }
 
-/** What a complete spec has other than the preset. */
+/** The differences between a complete spec and the preset. */
 export function changesOf(spec: unknown, parameters: readonly Parameter[]): Changes {
   const changes: Record<string, Value> = {};
   for (const { pointer, preset } of parameters) {

@@ -3,7 +3,7 @@
 
 import { writePoints } from "./text.ts";
 
-/** A fraction of the steps, and the value there. */
+/** A schedule key: a fraction of the steps, and the value there. */
 export type Key = [at: number, value: number];
 
 export interface Fluctuation {
@@ -14,13 +14,13 @@ export interface Fluctuation {
 }
 
 export interface Schedule {
-  /** At least two; the first at 0, the last at 1. */
+  /** At least two schedule keys; the first at 0, the last at 1. */
   keys: Key[];
   ease: string;
   fluctuation?: Fluctuation | undefined;
 }
 
-/** A number that is not one (NaN) is what was typed so far. Points are their text. */
+/** A value as typed: NaN for text that is not a number; points as text. */
 export type Value = number | string | boolean | Schedule;
 
 interface Range {
@@ -28,10 +28,10 @@ interface Range {
   maximum?: number | undefined;
 }
 
-/** Least distance of two keys, in fractions of the steps. */
+/** Minimum distance between two schedule keys, as a fraction of the steps. */
 export const CLOSEST = 0.001;
 
-/** Reads a value of a resolved spec. A fluctuation without amplitude is none. */
+/** Reads a value of a resolved spec. A fluctuation without amplitude is omitted. */
 export function readValue(json: unknown): Value | undefined {
   if (typeof json === "number" || typeof json === "string" || typeof json === "boolean") return json;
   if (Array.isArray(json) && json.every((item) => Array.isArray(item))) return writePoints(json);
@@ -69,7 +69,10 @@ export function valueAt(value: number | Schedule, u: number): number {
   return v0 + (v1 - v0) * (ease === "smooth" ? x * x * (3 - 2 * x) : x);
 }
 
-/** Points of the curve from 0 to 1: all keys, and what the ease needs between them. */
+/**
+ * Points of the curve from 0 to 1: all schedule keys, and the points that the ease needs in
+ * between.
+ */
 export function curve(value: number | Schedule): Key[] {
   if (!isSchedule(value)) return [[0, value], [1, value]];
   const between = value.ease === "smooth" ? 16 : 1;
@@ -83,7 +86,7 @@ export function curve(value: number | Schedule): Key[] {
   });
 }
 
-/** Least and greatest value, with the fluctuation. */
+/** Minimum and maximum value, including the fluctuation. */
 export function extent(value: number | Schedule): [number, number] {
   if (!isSchedule(value)) return [value, value];
   const values = value.keys.map(([, v]) => v).filter(Number.isFinite);
@@ -91,7 +94,10 @@ export function extent(value: number | Schedule): [number, number] {
   return [Math.min(...values) - swing, Math.max(...values) + swing];
 }
 
-/** Moves a key as far as its neighbours and the bounds allow; the first and the last stay at the ends. */
+/**
+ * Moves a schedule key within its neighbours and the bounds; the first and the last stay at the
+ * ends.
+ */
 export function moveKey(schedule: Schedule, index: number, [at, value]: Key, bounds: Range): Schedule {
   const { keys } = schedule;
   const low = (keys[index - 1]?.[0] ?? -CLOSEST) + CLOSEST;
@@ -100,12 +106,12 @@ export function moveKey(schedule: Schedule, index: number, [at, value]: Key, bou
   return setKey(schedule, index, [round(place, CLOSEST), clamp(value, bounds.minimum ?? -Infinity, bounds.maximum ?? Infinity)]);
 }
 
-/** Replaces a key by one that was typed, which may be faulty. */
+/** Replaces a schedule key by a typed one, which may be faulty. */
 export function setKey(schedule: Schedule, index: number, key: Key): Schedule {
   return { ...schedule, keys: schedule.keys.map((other, i) => (i === index ? key : other)) };
 }
 
-/** Adds a key at `u`, on the curve. Undefined if there is no room. */
+/** Adds a schedule key at `u` on the curve; undefined if there is no room. */
 export function addKey(schedule: Schedule, u: number, step: number): { schedule: Schedule; index: number } | undefined {
   const at = round(u, CLOSEST);
   const index = schedule.keys.findIndex(([other]) => other > at);
@@ -115,13 +121,13 @@ export function addKey(schedule: Schedule, u: number, step: number): { schedule:
   return { schedule: { ...schedule, keys: schedule.keys.toSpliced(index, 0, key) }, index };
 }
 
-/** Removes a key that is not at an end. */
+/** Removes a schedule key that is not at an end. */
 export function removeKey(schedule: Schedule, index: number): Schedule {
   if (index <= 0 || index >= schedule.keys.length - 1) return schedule;
   return { ...schedule, keys: schedule.keys.toSpliced(index, 1) };
 }
 
-/** 1, 2 or 5 times a power of ten: the greatest below `size`, a positive number; or else 0.01. */
+/** The largest of 1, 2 or 5 times a power of ten below `size`; 0.01 unless `size` is positive. */
 export function stepOf(size: number): number {
   if (!(size > 0)) return 0.01;
   const power = 10 ** Math.floor(Math.log10(size));
@@ -129,7 +135,7 @@ export function stepOf(size: number): number {
   return round((factor < 2 ? 1 : factor < 5 ? 2 : 5) * power, power);
 }
 
-/** The nearest multiple of a step, without the noise of binary fractions. */
+/** The nearest multiple of a step, without the rounding errors of binary fractions. */
 export function round(value: number, step: number): number {
   return Number((Math.round(value / step) * step).toPrecision(12));
 }

@@ -19,7 +19,7 @@ interface Props {
 export function ScheduleField({ parameter, value, onChange }: Props) {
   const { pointer, title, unit } = parameter;
   const [open, setOpen] = useState(false);
-  // The curve is kept while the constant is tried.
+  // Keep the curve while the user tries a constant.
   const curve = useRef<Schedule | undefined>(undefined);
   if (isSchedule(value)) curve.current = value;
   const preset = parameter.preset as number | Schedule;
@@ -172,7 +172,7 @@ function Editor({ parameter, schedule, onChange }: { parameter: Props["parameter
   );
 }
 
-/** A fluctuation to begin with: a tenth of the value, ten times along the tube, within the bounds. */
+/** Initial fluctuation: a tenth of the value, ten periods along the tube, within the bounds. */
 function firstWave({ kind }: Props["parameter"], schedule: Schedule): Schedule["fluctuation"] {
   const swing = Math.abs(valueAt(schedule, 0.5)) / 10 || 0.1;
   const steps = Number(current("/steps")) || 1000;
@@ -186,7 +186,11 @@ function current(pointer: string): Value | undefined {
   return form.value.changes[pointer] ?? parameters.value.find((parameter) => parameter.pointer === pointer)?.preset;
 }
 
-/** Place along the tube at a fraction of the steps, by the spec's length and `z`; that fraction if they are faulty. */
+/**
+ * Place along the tube at a fraction of the steps, from the spec's length and `z`.
+ *
+ * The fraction itself if these are faulty.
+ */
 function placeName(u: number): string {
   const [length, z] = [current("/length_mm"), current("/z")];
   const place = typeof length === "number" && length > 0 && z !== undefined && isSchedule(z) ? valueAt(z, u) * length : NaN;

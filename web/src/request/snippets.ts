@@ -6,12 +6,13 @@ export interface Snippet {
   code: string;
 }
 
-/** Columns after which arrays and objects are broken into lines. */
+/** Maximum width of a line with an array or object. */
 const WIDTH = 88;
 
 /**
- * @param service URL of the service, with a slash at its end.
- * @param keyed Whether it asks for a key. The key itself is taken from the variable OVIDUCT_KEY.
+ * @param service URL of the service, with a final slash.
+ * @param keyed True if the service requires an API key. The programs read it from the variable
+ *   OVIDUCT_KEY.
  */
 export function snippets(request: Request, service: string, keyed: boolean): Snippet[] {
   return [
@@ -69,23 +70,23 @@ function typescript({ purpose, body }: Request, service: string, keyed: boolean)
   ].join("\n");
 }
 
-/** Lines, but for the download of a file that the request does not ask for. */
+/** Removes the download of a file that the request does not ask for. */
 function withoutFile(lines: string[], body: Request["body"]): string[] {
   return body.outputs && !body.outputs.includes("glb") ? lines.filter((line) => !line.includes("model.glb")) : lines;
 }
 
 interface Style {
-  /** A name that is followed by a colon. */
+  /** A member name, before the colon. */
   name: (name: string) => string;
   scalar: (value: unknown) => string;
-  /** Between the braces of an object on one line, and their content. */
+  /** Text between the braces of a one-line object and its content. */
   padding: string;
-  /** After the last member of what is broken into lines. */
+  /** Text after the last member of a broken array or object. */
   trailing: string;
   indent: string;
 }
 
-// Strings and numbers of JSON are those of Python and JavaScript, too.
+// Strings and numbers of JSON are also valid in Python and JavaScript.
 const JSON_STYLE: Style = { name: JSON.stringify, scalar: JSON.stringify, padding: " ", trailing: "", indent: "  " };
 const PYTHON_STYLE: Style = {
   name: JSON.stringify,
@@ -95,7 +96,7 @@ const PYTHON_STYLE: Style = {
   indent: "    ",
 };
 const SCRIPT_STYLE: Style = {
-  // In a literal, __proto__ would be the prototype.
+  // In an object literal, `__proto__` would set the prototype.
   name: (name) => (name === "__proto__" ? '["__proto__"]' : /^[A-Za-z_$][\w$]*$/.test(name) ? name : JSON.stringify(name)),
   scalar: JSON.stringify,
   padding: " ",
@@ -103,7 +104,7 @@ const SCRIPT_STYLE: Style = {
   indent: "  ",
 };
 
-/** JSON in the syntax of a language, on one line where it fits. */
+/** JSON in the syntax of a language, on one line if it fits. */
 function layOut(value: unknown, style: Style, depth = 0): string {
   const line = oneLine(value, style);
   const { indent } = style;

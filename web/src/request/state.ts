@@ -1,4 +1,5 @@
-// The state of the form: kept in the session, filled in from links, and read by everything on the page.
+// The state of the form, which is kept in the session, filled in from links, and read by all parts
+// of the page.
 import { batch, computed, effect, signal } from "@preact/signals";
 import type { Fault, Preset, PresetList } from "oviduct-client";
 import { ask, explain } from "../service.ts";
@@ -17,7 +18,7 @@ export interface Catalogue {
 
 export const form = signal<Form>(stored());
 export const catalogue = signal<Catalogue | undefined>(undefined);
-/** Where the values of the form come from, or why they could not be taken from there. */
+/** Origin of the form's values, or the reason why they could not be loaded. */
 export const origin = signal<{ id: string } | { failed: string } | undefined>(undefined);
 
 const presetName = computed(() => {
@@ -29,13 +30,13 @@ export const preset = computed(() => catalogue.value?.details.get(presetName.val
 export const parameters = computed<readonly Parameter[]>(() =>
   catalogue.value && preset.value ? parametersOf(catalogue.value.schema, preset.value) : [],
 );
-/** Titles of the parameters by their pointers. */
+/** Titles of the parameters by pointer. */
 export const titles = computed<ReadonlyMap<string, string>>(() => new Map(parameters.value.map(({ pointer, title }) => [pointer, title])));
-/** What the form varies of the present parameters. */
+/** The varied parameters that the current preset has. */
 export const varied = computed(() => variedOf(form.value, parameters.value));
-/** The request as it would be sent, or faults that need no service to find. */
+/** The request as it would be sent, or faults that the form itself detects. */
 export const request = computed(() => preset.value && requestOf(form.value, preset.value.name, parameters.value));
-/** Pointers of all that has a place on the page for its faults, roughly from top to bottom. */
+/** Pointers of all fields that can show faults, roughly from top to bottom. */
 export const fields = computed<readonly string[]>(() => [
   ...["/preset", "/seed", "/seeds", "/count"],
   ...varied.value.flatMap(({ pointer }) => [undefined, ...RANGE].map((member) => variedPointer(pointer, member))),
@@ -50,7 +51,7 @@ export function localFaults(): Fault[] | undefined {
 
 function stored(): Form {
   try {
-    // JSON has no NaN: what was no number is null.
+    // JSON has no NaN, so text that was not a number is null.
     const text = sessionStorage.getItem(STORED) ?? "{}";
     return { ...BLANK, ...(JSON.parse(text, (_, value: unknown) => (value === null ? NaN : value)) as Partial<Form>) };
   } catch {
@@ -62,11 +63,11 @@ effect(() => {
   try {
     sessionStorage.setItem(STORED, JSON.stringify(form.value));
   } catch {
-    // Storage is blocked or full: the form lasts until the page is left.
+    // Storage is blocked or full; the form lasts until the page is left.
   }
 });
 
-/** The reading of the model that a link names. It ends when the form is changed otherwise. */
+/** The request for the model that a link names. It is aborted when the form changes otherwise. */
 let filling: AbortController | undefined;
 
 export function change(part: Partial<Form>): void {
@@ -74,7 +75,7 @@ export function change(part: Partial<Form>): void {
   form.value = { ...form.value, ...part };
 }
 
-/** Sets a parameter; the value of the preset is no change. */
+/** Sets a parameter; the preset's value does not count as a change. */
 export function setParameter({ pointer, preset }: Parameter, value: Value): void {
   const { [pointer]: _, ...others } = form.value.changes;
   change({ changes: same(value, preset) ? others : { ...others, [pointer]: value } });
@@ -97,8 +98,10 @@ export async function loadCatalogue(): Promise<void> {
 const noPreset = (name: string) => `This service has no preset “${name}”.`;
 
 /**
- * Does what a link asks: fills in a blank form with a preset, a seed, or the request of a model (`from`).
- * A link that has a `purpose` alone keeps what was filled in.
+ * Fills in a blank form as a link requests: with a preset, a seed, or the request of a model
+ * (`from`).
+ *
+ * A link with only a `purpose` keeps the form.
  */
 export async function fillFrom(query: URLSearchParams): Promise<void> {
   const { schema, details } = catalogue.value!;

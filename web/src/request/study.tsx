@@ -1,4 +1,4 @@
-// Many models in one request: seeds, and parameters that are varied.
+// Several models in one request: seeds and varied parameters.
 import { Icon } from "../ui/widgets.tsx";
 import { BLANK, RANGE, variedFrom, variedPointer, type Form, type Varied } from "./form.ts";
 import { controlId, controlOf, Faults, Field } from "./inputs.tsx";
@@ -73,7 +73,7 @@ function AddVaried() {
     const parameter = free.find((other) => other.pointer === pointer);
     if (!parameter) return;
     const { seeds, seedCount } = form.value;
-    // Points that share a seed differ by the varied parameter alone, unless more was asked for.
+    // By default, points share a seed, so they differ only in the varied parameter.
     const asked = taken.size > 0 || seeds !== BLANK.seeds || seedCount !== BLANK.seedCount;
     change({ varied: [...form.value.varied, variedFrom(parameter)], ...(asked ? {} : { seeds: "one" }) });
   };

@@ -13,10 +13,12 @@ const STORED = "oviduct-request-attempt";
 
 export const sending = signal(false);
 const refused = signal<{ request: Request; reason: string } | undefined>(undefined);
-/** Why the present request was not accepted, if that is not a fault of a field. */
+/** Reason why the current request was refused, unless it is the fault of a field. */
 export const refusal = computed(() => (refused.value?.request === request.value ? refused.value?.reason : undefined));
 
-/** The idempotency key of a request: the same one until it has an answer, also after a reload. */
+/**
+ * Idempotency key of a request. It stays the same until there is a response, even after a reload.
+ */
 function keyOf(body: string): string {
   try {
     const [earlier, key] = JSON.parse(sessionStorage.getItem(STORED) ?? "[]") as [string?, string?];
@@ -37,11 +39,11 @@ function forgetKey(): void {
   try {
     sessionStorage.removeItem(STORED);
   } catch {
-    // Nothing was stored.
+    // The storage is blocked, so nothing was stored.
   }
 }
 
-/** Submits the request and goes to what it made. Gives whether it was accepted. */
+/** Submits the request and shows the result; returns true if the service accepted it. */
 export async function submit(): Promise<boolean> {
   const present = request.value;
   if (sending.value || present === undefined || Array.isArray(present)) return false;
@@ -70,7 +72,7 @@ export async function submit(): Promise<boolean> {
   }
 }
 
-/** Whether the service refused. Without its answer, the request may have been accepted. */
+/** True if the service refused. Without its response, the request may have been accepted. */
 function answered(error: unknown): error is OviductError {
   return error instanceof OviductError && error.type !== "about:blank";
 }

@@ -1,4 +1,4 @@
-// Beside the form: what it would cost, what is wrong with it, and the button that sends it.
+// Summary next to the form: predicted cost, faults, and the button that sends the request.
 import { workers } from "../growing/workers.tsx";
 import { standstill } from "../growing/words.ts";
 import { Notice } from "../ui/widgets.tsx";
@@ -10,7 +10,7 @@ import { controlId, goTo } from "./inputs.tsx";
 import { form, localFaults, titles } from "./state.ts";
 import { refusal, sending, submit } from "./submit.ts";
 
-/** Goes to the first field with a fault. */
+/** Focuses the first field with a fault. */
 function goToFault(): void {
   const [first] = faults.value.keys();
   if (first !== undefined) goTo(first);
@@ -80,7 +80,7 @@ export function GeneralFaults() {
   );
 }
 
-/** Sends the form, or goes to what must be corrected. */
+/** Sends the form, or focuses the first fault. */
 async function send(): Promise<void> {
   if (faults.value.size > 0 && !checking.value) goToFault();
   else if (!(await submit())) goToFault();

@@ -1,10 +1,10 @@
-// Numbers, lists and points as people type them.
+// Numbers, lists and points as users type them.
 
 const NUMBER = /^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i;
-/** More seeds are not written out; the service refuses as many. */
+/** Maximum number of seeds that are written out; the service refuses more. */
 const MOST_SEEDS = 10_000;
 
-/** NaN if the text is not a number. */
+/** The number in a text; NaN if it is not a number. */
 export function readNumber(text: string): number {
   const trimmed = text.trim();
   const value = NUMBER.test(trimmed) ? Number(trimmed) : NaN;
@@ -15,14 +15,14 @@ function parts(text: string): string[] {
   return text.split(/[,;\s]+/).filter(Boolean);
 }
 
-/** Seeds such as `1..10, 42`; or what is wrong with them. */
+/** Reads seeds such as `1..10, 42`; returns a description of the fault for invalid text. */
 export function readSeeds(text: string): number[] | string {
   const seeds: number[] = [];
   for (const part of parts(text.replace(/\s*\.\.\s*/g, ".."))) {
     const [, first, last = first] = /^(\d+)(?:\.\.(\d+))?$/.exec(part) ?? [];
     if (first === undefined) return `“${part}” is neither a seed nor a range such as 1..10`;
     const [from, to] = [Number(first), Number(last)];
-    // Beyond it, adding one need not give another number.
+    // Above this integer, adding 1 may not change the number.
     if (Math.max(from, to) > Number.MAX_SAFE_INTEGER) return `${part} exceeds ${Number.MAX_SAFE_INTEGER}, the greatest seed`;
     if (to < from) return `the range ${part} must go from the smaller number to the greater one`;
     if (seeds.length + to - from >= MOST_SEEDS) return `there are more than ${MOST_SEEDS.toLocaleString("en")} seeds`;
@@ -31,7 +31,10 @@ export function readSeeds(text: string): number[] | string {
   return seeds;
 }
 
-/** Values of a parameter such as `25, 30, 40` or `rk4, euler`; or what is wrong with them. */
+/**
+ * Reads values such as `25, 30, 40` or `rk4, euler`; returns a description of the fault for invalid
+ * text.
+ */
 export function readList(text: string): (number | string | boolean)[] | string {
   const mixed = text.includes(";") && text.split(";").find((part) => part.includes(","));
   if (mixed) return `“${mixed.trim()}” has a comma between semicolons; write decimals with a point, and separate values by one of the two`;
@@ -42,7 +45,11 @@ export function readList(text: string): (number | string | boolean)[] | string {
   });
 }
 
-/** Points such as `0, 0, 12`, one a line, or as JSON; or what is wrong with them. With 0 coordinates, a square of numbers. */
+/**
+ * Reads points such as `0, 0, 12`, one per line or as JSON; returns a description of the fault.
+ *
+ * With 0 coordinates, reads a square of numbers.
+ */
 export function readPoints(text: string, coordinates: number): number[][] | string {
   const lines = text.replace(/\]\s*,\s*\[/g, "\n").replace(/[[\]]/g, " ").split("\n").filter((line) => line.trim() !== "");
   const points = lines.map((line) => parts(line).map(readNumber));
@@ -54,7 +61,7 @@ export function readPoints(text: string, coordinates: number): number[][] | stri
   return coordinates === 2 ? `point ${line} two numbers such as 0.5, -1` : `point ${line} three numbers such as 0, 0, 12`;
 }
 
-/** One a line. */
+/** One point per line. */
 export function writePoints(points: readonly (readonly number[])[]): string {
   return points.map((point) => point.join(", ")).join("\n");
 }

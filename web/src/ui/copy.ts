@@ -1,4 +1,8 @@
-/** Copies text to the clipboard, also in pages that are not secure (`http://` of another host); gives whether it could. */
+/**
+ * Copies text to the clipboard, even in insecure pages (`http://` of another host).
+ *
+ * Returns true on success.
+ */
 export async function copy(text: string): Promise<boolean> {
   try {
     await navigator.clipboard.writeText(text);

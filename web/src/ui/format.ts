@@ -2,7 +2,7 @@
 
 const bytesUnits = ["bytes", "kB", "MB", "GB", "TB"];
 
-/** `1.3 MB`: powers of 1000. */
+/** `1.3 MB`; units are powers of 1000. */
 export function bytes(count: number): string {
   let unit = 0;
   while (count >= 999.5 && unit < bytesUnits.length - 1) {
@@ -36,18 +36,18 @@ export function ago(time: string, now: number): string {
   return new Date(time).toLocaleDateString(undefined, { dateStyle: "medium" });
 }
 
-/** Lengths in models side by side: `12.3 mm`, or `12.3 and 9.8 mm` where they differ. */
+/** Lengths of models side by side: `12.3 mm`, or `12.3 and 9.8 mm` if they differ. */
 export function millimetres(lengths: readonly number[]): string {
   return `${[...new Set(lengths.map(short))].join(" and ")} mm`;
 }
 
-/** A length from micrometres: `820 nm`, `35.2 µm`, `1.25 mm`. */
+/** A length given in micrometres: `820 nm`, `35.2 µm`, `1.25 mm`. */
 export function micrometres(length: number): string {
   if (length < 1) return `${short(length * 1000)} nm`;
   return length < 1000 ? `${short(length)} µm` : `${short(length / 1000)} mm`;
 }
 
-/** An area from square micrometres: `1,730 µm²`, `0.44 mm²`. */
+/** An area given in square micrometres: `1,730 µm²`, `0.44 mm²`. */
 export function squareMicrometres(area: number): string {
   const digits = Number(area.toPrecision(3));
   return digits < 100_000 ? `${short(digits)} µm²` : `${short(digits / 1e6)} mm²`;

@@ -1,4 +1,4 @@
-// Dark or light: as the system has it, unless chosen here.
+// Dark or light theme: that of the system, unless the user chooses one.
 import { effect, signal } from "@preact/signals";
 
 const THEMES = ["auto", "light", "dark"] as const;
@@ -7,7 +7,7 @@ const STORED = "oviduct-theme";
 
 export const theme = signal<Theme>(stored());
 const system = matchMedia("(prefers-color-scheme: dark)");
-/** Whether the page is dark now; for what is not styled by CSS. */
+/** True if the page is dark; for parts that CSS does not style. */
 export const dark = signal(system.matches);
 
 function stored(): Theme {
@@ -23,7 +23,7 @@ export function nextTheme(): void {
   try {
     localStorage.setItem(STORED, theme.value);
   } catch {
-    // Storage is blocked: the choice holds until the page is left.
+    // Storage is blocked; the choice lasts until the page is left.
   }
 }
 
@@ -35,7 +35,7 @@ const apply = () => {
 effect(apply);
 system.addEventListener("change", apply);
 
-/** Whether the user asks for less motion. */
+/** True if the user prefers reduced motion. */
 export const stillness = signal(false);
 const reduce = matchMedia("(prefers-reduced-motion: reduce)");
 const note = () => (stillness.value = reduce.matches);

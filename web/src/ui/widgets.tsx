@@ -1,4 +1,4 @@
-// Small parts that every page uses.
+// Small parts that all pages use.
 import { signal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { useEffect, useId, useRef } from "preact/hooks";
@@ -6,7 +6,7 @@ import type { Status } from "oviduct-client";
 import { copy } from "./copy.ts";
 import { ago } from "./format.ts";
 
-/** Time for `ago`, advanced twice a minute. */
+/** Time for `ago`, updated twice a minute. */
 export const now = signal(Date.now());
 setInterval(() => (now.value = Date.now()), 30_000);
 
@@ -29,9 +29,9 @@ export function ProgressBar({ fraction, label }: { fraction: number; label: stri
 
 interface DialogProps {
   title: string;
-  /** Called however it is closed. */
+  /** Called whenever the dialog closes. */
   onClose: () => void;
-  /** `close` gives the focus back to what had it; a dialog that is only removed does not. */
+  /** `close` restores the previous focus; removing the dialog does not. */
   children: (close: () => void) => ComponentChildren;
 }
 
@@ -64,7 +64,7 @@ interface Toast {
 const toasts = signal<readonly Toast[]>([]);
 let toastId = 0;
 
-/** Shows a message for some seconds; errors stay until they are closed. */
+/** Shows a message for some seconds; errors stay until the user closes them. */
 export function toast(text: string, kind: "info" | "error" = "info"): void {
   const id = ++toastId;
   toasts.value = [...toasts.value.slice(-3), { id, text, kind }];
@@ -90,7 +90,7 @@ export function Toasts() {
   );
 }
 
-/** Copies text and says so. */
+/** Copies text and confirms it. */
 export function CopyButton({ text, label = "Copy" }: { text: () => string; label?: string }) {
   const onClick = async () => {
     if (await copy(text())) toast("Copied.");
@@ -103,7 +103,7 @@ export function CopyButton({ text, label = "Copy" }: { text: () => string; label
   );
 }
 
-/** A message in place of content. */
+/** A message instead of content. */
 export function Notice(props: { title: string; kind?: "info" | "error"; children?: ComponentChildren }) {
   return (
     <section class={`notice notice-${props.kind ?? "info"}`} role={props.kind === "error" ? "alert" : undefined}>
@@ -113,7 +113,10 @@ export function Notice(props: { title: string; kind?: "info" | "error"; children
   );
 }
 
-/** In place of a part of the page whose code could not be loaded. Browsers do not load a module again that has failed. */
+/**
+ * Shown instead of a part of the page whose code failed to load. Browsers do not retry a failed
+ * module.
+ */
 export function Unloaded({ title }: { title: string }) {
   return (
     <Notice title={title} kind="error">

@@ -1,4 +1,4 @@
-// Services with keys.
+// Services with API keys.
 import assert from "node:assert/strict";
 import { after, test } from "node:test";
 import { Oviduct } from "../../../clients/typescript/src/index.ts";
@@ -38,7 +38,7 @@ test("a key is asked for once, kept in the tab, and opens everything", async () 
     await page.getByRole("button", { name: "Download report.json" }).or(page.getByRole("link", { name: "Download report.json" })).click();
     assert.equal(await (await downloaded).failure(), null);
 
-    // The address of a page to show to others has a ticket.
+    // The URL of the report page contains a ticket.
     const opened = page.waitForEvent("popup");
     await page.getByRole("button", { name: "Report as a page" }).click();
     const report = await opened;
@@ -46,7 +46,7 @@ test("a key is asked for once, kept in the tab, and opens everything", async () 
     assert.match(report.url(), /\/models\/[\da-f-]+\/report\.html\?ticket=/);
     await report.close();
 
-    // Another tab knows nothing of it.
+    // Another tab does not know the API key.
     const other = await Visit.open(service.url, {}, [401]);
     await other.page.getByRole("dialog", { name: "Key" }).waitFor();
     await other.close();
@@ -67,7 +67,7 @@ test("a dialog of the key that was put aside is opened again", async () => {
     for (const part of ["main", "banner"] as const) {
       await dialog.waitFor();
       await page.keyboard.press("Escape");
-      // It is closed before it is removed.
+      // The dialog is closed before it is removed.
       await page.locator("dialog").waitFor({ state: "detached" });
       await page.getByRole(part).getByRole("button", { name: "Enter a key" }).click();
     }
@@ -89,7 +89,7 @@ test("a key that may not read is told so", async () => {
     await page.reload();
     await page.getByText(/^This key does not allow that\..* What you see is what was known last/).waitFor();
     assert.equal(await page.getByText("The service does not answer").count(), 0);
-    // Links carry no key.
+    // Links contain no API key.
     assert.equal(await page.getByRole("contentinfo").getByRole("link", { name: /OpenAPI|Presets/ }).count(), 0);
     await visit.close();
   });

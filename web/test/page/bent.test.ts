@@ -1,4 +1,4 @@
-// Exploring a bent model: along its centre line.
+// Exploring a bent model along its centre line.
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
 import type { PNG } from "pngjs";
@@ -8,7 +8,7 @@ import { contains, nearest, type Outline } from "../../src/explore/contours.ts";
 import { FIELD } from "../../src/explore/framing.ts";
 import { canvasOf, closeBrowser, colours, difference, picture, settled, shown, Visit } from "./browser.ts";
 
-/** Red, green and blue of tissue that is cut across and lengthwise. */
+/** RGB of tissue that is cut across and lengthwise. */
 const [TISSUE, SHADED_TISSUE] = [[0xde, 0x95, 0xa9], [0xd2, 0x87, 0x9c]] as const;
 
 let service: Service;
@@ -61,7 +61,7 @@ test("a bent model is seen, cut and flown through along its centre line", async 
   assert(difference(whole, await shown(page)) < 0.002, "as before");
 
   await page.getByRole("checkbox", { name: "Plane of the section" }).check();
-  // It is glass, with a border.
+  // The plane is translucent, with a border.
   const glass = difference(whole, await shown(page));
   assert(glass > 0.001, `the plane of the section: ${glass}`);
   await page.getByRole("checkbox", { name: "Plane of the section" }).uncheck();
@@ -82,7 +82,8 @@ test("a cut across a bent tube shows the section of that place, across the centr
   const { rings } = await client.cut(bent.id, { z_um: 1000 * place });
   const outlines = rings.map(({ points }): Outline => ({ x: points.map(([u]) => u!), y: points.map(([, v]) => v!) }));
   const half = Math.max(...outlines.flatMap(({ x, y }) => [...Array.from(x), ...Array.from(y)]).map(Math.abs));
-  // From beyond, along the centre line: it lies in the plane y = 0, so u is to the right and v up.
+  // Look from beyond the end along the centre line, which lies in the plane y = 0. Then u points
+  // right and v up.
   const slope = Math.tan(((FIELD / 2) * Math.PI) / 180);
   const distance = (1.1 * half) / slope;
   const azimuth = (Math.atan2(tangent[0]!, tangent[2]!) * 180) / Math.PI;
@@ -98,7 +99,7 @@ test("a cut across a bent tube shows the section of that place, across the centr
   for (let row = 1; row < height; row += 2) {
     for (let column = 1; column < width; column += 2) {
       const [u, v] = [(column + 0.5 - width / 2) * pixel, (height / 2 - row - 0.5) * pixel];
-      // Beyond the cut the tube is seen from its side.
+      // Beyond the cut, the side of the tube is visible.
       if (Math.hypot(u, v) > half || outlines.some((outline) => nearest(outline, u, v).distance < margin)) continue;
       const inTissue = outlines.filter((outline) => contains(outline, u, v)).length % 2 === 1;
       const i = 4 * (row * width + column);
@@ -126,7 +127,7 @@ test("points that are picked on a bent model are where the file has them", async
     const spot = [];
     for (const axis of ["x", "y", "z"]) spot.push(Number(await page.getByRole("spinbutton", { name: `${name} ${axis}, mm` }).inputValue()));
     spots.push(spot);
-    // The face of the ampulla lies across the centre line.
+    // The face of the ampulla is perpendicular to the centre line.
     const ahead = spot.reduce((sum, value, k) => sum + (value - end[k]!) * tangent[k]!, 0);
     assert(Math.abs(ahead) < 0.01, `${ahead} mm before the end`);
   }
@@ -182,7 +183,7 @@ test("a bent and a straight model are compared at the same places, each from a p
   for (const end of ends) assert(share(end, TISSUE) > 0.1, "the face of the ampulla");
   await canvasOf(page).first().focus();
   for (let i = 0; i < 3; i++) await page.keyboard.press("ArrowLeft");
-  // Without the frame of what has the focus.
+  // Without the focus ring.
   await canvasOf(page).first().blur();
   const turned = await both();
   for (const [k, now] of turned.entries()) assert(difference(ends[k]!, now) > 0.02, `picture ${k + 1} turns`);

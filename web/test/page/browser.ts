@@ -1,4 +1,4 @@
-// Real pages in Debian's Chromium with software WebGL, watched for whatever must not happen in them.
+// Real pages in Debian's Chromium with software WebGL, observed for errors.
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { createRequire } from "node:module";
@@ -14,7 +14,7 @@ const FLAGS = [
   "--use-angle=swiftshader",
   "--enable-unsafe-swiftshader",
   "--disable-background-networking",
-  // A name that is not that of this machine: its pages are no secure context.
+  // A foreign host name, whose pages are not a secure context.
   "--host-resolver-rules=MAP lab.example 127.0.0.1",
 ];
 const AXE = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
@@ -26,13 +26,13 @@ export async function closeBrowser(): Promise<void> {
   browser = undefined;
 }
 
-/** A page, and what went wrong in it. */
+/** A page, and the errors in it. */
 export class Visit {
   readonly page: Page;
   readonly #faults: string[] = [];
-  /** While the service is away, failed requests are no faults. */
+  /** True while the service is down, so failed requests are not errors. */
   away = false;
-  /** Statuses of refusals that the test provokes: browsers log them. */
+  /** Statuses of refusals that the test provokes, because browsers log them. */
   refusals: number[];
 
   private constructor(page: Page, origin: string, refusals: number[]) {
@@ -55,7 +55,7 @@ export class Visit {
 
   static async open(url: string, options: BrowserContextOptions = {}, refusals: number[] = []): Promise<Visit> {
     const launch = (): Promise<Browser> => chromium.launch({ executablePath: EXECUTABLE, args: FLAGS });
-    // Chromium 156 sometimes crashes as it starts, before it has a page.
+    // Chromium 156 sometimes crashes at start, before it has a page.
     browser ??= await launch().catch(launch);
     const context = await browser.newContext({ viewport: { width: 1280, height: 800 }, reducedMotion: "reduce", ...options });
     await context.addInitScript(() => {
@@ -70,15 +70,15 @@ export class Visit {
     return visit;
   }
 
-  /** Fails if anything went wrong so far, and leaves. */
+  /** Fails if there was an error; closes the page. */
   async close(): Promise<void> {
     assert.deepEqual(this.#faults, []);
     await this.page.context().close();
   }
 
-  /** Fails if axe-core finds a serious fault in what is shown now. */
+  /** Fails if axe-core finds a serious fault in the shown page. */
   async accessible(): Promise<void> {
-    // Evaluated by the debugger, which the policy of the page does not bind.
+    // The debugger evaluates the script, because the policy of the page does not apply to it.
     if (!(await this.page.evaluate("'axe' in window"))) await this.page.evaluate(AXE);
     const found = await this.page.evaluate(async () => {
       const axe = (window as unknown as { axe: typeof import("axe-core") }).axe;
@@ -96,7 +96,7 @@ function isNoise(text: string): boolean {
 
 export const canvasOf = (page: Page): Locator => page.getByRole("application", { name: /^3D view/ });
 
-/** Waits until the picture is drawn and changes no more. */
+/** Waits until the picture is drawn and no longer changes. */
 export async function settled(page: Page): Promise<void> {
   const frames = () => canvasOf(page).first().getAttribute("data-frames");
   for (let [last, same] = ["", 0]; same < 4; ) {
@@ -108,7 +108,7 @@ export async function settled(page: Page): Promise<void> {
   await page.getByText(/^Loading/).first().waitFor({ state: "detached" });
 }
 
-/** The first 3D picture when it has settled. */
+/** The first 3D picture after it has settled. */
 export async function shown(page: Page): Promise<PNG> {
   await settled(page);
   return picture(canvasOf(page).first());
@@ -118,14 +118,14 @@ export async function picture(element: Locator): Promise<PNG> {
   return PNG.sync.read(await element.screenshot());
 }
 
-/** Number of different colours: 1 for an empty picture. */
+/** Number of different colours; 1 for an empty picture. */
 export function colours({ data }: PNG): number {
   const seen = new Set<number>();
   for (let i = 0; i < data.length; i += 4) seen.add((data[i]! << 16) | (data[i + 1]! << 8) | data[i + 2]!);
   return seen.size;
 }
 
-/** Share of the pixels that differ visibly. */
+/** Fraction of the pixels that differ visibly. */
 export function difference(a: PNG, b: PNG): number {
   assert.deepEqual([a.width, a.height], [b.width, b.height]);
   let differ = 0;

@@ -1,4 +1,4 @@
-// A model that contracts, played in the browser.
+// A contracting model in the browser.
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
 import type { Page } from "playwright-core";
@@ -36,11 +36,11 @@ async function open(query = "", model = contracting, options = {}): Promise<Visi
 }
 
 test("a contraction is played, stopped and sought, and the tube at rest comes back", async () => {
-  // Cut across and seen along the tube, so that the lumen shows.
+  // Cut across and seen along the tube, so that the lumen is visible.
   const visit = await open("?cam=ampulla&cut=0.5", contracting, { reducedMotion: "no-preference" });
   const { page } = visit;
   for (let i = 0; i < 8; i++) await canvasOf(page).press("+");
-  // Without the ring of the focus.
+  // Without the focus ring.
   await canvasOf(page).blur();
   const rest = await shown(page);
   await panelOf(page).getByRole("button", { name: /^Play the contraction/ }).click();

@@ -1,4 +1,4 @@
-// Exploring a finished model: in 3D, by section, in numbers, by links.
+// Exploring a finished model: in 3D, by section, by measures, by links.
 import assert from "node:assert/strict";
 import { createHash } from "node:crypto";
 import { readFileSync } from "node:fs";
@@ -11,17 +11,21 @@ import { boundsOf, contains, type Outline } from "../../src/explore/contours.ts"
 import { FIELD } from "../../src/explore/framing.ts";
 import { canvasOf, closeBrowser, colours, difference, picture, settled, shown, Visit } from "./browser.ts";
 
-/** Red, green and blue of tissue that is cut across, as in the service's drawings, and lengthwise. */
+/** RGB of tissue that is cut across, as in the service's drawings, and lengthwise. */
 const [TISSUE, SHADED_TISSUE] = [[0xde, 0x95, 0xa9], [0xd2, 0x87, 0x9c]] as const;
 
 let service: Service;
 let client: Oviduct;
-/** Of the size of the paper's model. */
+/** Models as large as the paper's model. */
 let models: [Model, Model];
-/** A small one whose surface leans, so that planar cuts of its ampulla have islands. */
+/** A small model whose surface leans, so that planar cuts of its ampulla have islands. */
 let leaning: Model;
 
-/** A wall so thin that lumen and gaps are large in a picture of a section; straight, so that cuts are sections. */
+/**
+ * A thin wall, so that lumen and gaps are large in a picture of a section.
+ *
+ * The tube is straight, so cuts equal sections.
+ */
 const THIN: ModelRequest["spec"] = {
   containment: { wall_um: { keys: [[0, 520], [0.125, 520], [0.45, 260], [1, 260]], ease: "smooth" } },
   sway: { strength: 0 },
@@ -122,7 +126,11 @@ function distanceTo({ x, y }: Outline, px: number, py: number): number {
   return least;
 }
 
-/** A view along the tube, cut at a section of the ampulla, which fills the height of the picture. Lengths in micrometres. */
+/**
+ * A view along the tube, cut at a section of the ampulla that fills the picture's height.
+ *
+ * Lengths are in micrometres.
+ */
 async function cutAcross() {
   const sections = await client.sections(models[0].id);
   const { entries } = sections;
@@ -144,7 +152,7 @@ test("cut faces are closed: tissue where the section has tissue, and nowhere els
   await visit.page.getByText("1,596,630 triangles are shown.").waitFor();
   const { width, height, data } = await shown(visit.page);
   const pixel = (2 * distance * slope) / height;
-  // The edges of the face are drawn as lines of 12 µm.
+  // The edges of the face are lines 12 µm wide.
   const margin = 6 + 2 * pixel;
   const samples = { tissue: 0, lumen: 0, outside: 0 };
   const wrong: string[] = [];
@@ -168,7 +176,7 @@ test("the face of a lengthwise cut is tissue where the sections have tissue, and
   const sections = await client.sections(models[0].id);
   const [low, high] = models[0].summary!.certificate!.bounds_um;
   const [x, y, end] = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, high[2]];
-  // Seen from the side that is removed, with the isthmus at the left, in the middle of the ampulla.
+  // Seen from the removed side, with the isthmus at the left, in the middle of the ampulla.
   const slope = Math.tan(((FIELD / 2) * Math.PI) / 180);
   const distance = (0.55 * (high[1] - low[1])) / slope;
   const visit = await open(`?cam=-90_0_${distance / 1000}_${x / 1000}_${y / 1000}_0.85&open=0`);
@@ -210,7 +218,7 @@ test("distances in a cut are those of its data", async () => {
   await page.getByRole("button", { name: "Measure in the section" }).click();
   const result = page.locator("[data-um]");
 
-  // By keyboard: exactly.
+  // By keyboard, the points are exact.
   const last = inner.length - 1;
   await page.getByRole("spinbutton", { name: "Point A" }).fill("10");
   await page.getByRole("spinbutton", { name: "Point B" }).fill(String(last >> 1));
@@ -218,7 +226,7 @@ test("distances in a cut are those of its data", async () => {
   const exact = Math.hypot(a[0]! - b[0]!, a[1]! - b[1]!);
   assert(Math.abs(Number(await result.getAttribute("data-um")) - exact) < 0.01);
 
-  // By pointer: within a pixel.
+  // By pointer, the points are within a pixel.
   const drawing = page.getByRole("img", { name: /^Cross section at/ });
   await drawing.scrollIntoViewIfNeeded();
   const box = (await drawing.boundingBox())!;
@@ -247,7 +255,7 @@ test("distances in 3D are those of points entered, or picked within a pixel", as
   assert.equal(await status.textContent(), "Distance 500 µm");
   await page.getByRole("button", { name: "Clear" }).click();
 
-  // Two points of the cut face, far from each other: the picture shows where in the section they are.
+  // Two distant points of the cut face; the picture shows their positions in the section.
   await page.getByRole("button", { name: "Pick two points" }).click();
   const canvas = canvasOf(page);
   await canvas.scrollIntoViewIfNeeded();
@@ -273,7 +281,7 @@ test("distances in 3D are those of points entered, or picked within a pixel", as
   for (const k of [0, 1]) assert(apart(picked[k]!, wanted[k]!) < pixel, text);
   assert(Math.abs(apart(picked[0]!, picked[1]!) - apart(wanted[0]!, wanted[1]!)) < pixel, text);
   assert(apart(wanted[0]!, wanted[1]!) > 1000, text);
-  // What the page says has three digits.
+  // The page shows three significant digits.
   const said = await status.textContent();
   assert.equal(said, `Distance ${Number((apart(picked[0]!, picked[1]!) / 1000).toPrecision(3))} mm`);
   await visit.close();
@@ -296,7 +304,7 @@ test("charts along the tube are the measures of the report, with the published r
     await chart.getAttribute("aria-label"),
     `Tissue area along the tube: ${three(values[0]!)} mm² at the isthmus, ${three(values.at(-1)!)} mm² at the ampulla; published ${ranges} mm² over the whole tube`,
   );
-  // Line and bands have one scale.
+  // The line and the bands have the same scale.
   const [, first] = /^M0\.0 ([\d.]+)/.exec((await chart.locator(".chart-line").getAttribute("d"))!)!;
   const bands = await chart.locator(".chart-band").evaluateAll((all) => all.map((band) => ["x", "y", "width", "height"].map((name) => Number(band.getAttribute(name)))));
   assert.equal(bands.length, own.length);
@@ -309,7 +317,7 @@ test("charts along the tube are the measures of the report, with the published r
     assert(Math.abs(x - from_mm * scale) < 0.1 && Math.abs(width - (to_mm - from_mm) * scale) < 0.1 && y >= 0, JSON.stringify(bands));
   }
 
-  // What is pointed at is shown in all charts; a click chooses the section.
+  // Pointing at a chart shows the values in all charts; a click selects the section.
   const box = (await chart.boundingBox())!;
   const at = { x: 0.25 * box.width, y: box.height / 2 };
   await chart.hover({ position: at });
@@ -322,7 +330,7 @@ test("charts along the tube are the measures of the report, with the published r
   await chart.click({ position: at });
   await page.getByText(`${nearest + 1} of 201`).waitFor();
 
-  // The comparison; its sources are reached by keyboard.
+  // The comparison, whose sources can be opened by keyboard.
   const table = page.getByRole("region", { name: "Beside published anatomy" });
   await table.getByText(`${inside} of ${inside + outside} measures with a published range (oviduct, pig)`).waitFor();
   const row = table.getByRole("row", { name: /^Tissue area whole tube, mm²/ }).first();
@@ -345,7 +353,7 @@ test("charts along the tube are the measures of the report, with the published r
 test("of a model that was not measured, charts show what is in its sections", async () => {
   const visit = await Visit.open(service.url);
   const { page } = visit;
-  // As of a model of an earlier version.
+  // A report like that of an earlier version.
   const { morphometry, comparison, ...report } = await client.report(models[0].id);
   assert(morphometry && comparison);
   await page.route(`**/models/${models[0].id}/report`, (route) => route.fulfill({ json: report }));
@@ -369,7 +377,7 @@ test("the ends are named, and a scale bar holds where the picture turns", async 
     const box = (await name.boundingBox())!;
     assert(box.x >= frame.x && box.x + box.width <= frame.x + frame.width && box.y + box.height <= frame.y + frame.height, JSON.stringify(box));
   }
-  // The end behind, and one that is cut off, are not named.
+  // The hidden end and a cut-off end have no names.
   await page.getByRole("button", { name: "Ampulla" }).click();
   await settled(page);
   assert.deepEqual([await isthmus!.isVisible(), await ampulla!.isVisible()], [false, true]);
@@ -414,7 +422,7 @@ test("a link restores the view", async () => {
   await page.getByRole("checkbox", { name: "Plane of the section" }).check();
   await canvasOf(page).focus();
   for (const key of ["ArrowLeft", "ArrowLeft", "ArrowUp", "+", "+"]) await page.keyboard.press(key);
-  // The frame of the focus is not part of the view.
+  // The focus ring is not part of the view.
   await canvasOf(page).blur();
   const before = await shown(page);
   await page.waitForFunction(() => location.hash.includes("cam="));
@@ -467,7 +475,7 @@ test("a cut is saved as SVG, as PNG and as JSON", async () => {
   await visit.close();
 });
 
-/** A place in the ampulla of the leaning model where its cut has islands and pockets. */
+/** A position in the ampulla of the leaning model whose cut has islands and pockets. */
 async function islanded(): Promise<{ cut: Cut; at: number }> {
   const [low, high] = leaning.summary!.certificate!.bounds_um;
   for (const { z_um } of (await client.sections(leaning.id)).entries.slice(20, -1)) {
@@ -495,7 +503,7 @@ test("the cut of a leaning model has its islands, in the drawing, in pictures an
   assert.deepEqual([await drawing.locator(".island").count(), await drawing.locator(".pocket").count()], [cut.islands, cut.pockets]);
   await visit.accessible();
 
-  // In 3D, the cut face is tissue where the cut is.
+  // In 3D, the cut face shows tissue exactly where the cut has tissue.
   const level = page.getByRole("group", { name: "Level of detail" });
   await level.getByRole("button", { name: /^Full/ }).click();
   await level.getByRole("button", { name: /^Full/, pressed: true }).waitFor();
@@ -614,7 +622,7 @@ test("positions in two tubes of different length are those of each", async () =>
   assert.equal(await along.getAttribute("aria-valuetext"), "20 and 30 mm");
   await page.getByText("The speed is that in the longer tube.").waitFor();
 
-  // What was shown before has left styles behind that must not apply to what comes.
+  // Styles of the previous page stay loaded and must not affect the next page.
   await page.getByRole("heading", { name: "pig, seed 7" }).getByRole("link").click();
   const frame = page.getByRole("region", { name: "Model in 3D" });
   await frame.waitFor();
@@ -636,7 +644,7 @@ test("models that still grow are compared once they have finished", async () => 
 test("of a model without figures it is said that there are none", async () => {
   const visit = await Visit.open(service.url);
   const { page } = visit;
-  // As of a model from before the service kept them.
+  // A model like those from before the service kept summaries.
   await page.route(`**/models/${models[0].id}`, (route) => route.fulfill({ json: { ...models[0], summary: undefined } }));
   await page.goto(`${service.url}/#/compare/${models[0].id}/${models[1].id}`);
   await page.getByRole("heading", { name: "There is nothing to compare" }).waitFor();
@@ -667,7 +675,7 @@ test("what does not come leaves the rest, and comes later", async () => {
   await level.getByRole("button", { name: /^Full/ }).click();
   await page.getByText(/^Full detail could not be loaded/).waitFor();
   missing = /^$/;
-  // As when the network is back: the stream of events is opened again.
+  // Simulates a return of the network, so the event stream is reopened.
   await page.evaluate(() => dispatchEvent(new Event("online")));
   await page.getByText("1,596,630 triangles are shown.").waitFor();
   await page.getByRole("img", { name: /^Cross section at/ }).waitFor();
@@ -683,7 +691,7 @@ test("two fingers zoom a section about their middle", async () => {
   await drawing.scrollIntoViewIfNeeded();
   const box = (await drawing.boundingBox())!;
   const [x, y] = [box.x + 0.4 * box.width, box.y + 0.55 * box.height];
-  /** Span of the drawing, and the point of it between the fingers; micrometres. */
+  /** Span of the drawing, and its point between the fingers; micrometres. */
   const seen = async () => {
     const [left, top, span] = (await drawing.getAttribute("viewBox"))!.split(" ").map(Number) as [number, number, number];
     return { span, x: left + ((x - box.x) / box.width) * span, y: top + ((y - box.y) / box.height) * span };
@@ -714,7 +722,7 @@ test("one finger turns the model, two zoom it", async () => {
   const touch = (type: "touchStart" | "touchMove" | "touchEnd", ...points: [number, number][]) =>
     debug.send("Input.dispatchTouchEvent", { type, touchPoints: points.map(([right, down], id) => ({ x: x + right, y: y + down, id })) });
   const camera = async () => {
-    // The link follows with a delay.
+    // The link is updated after a delay.
     await page.waitForTimeout(800);
     return new URLSearchParams(new URL(page.url()).hash.split("?")[1]).get("cam")!.split("_").map(Number) as number[];
   };
@@ -722,7 +730,7 @@ test("one finger turns the model, two zoom it", async () => {
   for (let way = 10; way <= 60; way += 10) await touch("touchMove", [way, way / 3]);
   await touch("touchEnd");
   const [azimuth, elevation, distance] = await camera();
-  // From 24° left and 10° above, by 0.35° a pixel.
+  // From 24° left and 10° above, by 0.35° per pixel.
   assert(Math.abs(azimuth! + 24 + 21) < 0.5 && Math.abs(elevation! - 10 - 7) < 0.5, `${azimuth}, ${elevation}`);
   await touch("touchStart", [-30, 0], [30, 0]);
   for (let half = 36; half <= 90; half += 6) await touch("touchMove", [-half, 0], [half, 0]);
@@ -751,7 +759,7 @@ test("a phone has room for everything", async () => {
 test("without WebGL2 pictures and sections remain", async () => {
   const visit = await Visit.open(service.url);
   await visit.page.addInitScript(() => {
-    // As in a browser without a graphics processor.
+    // Simulates a browser without a graphics processor.
     HTMLCanvasElement.prototype.getContext = () => null;
   });
   await visit.page.goto(`${service.url}/#/models/${models[0].id}`);
@@ -767,7 +775,7 @@ test("ten models opened and closed leave nothing behind", async () => {
   const debug = await page.context().newCDPSession(page);
   const held = async () => {
     let [usedSize, backingStorageSize] = [Infinity, Infinity];
-    // Array buffers are freed in the background: on a busy machine, late.
+    // Array buffers are freed in the background, which is late on a busy machine.
     for (let round = 0; round < 6; round++) {
       await debug.send("HeapProfiler.collectGarbage");
       await page.waitForTimeout(500);
@@ -798,8 +806,9 @@ test("ten models opened and closed leave nothing behind", async () => {
 });
 
 test("a frame of a flight allocates next to nothing", async () => {
-  // A small picture, so that the code of the loop is soon compiled: before, V8 keeps intermediate numbers on the heap. It always
-  // does so with numbers that are handed to the browser, such as the uniforms of three.js. A mistake costs a multiple.
+  // A small picture, so that the code of the loop is compiled soon. Until then, V8 keeps
+  // intermediate numbers on the heap. It always does so with numbers passed to the browser, such as
+  // uniforms of three.js. A mistake would cost a multiple.
   const viewport = { width: 390, height: 500 };
   const visit = await Visit.open(`${service.url}/#/models/${models[0].id}`, { reducedMotion: "no-preference", viewport });
   const { page } = visit;

@@ -44,7 +44,7 @@ test("the theme is chosen, and kept", async () => {
     const { page } = visit;
     const theme = async (name: string, ground: string) => {
       await page.getByRole("button", { name: `Theme: ${name}`, exact: true }).waitFor();
-      // Not at once: for people who want less motion, transitions are short rather than none.
+      // The change is not immediate: reduced motion shortens transitions but does not remove them.
       await page.waitForFunction((ground) => getComputedStyle(document.body).backgroundColor === ground, ground);
     };
     const next = () => page.getByRole("button", { name: /^Theme/ }).click();
@@ -92,7 +92,7 @@ test("text is copied also where the page is not secure", async () => {
     const context = { permissions: ["clipboard-read"] };
     const visit = await Visit.open(`${service.url}/#/models/${id}`, context);
     const { page } = visit;
-    // Pages that are not secure have none.
+    // Insecure pages have no clipboard.
     const read = await page.evaluateHandle(() => {
       const read = navigator.clipboard.readText.bind(navigator.clipboard);
       Object.defineProperty(navigator, "clipboard", { value: undefined });

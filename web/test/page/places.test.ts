@@ -1,4 +1,5 @@
-// Where the page may be served: under a prefix of a proxy, and at a plain http:// name, where browsers keep some things from it.
+// Places of the page: under a prefix of a proxy, and at a plain http:// name, where browsers
+// withhold some features.
 import assert from "node:assert/strict";
 import { createHash } from "node:crypto";
 import { readFile } from "node:fs/promises";
@@ -9,7 +10,11 @@ import { closeBrowser, colours, picture, Visit } from "./browser.ts";
 
 after(closeBrowser);
 
-/** Goes from the list over the form to a new model, its picture and a file of it. `home` is the address of the page. */
+/**
+ * Goes from the list through the form to a new model, its picture and one of its files.
+ *
+ * `home` is the URL of the page.
+ */
 async function grow(visit: Visit, home: string, service: string): Promise<void> {
   const { page } = visit;
   await page.getByRole("link", { name: "New model" }).first().click();
@@ -34,7 +39,7 @@ async function grow(visit: Visit, home: string, service: string): Promise<void> 
 
   await page.getByRole("link", { name: "Models", exact: true }).click();
   await page.getByRole("listitem", { name: "Pig oviduct, seed 11" }).getByText("succeeded").waitFor();
-  // Its picture is read from the service.
+  // The picture is loaded from the service.
   await page.getByRole("listitem", { name: "Pig oviduct, seed 11" }).locator("img").waitFor();
 }
 

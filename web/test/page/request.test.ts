@@ -1,4 +1,4 @@
-// The form: faults at their fields, curves, and requests that are what the page says.
+// The form: faults at their fields, curves, and requests that match the page.
 import assert from "node:assert/strict";
 import { after, test } from "node:test";
 import { Oviduct } from "../../../clients/typescript/src/index.ts";
@@ -33,7 +33,7 @@ test("what the form shows as JSON is what it sends", async () => {
     const visit = await Visit.open(`${url}/#/new?preset=pig&seed=42`);
     const { page } = visit;
     await page.getByRole("spinbutton", { name: /^Length/ }).or(page.getByRole("textbox", { name: /^Length/ })).fill("41.5");
-    // A curve is changed by keyboard alone.
+    // A curve can be changed by keyboard alone.
     await page.getByRole("button", { name: /curve of Lumen gap$/ }).click();
     const key = page.getByRole("slider", { name: /^Lumen gap, key 2 of/ });
     const before = await key.getAttribute("aria-valuetext");
@@ -93,7 +93,7 @@ test("a key of a curve is dragged, within the bounds", async () => {
       return { x: x + width / 2, y: y + height / 2, now: await value("now"), least: await value("min"), text: await key.getAttribute("aria-valuetext") };
     };
     type State = Awaited<ReturnType<typeof state>>;
-    /** The state once it is as expected; a busy page draws late. */
+    /** The state when it is as expected; a busy page draws late. */
     const drawn = async (expected: (state: State) => boolean) => {
       for (let waited = 0; waited < 5000 && !expected(await state()); waited += 50) await page.waitForTimeout(50);
       return state();
@@ -102,7 +102,7 @@ test("a key of a curve is dragged, within the bounds", async () => {
     await page.mouse.move(before.x, before.y);
     await page.mouse.down();
     await page.mouse.move(before.x - 30, before.y + 20, { steps: 4 });
-    // The scale stays while the key is held.
+    // The scale stays while the schedule key is held.
     const follows = ({ x, y }: State) => Math.hypot(x - before.x + 30, y - before.y - 20) < 2;
     const during = await drawn(follows);
     assert(follows(during), JSON.stringify({ before, during }));
@@ -185,7 +185,7 @@ test("links open the form that they name, and keep what was filled in", async ()
     await page.getByRole("link", { name: "New study" }).click();
     await page.getByRole("heading", { level: 1, name: "New study" }).waitFor();
     await page.waitForFunction(() => document.title.startsWith("New study"));
-    // Typed as it may be: a reload must bear it.
+    // Unfinished text must survive a reload.
     await page.getByRole("combobox", { name: "Seeds", exact: true }).selectOption({ label: "These" });
     const seeds = page.getByRole("textbox", { name: "Seeds", exact: true });
     await seeds.fill("9007199254740990..9007199254740999");
@@ -194,7 +194,8 @@ test("links open the form that they name, and keep what was filled in", async ()
     assert.equal(await seeds.getAttribute("aria-invalid"), "true");
     await page.getByRole("link", { name: "New model" }).click();
     await page.getByRole("heading", { level: 1, name: "New model" }).waitFor();
-    // At once, as a second link would be followed: the form still has to take the first one out of the address.
+    // Change the URL immediately, like a second link, before the form has removed the first one's
+    // query.
     await page.evaluate(() => (location.hash = "#/new?purpose=study"));
     await page.getByRole("heading", { level: 1, name: "New study" }).waitFor();
     assert.equal(await seeds.inputValue(), "9007199254740990..9007199254740999");

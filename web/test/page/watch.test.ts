@@ -1,4 +1,4 @@
-// Growing models: seen at once, and through reloads and restarts of the service.
+// Growing models: shown immediately, and across reloads and restarts of the service.
 import assert from "node:assert/strict";
 import { after, test } from "node:test";
 import { ENDLESS, SMALL, withService, type Service } from "../../../clients/typescript/test/service.ts";
@@ -7,7 +7,7 @@ import { closeBrowser, colours, picture, Visit } from "./browser.ts";
 
 after(closeBrowser);
 
-/** Where the page says that a section is. */
+/** The shown position of a section. */
 async function place(visit: Visit): Promise<number> {
   const text = await visit.page.getByRole("heading", { name: /^Section at/ }).textContent();
   return Number(/[\d.]+/.exec(text ?? "")?.[0]);
@@ -22,7 +22,7 @@ async function grows(visit: Visit): Promise<void> {
   }
 }
 
-/** Collects the places of sections that the page shows from now on. */
+/** Collects the positions of sections that the page shows from this call on. */
 async function collectPlaces(visit: Visit): Promise<() => Promise<string[]>> {
   await visit.page.evaluate(() => {
     const places = new Set<string>();
@@ -36,7 +36,7 @@ async function collectPlaces(visit: Visit): Promise<() => Promise<string[]>> {
   return () => visit.page.evaluate(() => [...(window as unknown as { places: Set<string> }).places]);
 }
 
-/** A page that is never loaded again keeps this mark. */
+/** Marks the page; a reload removes the mark. */
 async function mark(visit: Visit): Promise<void> {
   await visit.page.evaluate(() => Object.assign(window, { marked: true }));
 }
@@ -56,7 +56,7 @@ test("a newcomer grows a model with one click and sees it change", async () => {
     const { page } = visit;
     await mark(visit);
     await visit.accessible();
-    // The page is there before the first section, however slowly it is drawn.
+    // The page is open before the first section, however slowly it is drawn.
     const client = new Oviduct(url);
     await client.pauseWorkers();
     await page.getByRole("button", { name: "Grow an oviduct" }).click();
@@ -67,7 +67,7 @@ test("a newcomer grows a model with one click and sees it change", async () => {
     await page.getByRole("application", { name: /^3D view/ }).waitFor({ timeout: 180_000 });
     assert((await places()).length > 1, "it was not seen to change");
     assert(await isMarked(visit), "the page was loaded again");
-    // The list has changed too.
+    // The list has changed, too.
     await page.getByRole("link", { name: "Models", exact: true }).click();
     await page.getByRole("listitem", { name: /^Pig oviduct, seed/ }).getByText("succeeded").waitFor();
     assert(await isMarked(visit), "the page was loaded again");
@@ -289,7 +289,7 @@ test("a model that no longer matches is not deleted with the others", async () =
     await page.route("**/models?*", async (route) => {
       const request = route.request();
       const deletes = request.method() === "DELETE" && !request.url().includes("dry_run=true");
-      // The page does not know of it yet.
+      // The page has not yet learned of the cancellation.
       if (deletes) await client.cancel(id);
       await route.continue();
     });

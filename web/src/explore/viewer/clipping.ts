@@ -1,12 +1,17 @@
-// How planes clip what is drawn: a bent tube where they cut the straight one, so that cuts follow its course.
+// Clipping by planes. A bent tube is clipped where planes cut the straight tube, so cuts follow its
+// course.
 import { ShaderChunk } from "three";
 
-// At the edge of a thin triangle a pixel's centre lies outside of it, where its position along the tube may be far off.
+// At the edge of a thin triangle, a pixel's centre lies outside the triangle. The position along
+// the tube may be far off there.
 for (const chunk of ["clipping_planes_pars_vertex", "clipping_planes_pars_fragment"] as const) {
   ShaderChunk[chunk] = ShaderChunk[chunk].replace(/^\s*varying/m, "centroid varying");
 }
 
-/** Of materials whose geometries have an attribute `straight`: where their vertices are in the straight tube. */
+/**
+ * Define for materials whose geometries have the attribute `straight`: positions in the straight
+ * tube.
+ */
 export const BENT = { BENT: "" };
 
 ShaderChunk.clipping_planes_pars_vertex += `

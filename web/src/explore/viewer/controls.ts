@@ -1,17 +1,17 @@
-// Mouse, touch and keyboard on a picture: of a model, of a section.
+// Mouse, touch and keyboard input on the picture of a model or of a section.
 
-/** What is done to a picture; distances in pixels of the page. */
+/** Actions on a picture; distances in pixels of the page. */
 export interface Actions {
   turn(right: number, down: number): void;
   pan(right: number, down: number): void;
-  /** Above 1 moves away; (x, y) is where the wheel is turned, or the middle of two fingers. */
+  /** Factors above 1 zoom out; (x, y) is the position of the wheel or the middle of two fingers. */
   zoom(factor: number, x: number, y: number): void;
   tap(x: number, y: number): void;
-  /** Whether the key was used. */
+  /** Handles a key; returns true if the key has a function. */
   key?(key: string, shift: boolean): boolean;
 }
 
-/** Pixels that a finger or mouse may move in a tap. */
+/** Maximum movement of a tap, pixels. */
 const TAP = 6;
 
 interface Pointer {
@@ -19,11 +19,14 @@ interface Pointer {
   y: number;
 }
 
-/** Listens on an element until the signal is aborted. Positions are from its top left corner. */
+/**
+ * Listens on an element until the signal is aborted. Positions are from the element's top left
+ * corner.
+ */
 export function control(element: GlobalEventHandlers & Element, actions: Actions, signal: AbortSignal): void {
   const pointers = new Map<number, Pointer>();
   let moved = 0;
-  // The offsets of an event are those of its target, which may lie within the element.
+  // The offsets of an event refer to its target, which may be a child of the element.
   const at = (event: MouseEvent): Pointer => {
     const { left, top } = element.getBoundingClientRect();
     return { x: event.clientX - left, y: event.clientY - top };
@@ -34,7 +37,7 @@ export function control(element: GlobalEventHandlers & Element, actions: Actions
     "pointerdown",
     (event) => {
       if (pointers.size === 0) moved = 0;
-      // A second finger makes it no tap.
+      // Two fingers are not a tap.
       else moved = Infinity;
       pointers.set(event.pointerId, at(event));
       element.setPointerCapture(event.pointerId);
@@ -55,7 +58,7 @@ export function control(element: GlobalEventHandlers & Element, actions: Actions
       if (other) {
         const [was, is] = [Math.hypot(before.x - other.x, before.y - other.y), Math.hypot(now.x - other.x, now.y - other.y)];
         if (was > 0 && is > 0) actions.zoom(was / is, (before.x + other.x) / 2, (before.y + other.y) / 2);
-        // Each finger moves the middle by half.
+        // Each finger moves the middle by half of its movement.
         actions.pan(dx / 2, dy / 2);
       } else if (moved > TAP) {
         const panning = event.shiftKey || event.ctrlKey || (event.buttons & 6) !== 0;
@@ -80,7 +83,7 @@ export function control(element: GlobalEventHandlers & Element, actions: Actions
     "wheel",
     (event) => {
       event.preventDefault();
-      // Lines and pages are some wheels' units.
+      // Some wheels report lines or pages.
       const pixels = event.deltaY * [1, 16, 200][event.deltaMode]!;
       const { x, y } = at(event);
       actions.zoom(Math.exp(Math.max(-120, Math.min(120, pixels)) * 0.0022), x, y);

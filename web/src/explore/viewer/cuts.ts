@@ -1,13 +1,16 @@
 // Planes that cut the tube open, with closed cut faces.
 //
-// A face is drawn where an odd number of triangles of the closed surface lies along the line of sight behind the plane: each
-// triangle inverts the plane's bit of the stencil. This is exact for a surface that does not intersect itself.
+// A face is drawn where an odd number of triangles of the closed surface lies along the line of
+// sight behind the plane: each triangle inverts the plane's bit of the stencil. This is exact for a
+// surface that does not intersect itself.
 //
-// Coarse pictures get by without counting: a back face of the closed surface is seen only where the line of sight enters tissue
-// through a cut, so the walls draw their back faces in the colour of the cut. Slivers of triangles leave a few wrong pixels, and
-// tissue where two cuts meet may be seen through from behind one of them.
+// Coarse pictures avoid counting. A back face of the closed surface is visible only where the line
+// of sight enters tissue through a cut. The walls therefore draw their back faces in the colour of
+// the cut. Thin triangles leave a few wrong pixels. Where two cuts intersect, the tissue may be
+// transparent from behind one of them.
 //
-// Planes cut the straight tube. In a bent one they follow its course, so their faces are no planes, and are made as triangles.
+// Planes cut the straight tube. In a bent tube they follow its course, so their faces are not
+// planes and are built from triangles.
 import {
   AlwaysStencilFunc,
   BufferAttribute,
@@ -35,14 +38,19 @@ import type { Stretch } from "./sight.ts";
 import type { Surface } from "./surface.ts";
 import { TISSUE } from "./tissue.ts";
 
-/** Edges of cut faces: as in the service's drawings, of the width of an epithelium (millimetres). */
+/**
+ * Edges of cut faces, as in the service's drawings; millimetres, about as wide as an epithelium.
+ */
 const [MUCOSA, MUCOSA_WIDTH] = [0x7d3a78, 0.012];
 const [OUTSIDE, OUTSIDE_WIDTH] = [0xa9607a, 0.008];
 
-/** Tells faces along the tube from those across it. */
+/** Colour of faces along the tube, different from faces across it. */
 const SHADED_TISSUE = 0xd2879c;
 
-/** Distance of the rims of the end caps from the ends, millimetres: the walls are crossed there. */
+/**
+ * Distance of the rims of the end caps from the ends in millimetres, so that the plane crosses the
+ * walls.
+ */
 const RIM = 1e-4;
 
 class Cut {
@@ -54,10 +62,10 @@ class Cut {
   readonly #counters = new Group();
   readonly #edges: Edges;
   readonly #course: Course | undefined;
-  /** Across the tube and, of a cut lengthwise, along it. */
+  /** The axes across the tube and, for a lengthwise cut, along it. */
   readonly #axes = [new Vector3(), new Vector3()] as const;
   #filled: Face | undefined;
-  /** What the edges were made from. */
+  /** The surface and plane of the current edges. */
   #drawn: { surface: Surface; plane: Plane } | undefined;
 
   constructor(bit: number, color: number, course: Course | undefined) {
@@ -84,7 +92,7 @@ class Cut {
       stencilRef: bit,
       stencilFunc: EqualStencilFunc,
       stencilZPass: KeepStencilOp,
-      // The outlines lie in the plane.
+      // The outlines lie in the plane of the face.
       polygonOffset: true,
       polygonOffsetFactor: 1,
       polygonOffsetUnits: 2,
@@ -118,7 +126,9 @@ class Cut {
     this.#face.matrixWorldNeedsUpdate = true;
   }
 
-  /** `counted` faces, and those of bent tubes, are drawn here, others by the walls. */
+  /**
+   * Updates the face. `counted` faces and faces of bent tubes are drawn here, others by the walls.
+   */
   update(on: boolean, surface: Surface | undefined, others: Plane[], counted: boolean): void {
     this.group.visible = on && surface !== undefined;
     if (!on || !surface) return;
@@ -136,7 +146,7 @@ class Cut {
   #fill(): void {
     this.#filled = this.#edges.fill(this.#axes[0].toArray(), this.#axes[1].toArray());
     const { positions, straight, index } = this.#filled;
-    // Buffers keep their sizes, so it is another geometry.
+    // Buffers cannot change their size, so create another geometry.
     this.#face.geometry.dispose();
     this.#face.geometry = new BufferGeometry()
       .setAttribute("position", new BufferAttribute(positions, 3))
@@ -149,7 +159,7 @@ class Cut {
     return this.group.visible ? this.#filled : undefined;
   }
 
-  /** Whether the edges of its face are drawn. */
+  /** Shows or hides the edges of the face. */
   set edged(on: boolean) {
     this.#edges.group.visible = on;
   }
@@ -162,7 +172,7 @@ class Cut {
   }
 }
 
-/** Where the walls meet planes. */
+/** Intersections of the walls with planes. */
 class Edges {
   readonly group = new Group();
   readonly #mucosa: Ribbons;
@@ -174,7 +184,7 @@ class Edges {
     this.group.add(this.#mucosa.object, this.#outside.object);
   }
 
-  /** Takes over the edges with parallel planes. */
+  /** Traces the edges with parallel planes. */
   trace(surface: Surface, planes: readonly [CutPlane, ...CutPlane[]]): void {
     this.#mucosa.segments.clear();
     this.#outside.segments.clear();
@@ -186,7 +196,7 @@ class Edges {
     this.#outside.update(planes[0]);
   }
 
-  /** What is between the edges with one plane. */
+  /** The face between the edges of one plane. */
   fill(right: Direction, up: Direction): Face {
     return fill([this.#mucosa.segments, this.#outside.segments], right, up);
   }
@@ -206,17 +216,17 @@ export class Cuts {
   readonly group = new Group();
   readonly #lengthwise: Cut;
   readonly #across: Cut;
-  /** Of the caps at the ends. */
+  /** Rims of the caps at the ends. */
   readonly #rims: Edges;
   readonly #tube: Tube;
-  /** Planes that are in use. */
+  /** Planes in use. */
   active: Plane[] = [];
   planes: readonly CutPlane[] = [];
-  /** What the cut across leaves. */
+  /** The part of the tube that the cut across leaves. */
   readonly kept: Stretch;
-  /** Colours of the cuts in use, where the back faces of the tissue show them. */
+  /** Colours of the cuts in use, if back faces of the tissue show them. */
   backs: number[] | undefined;
-  /** Whether rims are shown where they are wide enough. */
+  /** True if rims are shown where they are wide enough. */
   #rimmed = true;
 
   constructor(tube: Tube) {
@@ -228,7 +238,7 @@ export class Cuts {
     this.group.add(this.#lengthwise.group, this.#across.group, this.#rims.group);
   }
 
-  /** Takes over a surface and the geometries of its patches. */
+  /** Sets a surface and the geometries of its patches. */
   show(surface: Surface, geometries: readonly BufferGeometry[]): void {
     this.#lengthwise.count(geometries);
     this.#across.count(geometries);
@@ -236,7 +246,7 @@ export class Cuts {
     this.#rims.trace(surface, [plane(RIM), plane(this.#tube.length - RIM)]);
   }
 
-  /** Applies the cuts of a view, for a coarse picture or a good one; subscribes the effect that calls it. */
+  /** Applies the cuts of a view for a coarse or a full picture; subscribes the calling effect. */
   apply(view: View, surface: Surface | undefined, coarse: boolean): void {
     const outside = !view.flying.value;
     const [lengthwise, across] = [view.lengthwise.value && outside, view.across.value && outside];
@@ -249,7 +259,7 @@ export class Cuts {
     this.kept.to = across && !view.flipped.value ? at : this.#tube.length;
     // Without its face, the cut does not hide the plane of a section.
     const counted = !coarse || !view.closed || view.plane.value;
-    // Between triangles of the face of a bent tube, single pixels may be open to what is behind it.
+    // Between triangles of a bent tube's face, single pixels may show the content behind it.
     const seen = cuts.length > 0 && (!counted || (this.#tube.course !== undefined && view.closed));
     this.backs = seen ? cuts.map(({ color }) => color) : undefined;
     this.#rims.clip(this.active);
@@ -258,7 +268,7 @@ export class Cuts {
     this.#across.update(across, surface, lengthwise ? [this.#lengthwise.plane] : [], counted);
   }
 
-  /** Whether edges of faces and rims are drawn: from afar they are too thin. */
+  /** Shows or hides edges of faces and rims, which are too thin from far away. */
   set edged(on: boolean) {
     this.#rims.group.visible = on && this.#rimmed;
     this.#lengthwise.edged = on;
@@ -270,7 +280,7 @@ export class Cuts {
     return [this.#lengthwise.face, this.#across.face].filter((face) => face !== undefined);
   }
 
-  /** Whether the tube is cut lengthwise, and its inside is seen from there. */
+  /** True if the tube is cut lengthwise and the eye is on the open side. */
   opensTo(eye: Vector3): boolean {
     return this.#lengthwise.group.visible && this.#lengthwise.plane.distanceToPoint(eye) < 0;
   }

@@ -1,15 +1,15 @@
-// What the device can draw.
+// Drawing capabilities of the device.
 
 export interface Device {
-  /** Without a graphics processor, drawing is done in software. */
+  /** `software`: there is no graphics processor. */
   strength: "software" | "ordinary" | "strong";
-  /** Whether the user asks for small downloads. */
+  /** True if the user prefers small downloads. */
   saveData: boolean;
 }
 
 let known: Device | undefined;
 
-/** Looks at the device once; undefined if it has no WebGL2. */
+/** Inspects the device once; undefined without WebGL2. */
 export function device(): Device | undefined {
   return (known ??= inspect());
 }
@@ -17,13 +17,13 @@ export function device(): Device | undefined {
 function inspect(): Device | undefined {
   const gl = document.createElement("canvas").getContext("webgl2");
   if (!gl) return undefined;
-  // Chromium tells the name only through the extension.
+  // Chromium reports the name only through the extension.
   const info = gl.getExtension("WEBGL_debug_renderer_info");
   const name = String(gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER));
   gl.getExtension("WEBGL_lose_context")?.loseContext();
   const browser = navigator as Navigator & { deviceMemory?: number; connection?: { saveData?: boolean } };
   const software = /swiftshader|llvmpipe|software|basic render/i.test(name);
-  // Browsers that do not tell their memory count as ordinary.
+  // Browsers that hide the amount of memory count as ordinary.
   const strong = (browser.deviceMemory ?? 0) >= 8 && browser.hardwareConcurrency >= 8 && !matchMedia("(pointer: coarse)").matches;
   return { strength: software ? "software" : strong ? "strong" : "ordinary", saveData: browser.connection?.saveData ?? false };
 }

@@ -1,7 +1,8 @@
-// The face of a cut of a bent tube, as triangles: what its closed outlines enclose, by the even-odd rule.
+// The face of a cut of a bent tube as triangles: the interior of its closed outlines, by the
+// even-odd rule.
 import { grown, type Segments } from "./outline.ts";
 
-/** Triangles of a face: where they are drawn, and in the straight tube. */
+/** Triangles of a face: their drawn positions, and their positions in the straight tube. */
 export interface Face {
   positions: Float32Array<ArrayBuffer>;
   straight: Float32Array<ArrayBuffer>;
@@ -11,15 +12,16 @@ export interface Face {
 export type Direction = readonly [number, number, number];
 
 /**
- * Fills outlines in a plane of the straight tube, of which `right` and `up` are directions. Trapezoids lie between two lines each, from
- * a height at which one begins or ends to another.
+ * Fills outlines in a plane of the straight tube with the directions `right` and `up`.
+ *
+ * The face consists of trapezoids between two lines and two heights at which lines begin or end.
  */
 export function fill(outlines: readonly Segments[], right: Direction, up: Direction): Face {
   const lines = outlines.flatMap((segments) => Array.from({ length: segments.count }, (_, k) => new Line(segments, 6 * k, right, up)));
   const rising = lines.filter(({ bottom, top }) => bottom < top).sort((a, b) => a.bottom - b.bottom);
   const heights = Float64Array.from(rising.flatMap(({ bottom, top }) => [bottom, top])).sort();
   const corners = new Corners();
-  /** Ends the trapezoid at the right of a line. */
+  /** Ends the trapezoid to the right of a line. */
   const end = (line: Line, at: number) => {
     if (line.partner && line.begun < at) corners.add(line, line.partner, line.begun, at);
     line.partner = undefined;
@@ -52,7 +54,7 @@ export function fill(outlines: readonly Segments[], right: Direction, up: Direct
   return corners.face();
 }
 
-/** From left to right, by insertion: they are nearly in order. */
+/** Sorts from left to right by insertion, because the lines are nearly sorted. */
 function sort(lines: Line[]): void {
   for (let i = 1; i < lines.length; i++) {
     const line = lines[i]!;
@@ -62,19 +64,19 @@ function sort(lines: Line[]): void {
   }
 }
 
-/** A segment of an outline, upwards. */
+/** A segment of an outline, directed upwards. */
 class Line {
   readonly segments: Segments;
-  /** Where its lower and its upper end are among the numbers of the segments. */
+  /** Indices of its lower and its upper end in the numbers of the segments. */
   readonly from: number;
   readonly to: number;
   readonly bottom: number;
   readonly top: number;
   readonly #left: number;
   readonly #slope: number;
-  /** Where it is across at the present height. */
+  /** Position across at the current height. */
   x = 0;
-  /** The line at the right of the present trapezoid, and the height at which that begins. */
+  /** The line at the right of the current trapezoid, and the lower height of the trapezoid. */
   partner: Line | undefined;
   begun = 0;
 
@@ -96,7 +98,7 @@ class Line {
   }
 }
 
-/** Corners of trapezoids, four each; grows as needed. */
+/** Corners of trapezoids, four each; the buffer grows as needed. */
 class Corners {
   #positions = new Float32Array(4096);
   #straight = new Float32Array(4096);

@@ -1,4 +1,4 @@
-// Levels of detail: which files a model has, and which one this device should show.
+// Levels of detail: the available files of a model, and the suitable one for this device.
 import type { Model, ModelFile } from "oviduct-client";
 import type { Device } from "./device.ts";
 
@@ -13,7 +13,10 @@ const FILES = [
   ["model.lod0.glb", "Full"],
 ] as const;
 
-/** The levels of a model, the lightest first. A model from before they existed has the whole surface only. */
+/**
+ * The levels of detail of a model, coarsest first. Models of old versions have only the whole
+ * surface.
+ */
 export function levelsOf(model: Pick<Model, "files">): Level[] {
   const find = (name: string) => model.files.find((file) => file.name === name);
   const levels = FILES.flatMap(([name, title]) => {
@@ -24,7 +27,7 @@ export function levelsOf(model: Pick<Model, "files">): Level[] {
   return levels.length > 0 || !whole ? levels : [{ title: "Full", file: whole }];
 }
 
-/** The best level that is loaded without being asked for: an index of `levels`. */
+/** Index in `levels` of the finest level of detail that is loaded automatically. */
 export function automaticLevel(levels: readonly Level[], { strength, saveData }: Device): number {
   const best = saveData ? 0 : { software: 0, ordinary: 1, strong: 2 }[strength];
   return Math.min(levels.length - 1, best);

@@ -1,18 +1,18 @@
-// A surface that moves: the frames of an animation, which have the same triangles, and what is between them.
+// A moving surface: frames of an animation with the same triangles, and interpolation between them.
 import type { Mesh } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import type { Course } from "../course.ts";
 import { indexOf, isMesh, PATCH_NAMES, vectorsOf, type Patch, type PatchName, type Surface } from "./surface.ts";
 
-/** What differs between the frames of a patch. */
+/** The part of a patch that differs between frames. */
 type Shape = Pick<Patch, "positions" | "straight" | "normals">;
 
 export class Motion {
-  /** Its patches are those at the present time: they are written again when it moves. */
+  /** The surface at the current time; its arrays are overwritten when it moves. */
   readonly surface: Surface;
-  /** Number of frames of one period. */
+  /** Number of frames per period. */
   readonly frames: number;
-  /** Seconds. */
+  /** Period in seconds. */
   readonly period: number;
   /** Frames of each patch of the surface. */
   readonly #shapes: readonly (readonly Shape[])[];
@@ -24,7 +24,7 @@ export class Motion {
     this.#shapes = shapes;
   }
 
-  /** Moves to a part of the period: to a frame, or between two, where vertices move in straight lines. */
+  /** Moves to a fraction of the period. Between two frames, vertices move in straight lines. */
   moveTo(phase: number): void {
     const at = (phase - Math.floor(phase)) * this.frames;
     const from = Math.floor(at) % this.frames;
@@ -43,7 +43,11 @@ function mix(a: Shape, b: Shape, part: number, out: Shape): void {
   }
 }
 
-/** Reads a `.glb` whose morph targets are frames after the first, of a tube that may follow a course. Throws if it is damaged. */
+/**
+ * Reads a `.glb` whose morph targets are the frames after the first. Throws if the file is damaged.
+ *
+ * The tube may follow a course.
+ */
 export async function readMotion(file: ArrayBuffer, begin: number, course?: Course): Promise<Motion> {
   const { scene, animations } = await new GLTFLoader().parseAsync(file, "");
   const [clip] = animations;
@@ -63,7 +67,7 @@ export async function readMotion(file: ArrayBuffer, begin: number, course?: Cour
   return new Motion({ patches, triangles, difference: undefined }, shapes, clip.duration);
 }
 
-/** A patch of its own arrays, and its frames. */
+/** A patch with separate arrays, and its frames. */
 function read(name: PatchName, { geometry, matrixWorld }: Mesh, begin: number, course: Course | undefined): { patch: Patch; frames: Shape[] } {
   const index = indexOf(geometry);
   const targets = geometry.morphAttributes.position?.length ?? 0;

@@ -1,4 +1,4 @@
-// Light that reaches the mucosa: crypts between folds are darker than their tips.
+// Brightness of the mucosa: crypts between folds are darker than the tips of folds.
 import type { Patch } from "./surface.ts";
 
 const BINS = 240;
@@ -6,8 +6,10 @@ const BINS = 240;
 const DARKEST = 0.42;
 
 /**
- * Brightness of each vertex of the inner wall, 0 to 255: by its place between the innermost fold tip and the deepest crypt of
- * its stretch of the tube. An approximation of ambient occlusion that costs nothing while drawing.
+ * Brightness of each vertex of the inner wall, 0 to 255.
+ *
+ * It depends on the vertex's place between the innermost fold tip and the deepest crypt of its
+ * stretch of the tube. This approximates ambient occlusion without any cost while drawing.
  */
 export function mucosaLight({ straight: positions }: Patch, length: number): Uint8Array<ArrayBuffer> {
   const count = positions.length / 3;

@@ -1,7 +1,7 @@
-// Where a plane crosses a surface.
+// Intersection of a plane with a surface.
 import type { Patch } from "./surface.ts";
 
-/** Points of the straight tube with x·nx + y·ny + z·nz + d = 0; what is on the negative side is cut away. */
+/** The plane x·nx + y·ny + z·nz + d = 0 of the straight tube; its negative side is cut away. */
 export interface CutPlane {
   nx: number;
   ny: number;
@@ -9,10 +9,10 @@ export interface CutPlane {
   d: number;
 }
 
-/** Line segments, six numbers each; grows as needed and is used again. */
+/** Line segments, six numbers each; the buffers grow as needed and are reused. */
 export class Segments {
   points = new Float32Array(6 * 4096);
-  /** Where they are in the straight tube: other numbers if it is bent. */
+  /** Positions in the straight tube; a different array if the tube is bent. */
   straight = this.points;
   count = 0;
 
@@ -24,7 +24,7 @@ export class Segments {
     this.count = 0;
   }
 
-  /** Room for one more segment: its place in `points`. */
+  /** Reserves one more segment; returns its place in `points`. */
   next(): number {
     const at = 6 * this.count++;
     if (at + 6 > this.points.length) {
@@ -60,7 +60,7 @@ export function addOutline({ positions, straight, index }: Patch, { nx, ny, nz, 
     const keptB = distances[b]! >= 0;
     const keptC = distances[c]! >= 0;
     if (keptA === keptB && keptB === keptC) continue;
-    // The vertex that is alone on its side, and the two others.
+    // The vertex that is alone on its side of the plane, then the two others.
     const [tip, left, right] = keptA === keptB ? [c, a, b] : keptA === keptC ? [b, c, a] : [a, b, c];
     const at = out.next();
     cross(positions, tip, left, out.points, at);
@@ -72,7 +72,7 @@ export function addOutline({ positions, straight, index }: Patch, { nx, ny, nz, 
 }
 
 function cross(positions: Float32Array, one: number, other: number, out: Float32Array, at: number): void {
-  // The same for both triangles of an edge.
+  // Order the vertices, so that both triangles of an edge get the same point.
   const a = Math.min(one, other);
   const b = Math.max(one, other);
   const t = distances[a]! / (distances[a]! - distances[b]!);

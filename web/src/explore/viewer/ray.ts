@@ -1,4 +1,4 @@
-// Where a line of sight meets a surface of which parts are cut away or hidden.
+// Intersection of a line of sight with a surface that is partly cut away or hidden.
 import type { CutPlane } from "./outline.ts";
 import type { Patch } from "./surface.ts";
 
@@ -12,8 +12,10 @@ export interface Ray {
 }
 
 /**
- * Distance along the ray to the first visible point of the surface, or of a face that a plane has cut into its tissue;
- * undefined if there is none. All patches together are closed, so a point of a plane is in tissue if an odd number of
+ * Distance along the ray to the first visible point of the surface or of a cut face; undefined if
+ * there is none.
+ *
+ * All patches together are closed. A point of a plane is therefore in tissue if an odd number of
  * triangles lies beyond it.
  */
 export function firstHit(
@@ -38,10 +40,12 @@ export function firstHit(
   return Number.isFinite(nearest) ? nearest : undefined;
 }
 
-/** Millimetres by which positions of a cut face may be off. */
+/** Maximum error of positions of a cut face, millimetres. */
 const ROUNDING = 1e-4;
 
-/** As `firstHit`, of a bent tube: planes cut the straight one, and the faces that they leave are given. */
+/**
+ * Like `firstHit` for a bent tube. Planes cut the straight tube, so the resulting faces are given.
+ */
 export function firstHitBent(
   patches: readonly Pick<Patch, "positions" | "straight" | "index">[],
   planes: readonly CutPlane[],
@@ -72,8 +76,10 @@ function isKept(planes: readonly CutPlane[], ray: Ray, distance: number): boolea
 }
 
 /**
- * Calls back with the distance of each triangle that the ray crosses, from either side (Möller, Trumbore 1997); also with its place in
- * the index, and the shares of its second and third corner.
+ * Calls back with the distance of each triangle that the ray crosses from either side.
+ *
+ * Also passes the triangle's place in the index and the weights of its second and third corner.
+ * Method: Möller and Trumbore 1997.
  */
 function eachCrossing(
   p: Float32Array,

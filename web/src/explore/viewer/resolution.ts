@@ -1,17 +1,20 @@
-// Pixels of the picture for each of the page: fewer while it moves on a slow device.
+// Pixels of the picture per pixel of the page: fewer during movements on a slow device.
 
-/** More than this is hardly seen. */
+/** Maximum ratio; more is hardly visible. */
 const MOST = 2;
-/** Milliseconds between frames above which a device is slow; below the other, four times the pixels are no burden. */
+/**
+ * Frame intervals in milliseconds: above the first, a device is slow; below the second, it can draw
+ * four times the pixels.
+ */
 const [SLOW, QUICK] = [45, 12];
-/** Milliseconds after the last frame of a movement at which the picture is drawn in full. */
+/** Milliseconds after the last frame of a movement at which the full picture is drawn. */
 const REST = 200;
 const COARSE = 0.5;
 
 export class Resolution {
-  /** Pixels for each of the page. */
+  /** Pixels per pixel of the page. */
   ratio = 1;
-  /** Whether the present frame is to be drawn quickly rather than well. */
+  /** True if the current frame must be drawn fast rather than well. */
   coarse = false;
   readonly #larger: number;
   readonly #settled: () => void;
@@ -23,8 +26,10 @@ export class Resolution {
   #timer: ReturnType<typeof setTimeout> | undefined;
 
   /**
-   * `software` begins coarsely, and draws a picture at rest larger in place of antialiasing; `settled` is called when a
-   * movement has ended.
+   * `software` begins with coarse pictures and draws pictures at rest larger instead of
+   * antialiasing.
+   *
+   * `settled` is called after a movement has ended.
    */
   constructor(software: boolean, settled: () => void) {
     this.#slow = software;
@@ -32,7 +37,7 @@ export class Resolution {
     this.#settled = settled;
   }
 
-  /** Something has changed, so the movement goes on, however long its next frame takes. */
+  /** Reports a change: the movement continues, however long its next frame takes. */
   moved(): void {
     clearTimeout(this.#timer);
     this.#resting = false;

@@ -1,4 +1,4 @@
-// Lines in a plane as thin bands, which are drawn faster than lines of a width.
+// Lines in a plane as thin bands, which are drawn faster than wide lines.
 import { BufferAttribute, BufferGeometry, DoubleSide, DynamicDrawUsage, Mesh, MeshBasicMaterial, Vector3, type ColorRepresentation, type Plane } from "three";
 import type { Course } from "../course.ts";
 import { BENT } from "./clipping.ts";
@@ -11,7 +11,7 @@ export class Ribbons {
   readonly #course: Course | undefined;
   #room = 0;
 
-  /** The width is in millimetres. With a course, the lines are of a bent tube. */
+  /** `width` is in millimetres. With a course, the lines belong to a bent tube. */
   constructor(color: ColorRepresentation, width: number, course?: Course) {
     this.#half = width / 2;
     this.#course = course;
@@ -23,7 +23,7 @@ export class Ribbons {
     this.object.visible = false;
   }
 
-  /** Shows what `segments` holds now, in planes of the straight tube with this normal (of length 1). */
+  /** Shows the content of `segments`, in planes of the straight tube with this unit normal. */
   update(plane: { nx: number; ny: number; nz: number }): void {
     const { points, straight, count } = this.segments;
     let { nx, ny, nz } = plane;
@@ -42,7 +42,7 @@ export class Ribbons {
       if (places) {
         this.#course!.turn(plane.nx, plane.ny, plane.nz, straight[from + 2]!, normal);
         ({ x: nx, y: ny, z: nz } = normal);
-        // Both corners of an end have its place.
+        // Both corners of an end have the same place.
         for (let i = 0; i < 12; i++) places.array[to + i] = straight[from + 3 * Math.floor(i / 6) + (i % 3)]!;
       }
       const scale = this.#half / (Math.hypot(dx, dy, dz) || 1);

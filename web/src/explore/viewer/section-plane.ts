@@ -3,7 +3,7 @@ import { DoubleSide, Group, Mesh, MeshBasicMaterial, PlaneGeometry, Vector3 } fr
 import type { Tube } from "../framing.ts";
 import { Ribbons } from "./ribbons.ts";
 
-/** Half its side, as a multiple of the tube's radius. */
+/** Half of the plane's side, as a multiple of the tube's radius. */
 const SIZE = 1.15;
 const BORDER = 0.03;
 

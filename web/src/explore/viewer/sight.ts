@@ -1,4 +1,4 @@
-// What a camera can see of a tube: coarse pictures leave out triangles that it cannot.
+// The visible part of a tube: coarse pictures omit triangles that the camera cannot see.
 import type { Tube } from "../framing.ts";
 import type { CutPlane } from "./outline.ts";
 import type { Patch } from "./surface.ts";
@@ -9,27 +9,32 @@ export interface Stretch {
   to: number;
 }
 
-/** Parts of the tube's length that stretches are rounded out to, so that they change only now and then. */
+/**
+ * Number of steps per tube length to which stretches are rounded outwards, so that they change
+ * rarely.
+ */
 const STEPS = 24;
-/** Part of a step: positions of vertices are rounded. */
+/** Margin as a fraction of a step, because vertex positions are rounded. */
 const MARGIN = 0.01;
 
 /**
- * Writes to `out` how far into the lumen and the cut tissue one sees from outside, through an open end of a stretch of the tube:
- * a line of sight that is aside of the axis leaves the tube after its diameter.
+ * Writes to `out` the part of lumen and cut tissue that is visible through the open ends of a
+ * stretch.
+ *
+ * A line of sight at a distance from the axis leaves the tube within its diameter.
  */
 export function seenThroughEnds(eye: { x: number; y: number; z: number }, tube: Tube, ends: Stretch, out: Stretch): void {
   const before = Math.max(ends.from - eye.z, eye.z - ends.to);
   const aside = Math.hypot(eye.x - tube.x, eye.y - tube.y) - tube.radius;
   const depth = aside > 0 ? (2 * tube.radius * Math.max(0, before)) / aside : Infinity;
   const atFrom = eye.z < ends.from;
-  // Between the ends, aside of the tube, one sees neither.
+  // Between the planes of the ends and outside the tube, neither end is visible.
   out.from = before > 0 && !atFrom ? ends.to - depth : ends.from;
   out.to = before <= 0 && aside > 0 ? -Infinity : atFrom ? ends.from + depth : ends.to;
   round(out, tube.length);
 }
 
-/** Writes to `out` the stretch around a camera within a distance of it. */
+/** Writes to `out` the stretch of the tube within a distance of the camera. */
 export function around(z: number, distance: number, tube: Tube, out: Stretch): void {
   out.from = z - distance;
   out.to = z + distance;
@@ -42,10 +47,15 @@ function round(out: Stretch, length: number): void {
   out.to = Math.ceil(out.to / step + MARGIN) * step;
 }
 
-/** For each vertex, a bit for each plane that it lies behind. */
+/** For each vertex, one bit per plane; set if the vertex is behind the plane. */
 let behind = new Uint8Array(0);
 
-/** Writes to `out` the triangles of a patch but those that lie wholly behind a plane; the number of indices. At most eight planes. */
+/**
+ * Writes to `out` the triangles of a patch that are not wholly behind a plane; returns the number
+ * of indices.
+ *
+ * Accepts at most eight planes.
+ */
 export function select({ straight: positions, index }: Patch, planes: readonly CutPlane[], out: Uint16Array | Uint32Array): number {
   const vertices = positions.length / 3;
   if (behind.length < vertices) behind = new Uint8Array(vertices);

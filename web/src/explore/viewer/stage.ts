@@ -1,4 +1,4 @@
-// The picture of one model: scene, camera and renderer. It draws when something has changed, never in between.
+// The picture of one model: scene, camera and renderer. It draws only after changes.
 import { effect, signal, untracked } from "@preact/signals";
 import { PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
 import { positionAt, type Centreline } from "../centreline.ts";
@@ -19,29 +19,32 @@ import type { Patch, Surface } from "./surface.ts";
 import { Tissue } from "./tissue.ts";
 import { FLIGHT_FOG, LUMEN_DARK } from "./tissue-material.ts";
 
-/** Vertical angle of the view in flight, degrees. */
+/** Vertical angle of view during the flight, degrees. */
 const FLIGHT_FIELD = 85;
-/** Millimetres ahead that the flight looks at. */
+/** Distance ahead at which the flight looks, millimetres. */
 const AHEAD = 0.7;
-/** Degrees that a key, and a pixel of a drag, turn the picture. */
+/** Turn of the picture per key press and per pixel of a drag, degrees. */
 const KEY_TURN = 6;
 const DRAG_TURN = 0.35;
 const KEY_PAN = 40;
 const KEY_ZOOM = 1.15;
-/** Distance in millimetres at which edges are two thirds of a pixel wide, for each pixel of the height of the picture. */
+/**
+ * Distance in millimetres at which edges are two thirds of a pixel wide, per pixel of the picture's
+ * height.
+ */
 const FINEST_EDGE = 0.03;
 const VIEW_KEYS: Record<string, StandardView> = { Home: "whole", "1": "whole", "2": "isthmus", "3": "ampulla", "4": "side" };
 
 export class Stage {
-  /** Whether the browser has taken the graphics processor away; it usually gives it back. */
+  /** True while the browser has revoked the graphics context; it usually returns. */
   readonly lost = signal(false);
-  /** Called with points of the surface that are tapped. */
+  /** Called with tapped points of the surface. */
   onPick: ((spot: Spot) => void) | undefined;
-  /** Called after each frame, to move what lies over the picture. */
+  /** Called after each frame, to move the overlays. */
   onFrame: (() => void) | undefined;
-  /** Called for keys of the flight; whether the key was used. */
+  /** Called for keys of the flight; returns true if the key has a function. */
   onKey: ((key: string) => boolean) | undefined;
-  /** Called before each frame, to move what moves by itself; whether it goes on. */
+  /** Called before each frame to advance animations; returns true while they continue. */
   onAdvance: ((now: number) => boolean) | undefined;
   readonly #view: View;
   readonly #tube: Tube;
@@ -66,7 +69,7 @@ export class Stage {
   #coarse = false;
   #resized = true;
 
-  /** Throws if the browser gives no WebGL2 context. */
+  /** @throws Error if the browser provides no WebGL2 context. */
   constructor(canvas: HTMLCanvasElement, view: View, tube: Tube, { strength }: Device) {
     this.#canvas = canvas;
     this.#view = view;
@@ -91,21 +94,25 @@ export class Stage {
     this.#surface.value = surface;
   }
 
-  /** The surface that is shown has moved. */
+  /** Updates the picture after the shown surface has moved. */
   moved(): void {
     const surface = this.#surface.peek();
     if (!surface) return;
     this.#tissue.moved();
-    // Another object, so that cuts are traced again.
+    // Assign a new object, so that cuts are traced again.
     this.#surface.value = { ...surface };
   }
 
-  /** The way through the lumen, when it is known. */
+  /** Sets the path through the lumen. */
   set way(way: Centreline | undefined) {
     this.#way.value = way;
   }
 
-  /** Writes the position of a point in the picture to `out`, pixels of the page; whether it is before the camera. */
+  /**
+   * Writes the projected position of a point to `out`, in pixels of the page.
+   *
+   * Returns true if the point is in front of the camera.
+   */
   project({ x, y, z }: Spot, out: Vector3): boolean {
     out.set(x, y, z).project(this.#camera);
     out.x = ((out.x + 1) / 2) * this.#canvas.clientWidth;
@@ -131,11 +138,11 @@ export class Stage {
     this.#plane.dispose();
     this.#resolution.dispose();
     this.#renderer.dispose();
-    // Browsers allow few contexts at a time, and collect those of removed canvases late.
+    // Browsers allow few contexts at a time, and collect contexts of removed canvases late.
     this.#renderer.forceContextLoss();
   }
 
-  /** Only the camera moves with the frames: matrices of other objects are computed once. */
+  /** Computes the matrices of all objects except the camera once; only the camera moves. */
   #fix(): void {
     this.#scene.traverse((object) => {
       if (object === this.#camera || !object.matrixAutoUpdate) return;
@@ -165,7 +172,7 @@ export class Stage {
     );
   }
 
-  /** Draws again when what is shown has changed. */
+  /** Draws again after changes of the shown state. */
   #follow(): void {
     const view = this.#view;
     this.#leave.push(
@@ -217,7 +224,7 @@ export class Stage {
     this.invalidate();
   }
 
-  // No effect runs it, so it reads signals by `value`: `peek` allocates a function.
+  // No effect runs this function, so it reads signals by `value`; `peek` allocates a function.
   readonly #draw = (now: number): void => {
     this.#pending = 0;
     if (this.lost.value) return;
@@ -239,7 +246,7 @@ export class Stage {
     this.onFrame?.();
   };
 
-  /** Leaves out of a coarse picture what it does not show. */
+  /** Omits triangles that a coarse picture does not show. */
   #limit(flying: boolean): void {
     const view = this.#view;
     const inside = this.#inside;
@@ -276,7 +283,7 @@ export class Stage {
     const z = this.#view.flown * length;
     positionAt(way, z, position);
     positionAt(way, z + AHEAD, this.#target);
-    // At the end of the way the last direction is that of the tube.
+    // At the end of the path, look along the tube.
     this.#target.z = position.z + AHEAD;
     if (course) {
       // The vertical of the picture is y of the cross section.
@@ -301,7 +308,7 @@ export class Stage {
     camera.updateProjectionMatrix();
   }
 
-  /** Degrees; positive as the hand moves right and down. */
+  /** Turns the picture by degrees, positive for movements of the hand to the right and down. */
   #turn(right: number, down: number): void {
     if (!this.#view.flying.peek()) return this.#view.orbit(-right, down);
     this.#look.yaw += right;
@@ -318,7 +325,7 @@ export class Stage {
 
   #zoom(factor: number): void {
     const { flight } = this.#view;
-    // In flight, towards the picture is forward.
+    // During the flight, zooming in moves forward.
     if (flight.peek() !== undefined) flight.value = Math.max(0, Math.min(1, this.#view.flown - Math.log(factor) * 0.02));
     else this.#view.zoom(factor);
   }

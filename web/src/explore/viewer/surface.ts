@@ -1,4 +1,4 @@
-// The surface of a model as arrays in millimetres, read from its glTF files of any level of detail.
+// The surface of a model as arrays in millimetres, read from glTF files of any level of detail.
 import { Matrix3, Vector3, type BufferGeometry, type Matrix4, type Mesh, type Object3D } from "three";
 import type { Report } from "oviduct-client";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
@@ -14,30 +14,34 @@ export interface Patch {
   name: PatchName;
   /** x, y, z of each vertex, millimetres. */
   positions: Float32Array;
-  /** The same in the straight tube: the very same array if it is not bent. */
+  /** Positions in the straight tube; the same array if the tube is not bent. */
   straight: Float32Array;
-  /** x, y, z of each vertex, 127 times a length of 1. */
+  /** x, y, z of each vertex normal, scaled by 127. */
   normals: Int8Array;
-  /** Three vertices a triangle. */
+  /** Three vertices per triangle. */
   index: Uint16Array | Uint32Array;
 }
 
 export interface Surface {
   patches: readonly Patch[];
   triangles: number;
-  /** What the file states of its difference from the certified surface, if it does. */
+  /** Difference from the certified surface, if the file states it. */
   difference: Difference | undefined;
 }
 
 /** Micrometres. */
 export interface Difference {
-  /** The largest that was measured between the two surfaces. */
+  /** Maximum measured distance between the two surfaces. */
   distance: number;
-  /** Steps to which positions are rounded, along x, y and z. */
+  /** Rounding steps of positions along x, y and z. */
   precision: readonly number[];
 }
 
-/** Reads a `.glb` of a tube that may follow a course; `begin` millimetres along z become 0. Throws if it is damaged or has no patch of a tissue. */
+/**
+ * Reads a `.glb` of a tube that may follow a course; `begin` millimetres along z become 0.
+ *
+ * @throws Error if the file is damaged or has no tissue patch.
+ */
 export async function readSurface(file: ArrayBuffer, begin: number, course?: Course): Promise<Surface> {
   const loader = new GLTFLoader().setMeshoptDecoder(MeshoptDecoder);
   const { scene, asset } = await loader.parseAsync(file, "");
@@ -51,7 +55,9 @@ export async function readSurface(file: ArrayBuffer, begin: number, course?: Cou
   return { patches, triangles: patches.reduce((sum, { index }) => sum + index.length / 3, 0), difference: statedDifference(asset.extras) };
 }
 
-/** Levels of detail state it in the extras of the asset, in the words of the report. */
+/**
+ * Levels of detail state the difference in the extras of the asset, with the names of the report.
+ */
 function statedDifference(extras: unknown): Difference | undefined {
   const { distance_um: distance, precision_um: precision } = (extras as { level?: Partial<DetailLevel> } | undefined)?.level ?? {};
   return typeof distance === "number" ? { distance, precision: precision ?? [] } : undefined;
@@ -67,15 +73,16 @@ function patch(name: PatchName, { geometry, matrixWorld }: Mesh, begin: number, 
   return { name, positions, straight: course?.straighten(positions, index) ?? positions, normals, index };
 }
 
-/** Three vertices a triangle. */
+/** Three vertices per triangle. */
 export function indexOf({ index, attributes }: BufferGeometry): Patch["index"] {
   const order = index?.array ?? Uint32Array.from({ length: attributes["position"]!.count }, (_, i) => i);
   return order instanceof Uint16Array || order instanceof Uint32Array ? order : Uint32Array.from(order);
 }
 
 /**
- * Positions and normals of a geometry, displaced by one of its morph targets if one is named. Quantized ones are scaled by the transform
- * of the node; glTF is in metres.
+ * Positions and normals of a geometry, displaced by a morph target if `target` is given.
+ *
+ * Quantized values are scaled by the transform of the node. glTF is in metres.
  */
 export function vectorsOf(geometry: BufferGeometry, matrix: Matrix4, begin: number, target = -1): Pick<Patch, "positions" | "normals"> {
   if (!geometry.hasAttribute("normal")) geometry.computeVertexNormals();

@@ -1,17 +1,19 @@
-// How walls and caps are shaded: with little work a pixel, since some browsers draw in software.
+// Shading of walls and caps, with little work per pixel because some browsers draw in software.
 import { Color, LinearSRGBColorSpace, ShaderMaterial, Vector3, type ColorRepresentation } from "three";
 import { BENT } from "./clipping.ts";
 
-/** Where the lumen is lost in the dark in flight, millimetres. */
+/** Distances between which the lumen fades into the dark during the flight, millimetres. */
 export const FLIGHT_FOG = [0.02, 1.8] as const;
 export const LUMEN_DARK = 0x2a0a14;
 
-/** Irradiance by a colour of light, for surfaces that scatter it evenly. */
+/** Irradiance from a colour of light, for diffuse surfaces. */
 function light(color: ColorRepresentation, intensity: number): Color {
   return new Color(color).multiplyScalar(intensity / Math.PI);
 }
 
-/** A light at the left above the camera, in its directions; soft ones from the sky and the ground, which cover all sides. */
+/**
+ * A lamp above and left of the camera, in camera coordinates, and soft light from sky and ground.
+ */
 const SHARED = {
   toLamp: { value: new Vector3(-0.5, 0.8, 1.7).normalize() },
   lamp: { value: light(0xfff4ec, 2.1) },
@@ -20,7 +22,7 @@ const SHARED = {
   dark: { value: displayed(LUMEN_DARK) },
 };
 
-// Both cosines are linear in the normal, so they are interpolated in its place.
+// Both cosines are linear in the normal, so they are interpolated instead of the normal.
 const VERTEX = /* glsl */ `
 #include <clipping_planes_pars_vertex>
 uniform vec3 toLamp;
@@ -51,8 +53,8 @@ void main() {
   #endif
 }`;
 
-// Rings are every 0.1 mm and stronger every millimetre, and fade where they would be dense. The curve of sRGB is approximated
-// by roots, within 0.003.
+// There is a ring every 0.1 mm and a stronger one every millimetre; rings fade where they would be
+// dense. Square roots approximate the sRGB curve within 0.003.
 const FRAGMENT = /* glsl */ `
 #include <clipping_planes_pars_fragment>
 uniform vec3 color;
@@ -117,7 +119,7 @@ void main() {
   gl_FragColor = vec4(shown, opacity);
 }`;
 
-/** `lit` surfaces scatter the light; others have their colour whatever the light. */
+/** `lit` surfaces scatter light; other surfaces have a constant colour. */
 export class TissueMaterial extends ShaderMaterial {
   constructor(color: number, { lit, occluded, bent }: { lit: boolean; occluded: boolean; bent: boolean }) {
     super({
@@ -134,12 +136,15 @@ export class TissueMaterial extends ShaderMaterial {
     });
   }
 
-  /** Rings that show the way covered, and the dark ahead. */
+  /** Shows rings that mark the distance, and the dark ahead. */
   set flight(on: boolean) {
     this.#define("FLIGHT", on);
   }
 
-  /** Colours of back faces: those of a closed body that is cut open are seen through the cuts, as their faces. */
+  /**
+   * Colours of back faces. In a closed body that is cut open, back faces are visible through the
+   * cuts, as their faces.
+   */
   set cuts(colors: readonly number[] | undefined) {
     this.#define("CUT_OPEN", colors !== undefined);
     colors?.forEach((color, k) => (this.uniforms["cuts"]!.value as Color[])[k]!.copy(displayed(color)));
@@ -159,7 +164,7 @@ export class TissueMaterial extends ShaderMaterial {
   }
 }
 
-/** A colour as the display gets it. */
+/** A colour as the display receives it. */
 function displayed(color: number): Color {
   return new Color().setHex(color, LinearSRGBColorSpace);
 }

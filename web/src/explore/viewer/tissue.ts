@@ -7,7 +7,7 @@ import { select, type Stretch } from "./sight.ts";
 import { PATCH_NAMES, type Patch, type PatchName, type Surface } from "./surface.ts";
 import { TissueMaterial } from "./tissue-material.ts";
 
-/** Cut tissue, as in the service's drawings. */
+/** Colour of cut tissue, as in the service's drawings. */
 export const TISSUE = 0xde95a9;
 
 // Caps look like cut faces.
@@ -18,7 +18,7 @@ const GLASS = 0.28;
 interface Drawn {
   patch: Patch;
   geometry: BufferGeometry;
-  /** Its triangles: all, and those that were drawn last of a limited picture. */
+  /** All triangles, and the triangles of the last limited picture. */
   all: BufferAttribute;
   part: BufferAttribute | undefined;
 }
@@ -29,7 +29,7 @@ export class Tissue {
   readonly #bent: boolean;
   readonly #materials = new Map<PatchName, TissueMaterial>();
   #drawn: Drawn[] = [];
-  /** Within which the patches are drawn, if not wholly. */
+  /** Limits within which the patches are drawn; undefined for all triangles. */
   #limits: (Stretch & { planes: readonly CutPlane[]; everywhere: boolean }) | undefined;
   #visible: Record<PatchGroup, boolean> = { inner: true, outer: true, caps: true };
 
@@ -37,7 +37,7 @@ export class Tissue {
     this.#bent = bent;
   }
 
-  /** Takes over a surface in place of the present one; returns its geometries. */
+  /** Replaces the surface; returns the geometries of its patches. */
   show(surface: Surface, length: number): BufferGeometry[] {
     this.#clear();
     this.surface = surface;
@@ -52,9 +52,9 @@ export class Tissue {
       if (patch.name === "inner_wall") geometry.setAttribute("openness", new BufferAttribute(mucosaLight(patch, length), 1, true));
       const mesh = new Mesh(geometry, this.#material(patch.name));
       mesh.name = patch.name;
-      // It is nearly always in the picture.
+      // The mesh is nearly always in the picture.
       mesh.frustumCulled = false;
-      // What hides much is drawn first.
+      // Draw the meshes that hide much first.
       mesh.renderOrder = patch.name === "inner_wall" ? 4 : 2;
       mesh.visible = this.isVisible(patch);
       this.group.add(mesh);
@@ -62,7 +62,7 @@ export class Tissue {
     });
   }
 
-  /** The arrays of the surface have changed: it has moved. */
+  /** Updates the meshes after the arrays of the surface have changed. */
   moved(): void {
     this.unlimit();
     for (const { geometry } of this.#drawn) {
@@ -77,11 +77,14 @@ export class Tissue {
     return this.#visible[GROUPS[patch.name]];
   }
 
-  /** Applies what is shown, with back faces of the colours of cuts if there are any; subscribes the effect that calls it. */
+  /**
+   * Applies the shown patches, with back faces in the colours of `cuts`; subscribes the calling
+   * effect.
+   */
   apply(view: View, planes: Plane[], cuts: readonly number[] | undefined): void {
     this.#visible = { inner: view.shown.inner.value, outer: view.shown.outer.value, caps: view.shown.caps.value };
     for (const mesh of this.group.children) mesh.visible = this.#visible[GROUPS[mesh.name as PatchName]];
-    // Nothing is seen from within the tissue while it is closed.
+    // While the tissue is closed, its inside is not visible.
     const side = view.closed && cuts === undefined ? FrontSide : DoubleSide;
     for (const name of PATCH_NAMES) {
       const material = this.#material(name);
@@ -94,8 +97,9 @@ export class Tissue {
   }
 
   /**
-   * Draws only triangles that are not wholly behind a plane nor beside a stretch of the tube; of the outer wall also those beside
-   * it, unless `everywhere`.
+   * Draws only triangles that are neither wholly behind a plane nor outside a stretch of the tube.
+   *
+   * Unless `everywhere` is set, the whole outer wall is drawn outside the stretch.
    */
   limit(planes: readonly CutPlane[], { from, to }: Stretch, everywhere: boolean): void {
     const limits = this.#limits;
