@@ -106,7 +106,7 @@ fn names(folder: &Path) -> Vec<String> {
 }
 
 #[test]
-fn help_goes_to_stdout_and_wrong_use_to_stderr() {
+fn help_goes_to_stdout_and_usage_errors_to_stderr() {
     let at = folder();
     for arguments in [["--help"], ["--version"]] {
         let output = run(at.path(), &arguments);
@@ -124,7 +124,7 @@ fn help_goes_to_stdout_and_wrong_use_to_stderr() {
 }
 
 #[test]
-fn the_command_line_wins_over_variables_and_these_over_the_file() {
+fn options_override_variables_and_variables_override_the_file() {
     let at = folder();
     let path = at.path().join("oviduct.toml");
     std::fs::write(&path, "[serve]\naddr = \"203.0.113.1:1\"\n").expect("written");
@@ -248,7 +248,7 @@ fn a_model_that_grew_poorly_is_reported_with_warnings() {
 }
 
 #[test]
-fn generate_check_and_a_broken_file() {
+fn a_generated_model_passes_check_and_a_broken_file_fails() {
     let at = folder();
     let mut arguments = vec!["generate", "--out", "a/out", "--seed", "7", "--outputs", "glb,obj", "--json"];
     arguments.extend(TINY);
@@ -468,7 +468,7 @@ fn faults_are_armed_by_name_in_builds_of_tests() {
 }
 
 #[test]
-fn probes_and_metrics_have_an_address_of_their_own() {
+fn probes_and_metrics_have_a_separate_address() {
     let at = folder();
     let probes = format!("127.0.0.1:{}", free_port());
     let _server = Server::start_with(at.path(), &["--gpu", "off", "--metrics-addr", &probes]);
@@ -531,7 +531,7 @@ fn traces_go_to_a_collector() {
 }
 
 #[test]
-fn the_report_is_a_page_of_generate_and_of_its_files() {
+fn generate_and_report_write_the_same_page() {
     let at = folder();
     let mut arguments = vec!["generate", "--out", "a", "--seed", "7", "--report", "--json"];
     arguments.extend(TINY);
@@ -547,7 +547,7 @@ fn the_report_is_a_page_of_generate_and_of_its_files() {
 }
 
 #[test]
-fn compare_refuses_what_it_does_not_know() {
+fn compare_refuses_unknown_presets_and_invalid_seeds() {
     let at = folder();
     for (arguments, told) in
         [(["compare", "--preset", "pig,whale"], "whale"), (["compare", "--seeds", "2..1"], "1..20")]

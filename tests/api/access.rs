@@ -212,7 +212,7 @@ async fn a_key_allows_what_its_scopes_say() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn what_another_owner_has_does_not_exist() {
+async fn resources_of_other_owners_are_not_found() {
     for route in &routes() {
         let app = guarded(App::new().await);
         let mine = app.key("a", &[Scope::Read, Scope::Submit]).await;
@@ -241,7 +241,7 @@ async fn what_another_owner_has_does_not_exist() {
 }
 
 #[tokio::test]
-async fn lists_and_workers_show_ones_own_and_an_admin_everything() {
+async fn lists_and_workers_show_own_models_and_everything_to_an_admin() {
     let app = guarded(App::new().await);
     let [a, b] = [app.key("a", &[Scope::Read, Scope::Submit]).await, app.key("b", &[Scope::Read, Scope::Submit]).await];
     let admin = app.key("root", &[Scope::Admin]).await;
@@ -343,7 +343,7 @@ async fn a_key_has_a_rate_and_a_quota() {
 }
 
 #[tokio::test]
-async fn an_admin_retries_by_rights_of_its_own() {
+async fn an_admin_retries_a_model_of_another_owner() {
     let app = guarded(App::new().await);
     let of = |models| KeyLimits { rate: None, quota: Quota { unfinished: Some(models), bytes: None } };
     let owner = app.key_with("a", &[Scope::Read, Scope::Submit], of(3), None).await;
@@ -370,7 +370,7 @@ async fn an_admin_retries_by_rights_of_its_own() {
 }
 
 #[tokio::test]
-async fn a_ticket_of_a_refused_request_stays_good() {
+async fn a_refused_request_does_not_use_up_its_ticket() {
     let app = guarded(App::new().await);
     // The burst admits two requests: one creates the ticket, the other uses up the rate.
     let limits = KeyLimits { rate: Some(0.21), quota: Quota::default() };
@@ -389,9 +389,9 @@ async fn a_ticket_of_a_refused_request_stays_good() {
 }
 
 /// Makes every read of the API keys take longer than a request waits for it.
-struct Slow;
+struct SlowKeyReads;
 
-impl Hook for Slow {
+impl Hook for SlowKeyReads {
     fn before<'a>(&'a self, call: &'static str) -> BoxFuture<'a, Result<(), StoreError>> {
         Box::pin(async move {
             if call == "keys" {
@@ -403,9 +403,9 @@ impl Hook for Slow {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_revoked_key_ends_although_the_store_is_slow() {
+async fn a_revoked_key_stops_working_although_the_store_is_slow() {
     let app = App::new().await;
-    let store = app.store.with_hook(Arc::new(Slow));
+    let store = app.store.with_hook(Arc::new(SlowKeyReads));
     let slow = guarded(App::over(store, app.clock.clone(), Limits::default()));
     let key = app.key("a", &[Scope::Read]).await;
     let status = async || slow.get_with("/models", &[("authorization", &key)]).await.status.as_u16();
@@ -453,7 +453,7 @@ async fn a_service_that_waits_for_its_first_key_serves_nobody() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_stream_of_all_models_has_only_ones_own() {
+async fn a_stream_of_all_models_contains_only_own_models() {
     let app = guarded(App::new().await);
     let [a, b] = [app.key("a", &[Scope::Read, Scope::Submit]).await, app.key("b", &[Scope::Read, Scope::Submit]).await];
     let mine = post(&app, "/models", &a, &json!({ "seed": 1 })).await.json()["id"].as_str().unwrap().to_owned();

@@ -165,9 +165,9 @@ async fn batches_are_listed() {
 }
 
 /// Accepts another model of the study while a bulk deletion runs.
-struct Busy(Arc<App>);
+struct SubmitDuringDeletion(Arc<App>);
 
-impl Hook for Busy {
+impl Hook for SubmitDuringDeletion {
     fn before<'a>(&'a self, call: &'static str) -> BoxFuture<'a, Result<(), StoreError>> {
         Box::pin(async move {
             if call == "delete_many" {
@@ -179,10 +179,10 @@ impl Hook for Busy {
 }
 
 #[tokio::test]
-async fn models_that_are_accepted_meanwhile_are_not_touched() {
+async fn models_accepted_during_a_bulk_deletion_are_kept() {
     let app = Arc::new(App::new().await);
     labelled(&app, 1, "A").await;
-    let store = app.store.with_hook(Arc::new(Busy(Arc::clone(&app))));
+    let store = app.store.with_hook(Arc::new(SubmitDuringDeletion(Arc::clone(&app))));
     let busy = App::over(store, app.clock.clone(), Limits::default());
     assert_eq!(busy.delete("/models?label=study:A").await.json(), applied(1, false));
     let left = app.get("/models?label=study:A").await.json();

@@ -69,7 +69,7 @@ fn near(found: &Value, expected: f64) {
 }
 
 #[tokio::test]
-async fn a_cut_across_the_tube_tells_its_rings_apart() {
+async fn a_cut_across_the_tube_classifies_its_rings() {
     let (app, model) = app().await;
     let reply = app.get(&format!("{model}/cut?z_um=1500")).await;
     assert_eq!((reply.status.as_u16(), reply.header(header::CONTENT_TYPE)), (200, Some("application/json")));
@@ -150,7 +150,7 @@ async fn a_cut_never_changes() {
 }
 
 #[tokio::test]
-async fn what_cannot_be_cut_is_a_problem() {
+async fn impossible_cuts_are_problems() {
     let (app, model) = app().await;
     for (query, name) in [
         ("", "z_um"),
@@ -181,7 +181,7 @@ async fn what_cannot_be_cut_is_a_problem() {
 }
 
 #[tokio::test]
-async fn a_damaged_surface_is_an_internal_problem_and_the_service_goes_on() {
+async fn a_damaged_surface_is_an_internal_problem_and_the_service_keeps_running() {
     let app = App::new().await;
     app.expect_faults();
     let model = app.finished(1, &[("model.glb", "model/gltf-binary", b"glTF and no more".to_vec())]).await;

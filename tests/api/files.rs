@@ -50,7 +50,7 @@ async fn a_file_comes_whole_with_its_tag() {
 }
 
 #[tokio::test]
-async fn ranges() {
+async fn ranges_are_slices_of_the_file() {
     let (app, model) = app(1000).await;
     let path = format!("{model}/files/model.glb");
     let tag = app.get(&path).await.header(header::ETAG).unwrap().to_owned();
@@ -174,7 +174,7 @@ async fn files_come_at_the_end_and_go_with_the_model() {
 }
 
 #[tokio::test]
-async fn a_file_that_was_lost_is_a_problem() {
+async fn a_missing_file_is_a_problem() {
     let (app, model) = app(10).await;
     let job = app.store.get(super::app::id(&model)).await.unwrap().unwrap();
     app.artifacts.delete(&[job.files[0].key.clone()]).await.unwrap();
@@ -182,7 +182,7 @@ async fn a_file_that_was_lost_is_a_problem() {
 }
 
 #[tokio::test]
-async fn the_report_is_its_file_and_what_computed_it() {
+async fn the_report_contains_its_file_and_the_backend() {
     let (app, model) = app(10).await;
     let reply = app.get(&format!("{model}/report")).await;
     assert_eq!((reply.status.as_u16(), reply.header(header::CONTENT_TYPE)), (200, Some("application/json")));
@@ -201,7 +201,7 @@ async fn the_report_is_its_file_and_what_computed_it() {
 
 /// Each download uses a file descriptor of the process while the client reads.
 #[tokio::test]
-async fn there_is_a_limit_to_downloads() {
+async fn concurrent_downloads_are_limited() {
     let app = App::with(Limits { downloads: 1, ..Limits::default() }, 10).await;
     let model = app.finished(7, &[("model.glb", "model/gltf-binary", content(1 << 20))]).await;
     let path = format!("{model}/files/model.glb");

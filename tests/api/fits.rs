@@ -118,7 +118,7 @@ async fn an_idempotency_key_gives_the_same_fit() {
 }
 
 #[tokio::test]
-async fn a_check_answers_what_would_be_queued() {
+async fn validation_returns_the_fit_that_would_be_queued() {
     let app = App::new().await;
     let reply = app.post("/fits/validate", &request()).await;
     assert_eq!(reply.status, 200, "{reply:?}");
@@ -165,7 +165,7 @@ async fn invalid_requests_name_their_members() {
 }
 
 #[tokio::test]
-async fn fits_are_those_of_their_owner() {
+async fn fits_are_visible_only_to_their_owner() {
     let app = App::new().await;
     let lab = app.key("lab", &[Scope::Read, Scope::Submit]).await;
     let other = app.key("other", &[Scope::Read, Scope::Submit]).await;

@@ -40,7 +40,7 @@ async fn half_a_million_faults_give_a_short_response() {
 }
 
 #[tokio::test]
-async fn what_is_left_out_is_counted() {
+async fn omitted_faults_are_counted() {
     let app = App::new().await;
     let body: Value = (0..250).map(|n| (format!("m{n:03}"), json!(0))).collect::<serde_json::Map<_, _>>().into();
     let problem = app.post("/models", &body).await.json();
@@ -71,7 +71,7 @@ async fn a_search_that_a_database_would_refuse_is_refused() {
 }
 
 #[tokio::test]
-async fn a_key_of_other_characters_than_visible_ones_is_refused() {
+async fn an_idempotency_key_with_invisible_characters_is_refused() {
     let app = App::new().await;
     for key in [&b"k\xff"[..], b"k\x7fk", "schlüssel".as_bytes(), b"a\tb"] {
         let Ok(value) = header::HeaderValue::from_bytes(key) else { continue };

@@ -20,7 +20,7 @@ fn file(path: &str, model: &Value) -> String {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn references_lead_to_the_same_place_from_every_answer() {
+async fn references_resolve_to_the_same_path_from_every_response() {
     let app = App::new().await;
     let body = json!({ "seed": 7 });
     let first = app.post("/models", &body).await;

@@ -96,7 +96,7 @@ async fn only_models_that_have_succeeded_have_pictures() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn requests_wait_for_their_turn_and_not_forever() {
+async fn requests_wait_for_a_drawing_permit_for_a_limited_time() {
     let wait = Duration::from_secs(60);
     let app = App::with(Limits { pictures: 1, picture_wait: wait, ..Limits::default() }, 10).await;
     let path = format!("{}/preview.png", model(&app).await);
@@ -115,7 +115,7 @@ async fn requests_wait_for_their_turn_and_not_forever() {
 }
 
 #[tokio::test]
-async fn sections_that_are_no_tube_are_an_internal_problem() {
+async fn damaged_sections_are_an_internal_problem() {
     let app = App::new().await;
     app.expect_faults();
     let mut damaged = stored(3);

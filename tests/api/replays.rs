@@ -12,7 +12,7 @@ use std::time::Duration;
 const KEY: [(&str, &str); 1] = [("idempotency-key", "k")];
 
 #[tokio::test]
-async fn a_gpu_worker_that_has_gone_does_not_refuse_a_replay() {
+async fn a_replay_succeeds_after_the_gpu_worker_has_gone() {
     let app = App::new().await;
     let model = json!({ "backend": "gpu" });
     let batch = json!({ "backend": "gpu", "count": 2 });
@@ -33,7 +33,7 @@ async fn a_gpu_worker_that_has_gone_does_not_refuse_a_replay() {
 }
 
 #[tokio::test]
-async fn a_lowered_limit_does_not_refuse_a_replay() {
+async fn a_replay_succeeds_after_a_limit_was_lowered() {
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
     let options = StoreOptions { clock: clock.clone(), queue_limit: 9, ..StoreOptions::default() };
     let store = Store::open_in_memory(options).await.unwrap();
@@ -53,7 +53,7 @@ async fn a_lowered_limit_does_not_refuse_a_replay() {
 
 /// A model that has ended needs no waiting, so the response is not 202.
 #[tokio::test]
-async fn a_replayed_model_that_has_ended_is_not_reported_as_accepted() {
+async fn a_replay_of_an_ended_model_is_not_reported_as_accepted() {
     let app = App::new().await;
     let body = json!({ "seed": 1 });
     let first = app.post_with("/models", &KEY, &body).await;

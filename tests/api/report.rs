@@ -17,7 +17,7 @@ pub(super) fn stored() -> Vec<u8> {
 }
 
 #[tokio::test]
-async fn a_page_that_loads_nothing_and_is_kept() {
+async fn the_report_page_loads_no_resources_and_is_cached() {
     let app = App::new().await;
     let files = [("report.json", "application/json", stored()), ("sections.bin", MEDIA_TYPE, sections::stored(3))];
     let path = format!("{}/report.html", app.finished(7, &files).await);
@@ -32,7 +32,7 @@ async fn a_page_that_loads_nothing_and_is_kept() {
 }
 
 #[tokio::test]
-async fn what_has_no_report_has_no_page() {
+async fn a_model_without_a_report_has_no_report_page() {
     let app = App::new().await;
     let path = app.finished(7, &[("sections.bin", MEDIA_TYPE, sections::stored(3))]).await;
     let missing = app.get(&format!("{path}/report.html")).await;

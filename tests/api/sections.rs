@@ -100,7 +100,7 @@ async fn a_missing_section_is_a_problem() {
 }
 
 #[tokio::test]
-async fn a_damaged_file_is_an_internal_problem_and_the_service_goes_on() {
+async fn a_damaged_file_is_an_internal_problem_and_the_service_keeps_running() {
     let app = App::new().await;
     app.expect_faults();
     let mut bytes = stored(3);

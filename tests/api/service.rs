@@ -16,7 +16,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 #[tokio::test]
-async fn it_is_alive_and_ready() {
+async fn a_new_service_is_healthy_and_ready() {
     let app = App::new().await;
     for path in ["/healthz", "/readyz"] {
         let reply = app.get(path).await;
@@ -129,7 +129,7 @@ async fn an_unavailable_store_is_a_problem_without_secrets() {
 }
 
 #[tokio::test]
-async fn a_panic_is_a_problem_and_the_service_goes_on() {
+async fn a_panic_is_a_problem_and_the_service_keeps_running() {
     let app = App::over(Faulty::store().await, Clock::System, Limits::default());
     app.expect_faults();
     let reply = app.get_with("/models", &[("x-request-id", "find-me")]).await;
@@ -291,7 +291,7 @@ async fn the_console_and_its_files_are_served() {
 }
 
 #[tokio::test]
-async fn the_description_is_a_page_too() {
+async fn the_description_is_also_a_page() {
     let app = App::new().await;
     let reply = app.get("/docs").await;
     assert!(reply.header(header::CONTENT_TYPE).unwrap().starts_with("text/html"));
@@ -300,7 +300,7 @@ async fn the_description_is_a_page_too() {
 }
 
 #[tokio::test]
-async fn head_and_options_are_answered() {
+async fn head_and_options_are_supported() {
     let app = App::new().await;
     let head = app.request(Method::HEAD, "/models", &[], Body::empty()).await;
     assert_eq!((head.status.as_u16(), head.body.len()), (200, 0));

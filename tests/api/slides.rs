@@ -113,7 +113,7 @@ async fn a_label_volume_over_the_limits_is_refused_before_it_is_queued() {
 }
 
 #[tokio::test]
-async fn the_layers_are_those_of_the_spec() {
+async fn the_layers_follow_the_spec() {
     let app = App::new().await;
     let epithelium = async |um: f64| {
         let body = json!({ "seed": 7, "reuse": false, "spec": { "histology": { "epithelium_um": um } } });

@@ -340,7 +340,7 @@ async fn an_archive_has_the_files_and_a_manifest() {
 
 /// A transfer that lacks a file must not appear complete.
 #[tokio::test]
-async fn an_archive_that_lacks_a_file_is_broken_off() {
+async fn an_archive_that_lacks_a_file_is_aborted() {
     let app = App::new().await;
     let batch = app.post("/batches", &json!({ "seeds": [1, 2] })).await.json();
     finish(&app, "{}").await;

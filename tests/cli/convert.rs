@@ -90,7 +90,7 @@ fn units_are_assumed_stated_or_given() {
 }
 
 #[test]
-fn what_cannot_be_converted_is_said_before_anything_is_written() {
+fn impossible_conversions_fail_before_a_file_is_written() {
     let at = folder();
     std::fs::write(at.path().join("t.obj"), "v 0 0 0\n").unwrap();
     for (line, expected, part) in [

@@ -80,7 +80,7 @@ fn a_bent_model_is_cut_across_its_centre_line() {
 }
 
 #[test]
-fn what_is_no_plane_is_named() {
+fn invalid_planes_and_options_are_named() {
     let at = folder();
     for (options, word) in [
         (&[][..], "--z-um"),

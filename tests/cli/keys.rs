@@ -19,7 +19,7 @@ fn status_with(address: &str, path: &str, key: &str) -> u16 {
 }
 
 #[test]
-fn keys_are_managed_beside_a_running_service() {
+fn keys_are_managed_while_a_service_runs() {
     let at = folder();
     let server = Server::start(at.path());
     let address = server.url.strip_prefix("http://").expect("a URL").to_owned();

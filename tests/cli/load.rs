@@ -7,7 +7,7 @@ use std::thread::sleep;
 use std::time::Duration;
 
 #[test]
-fn a_closed_loop_counts_errors_and_goes_on() {
+fn a_closed_loop_counts_errors_and_continues() {
     let at = folder();
     let url = format!("http://127.0.0.1:{}", free_port());
     let load = ["load", "--url", &url, "--models", "5", "--concurrency", "2"];
@@ -58,7 +58,7 @@ fn an_open_loop_measures_all_calls_and_holds_streams() {
 
 #[test]
 #[cfg(unix)]
-fn an_interrupted_load_reports_what_was_done() {
+fn an_interrupted_load_reports_its_partial_results() {
     let at = folder();
     let url = format!("http://127.0.0.1:{}", free_port());
     let load = ["load", "--url", &url, "--rate", "50", "--warm-up", "0", "--duration", "5m", "--json"];

@@ -60,7 +60,7 @@ fn the_labels_of_a_section_measure_what_the_report_says() {
 }
 
 #[test]
-fn what_is_no_section_is_named() {
+fn images_without_a_section_are_refused() {
     let at = folder();
     ring(&at.path().join("ring.png"));
     std::fs::write(at.path().join("text.png"), "no picture").expect("written");
@@ -89,7 +89,7 @@ fn what_is_no_section_is_named() {
 /// side. The process may use less memory than either needs.
 #[cfg(target_os = "linux")]
 #[test]
-fn an_image_takes_bounded_memory_whatever_it_says() {
+fn an_image_takes_bounded_memory_whatever_it_contains() {
     let at = folder();
     ring(&at.path().join("ring.png"));
     let plain = std::fs::read(at.path().join("ring.png")).expect("read");

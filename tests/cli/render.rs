@@ -47,7 +47,7 @@ fn a_surface_and_its_sections_give_the_same_pictures() {
 }
 
 #[test]
-fn directions_and_cuts_are_free() {
+fn any_direction_and_cut_can_be_drawn() {
     let at = folder();
     grow(at.path());
     let draw = |options: &[&str]| {
@@ -70,7 +70,7 @@ fn directions_and_cuts_are_free() {
 }
 
 #[test]
-fn what_cannot_be_drawn_is_named() {
+fn files_that_cannot_be_drawn_are_named() {
     let at = folder();
     grow(at.path());
     std::fs::write(at.path().join("broken.stl"), "solid nothing\n").expect("written");

@@ -193,7 +193,7 @@ fn threads_can_share_a_device() {
 }
 
 #[test]
-fn euler_runs_too() {
+fn batches_run_with_the_euler_integrator() {
     if no_vulkan() {
         return;
     }

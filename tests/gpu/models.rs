@@ -239,7 +239,7 @@ async fn survives(options: GpuOptions, how: fn(&GpuDevice), reason: &str) {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_device_lost_in_mid_batch_harms_no_job_and_is_opened_anew() {
+async fn a_device_lost_in_mid_batch_fails_no_job_and_is_reopened() {
     if no_vulkan() {
         return;
     }
@@ -247,7 +247,7 @@ async fn a_device_lost_in_mid_batch_harms_no_job_and_is_opened_anew() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_device_that_hangs_in_mid_batch_harms_no_job_and_is_opened_anew() {
+async fn a_device_that_hangs_in_mid_batch_fails_no_job_and_is_reopened() {
     if no_vulkan() {
         return;
     }

@@ -175,7 +175,7 @@ fn cpu() -> &'static [Vec<Section>] {
 }
 
 #[test]
-fn whole_runs_look_the_same() {
+fn whole_runs_have_statistically_equal_shapes() {
     if no_vulkan() {
         return;
     }
@@ -200,7 +200,7 @@ fn whole_runs_look_the_same() {
 /// The rule can fail: it detects a force that is wrong by 20 %, shown here with two runs on the
 /// CPU.
 #[test]
-fn a_force_that_is_off_would_be_seen() {
+fn a_wrong_force_is_detected() {
     type Change = fn(&mut StepRow);
     let changes: [(&str, Change); 3] = [
         ("bending", |row| row.bending *= 0.8),

@@ -50,7 +50,7 @@ fn assert_close(name: &str, [reference, gpu]: &[Loop; 2], relative: f64) {
 }
 
 #[test]
-fn forces_are_those_of_the_paper() {
+fn forces_match_the_paper() {
     if no_vulkan() {
         return;
     }
@@ -76,7 +76,7 @@ fn forces_are_those_of_the_paper() {
 }
 
 #[test]
-fn a_step_is_that_of_the_paper() {
+fn a_step_matches_the_paper() {
     if no_vulkan() {
         return;
     }

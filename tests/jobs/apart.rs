@@ -31,9 +31,9 @@ impl Gate {
 
 /// Opens the gate even if the test fails. Otherwise the waiting thread would keep the runtime from
 /// ending.
-struct Opens(Arc<Gate>);
+struct OpenGateOnDrop(Arc<Gate>);
 
-impl Drop for Opens {
+impl Drop for OpenGateOnDrop {
     fn drop(&mut self) {
         self.0.open();
     }
@@ -65,7 +65,7 @@ fn gated(gate: &Arc<Gate>) -> Arc<dyn Generator> {
 async fn while_one_worker_is_held_the_other_runs_all_jobs() {
     let place = Place::fresh(|_| {}).await;
     let gate = Arc::new(Gate::default());
-    let _opens = Opens(Arc::clone(&gate));
+    let _opens = OpenGateOnDrop(Arc::clone(&gate));
     let pool = place.start_with(place.store.clone(), Clock::System, gated(&gate), |options| {
         options.workers = 2;
         options.poll = Duration::from_millis(100);
@@ -101,7 +101,7 @@ async fn while_one_worker_is_held_the_other_runs_all_jobs() {
 async fn no_job_waits_behind_one_that_timed_out_and_does_not_stop() {
     let place = Place::fresh(|_| {}).await;
     let gate = Arc::new(Gate::default());
-    let _opens = Opens(Arc::clone(&gate));
+    let _opens = OpenGateOnDrop(Arc::clone(&gate));
     let start = |name: &'static str| {
         place.start_with(place.store.clone(), Clock::System, gated(&gate), move |options| {
             options.host = name.into();

@@ -63,14 +63,14 @@ async fn jobs_end_with_their_files_and_orphans_go(place: &Place) {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_folder() {
+async fn artifacts_in_a_folder() {
     let place = Place::fresh(|_| {}).await;
     files_come_back_whole_and_in_ranges(&place.artifacts, &place.dir).await;
     jobs_end_with_their_files_and_orphans_go(&place).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_bucket() {
+async fn artifacts_in_a_bucket() {
     let bucket = Bucket::start().await;
     let mut place = Place::fresh(|_| {}).await;
     place.artifacts = bucket.artifacts();

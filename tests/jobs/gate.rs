@@ -48,7 +48,7 @@ impl Busy {
         let busy = Arc::clone(self);
         Arc::new(
             move |input: GenerationInput<'_>, sink: &dyn Sink, cancel: &CancelToken| -> Result<Outcome, WorkError> {
-                let one = One::more(&busy);
+                let one = RunningGeneration::more(&busy);
                 let made = generate(input, sink, cancel);
                 drop(one);
                 made
@@ -63,16 +63,16 @@ impl Busy {
 }
 
 /// Marks one generation as running until it is dropped, even by a panic.
-struct One<'a>(&'a Busy);
+struct RunningGeneration<'a>(&'a Busy);
 
-impl<'a> One<'a> {
+impl<'a> RunningGeneration<'a> {
     fn more(busy: &'a Busy) -> Self {
         busy.most.fetch_max(busy.now.fetch_add(1, Ordering::SeqCst) + 1, Ordering::SeqCst);
         Self(busy)
     }
 }
 
-impl Drop for One<'_> {
+impl Drop for RunningGeneration<'_> {
     fn drop(&mut self) {
         self.0.now.fetch_sub(1, Ordering::SeqCst);
     }

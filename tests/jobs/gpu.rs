@@ -32,7 +32,7 @@ fn no_cpu(options: &mut oviduct::worker::PoolOptions) {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn jobs_that_fit_run_together_and_end_each_by_itself() {
+async fn jobs_that_fit_run_together_and_end_individually() {
     let place = Place::fresh(|_| {}).await;
     let ok = place.ask(Backend::Auto, "hold", 1, 1).await;
     let other = place.ask(Backend::Gpu, "ok", ROOM, 2).await;
@@ -84,7 +84,7 @@ async fn jobs_that_fit_run_together_and_end_each_by_itself() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn jobs_of_another_batch_key_wait_for_a_batch_of_their_own() {
+async fn jobs_of_another_batch_key_wait_for_a_separate_batch() {
     let place = Place::fresh(|_| {}).await;
     let mut ids = Vec::new();
     for (seed, key) in [(1, "small"), (2, "large"), (3, "small")] {
@@ -231,7 +231,7 @@ async fn a_lost_device_affects_only_unfinished_jobs_and_is_opened_again() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_panic_of_the_batch_fails_its_jobs_and_the_worker_goes_on() {
+async fn a_panic_of_the_batch_fails_its_jobs_and_the_worker_continues() {
     let place = Place::fresh(|_| {}).await;
     let ids = [place.ask(Backend::Auto, "slow", 1, 1).await, place.ask(Backend::Gpu, "slow", 1, 2).await];
     let gpu = FakeGpu::new(Fate::Panics);
@@ -247,7 +247,7 @@ async fn a_panic_of_the_batch_fails_its_jobs_and_the_worker_goes_on() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_member_that_lost_its_lease_is_dropped_and_the_others_go_on() {
+async fn a_member_that_lost_its_lease_is_dropped_and_the_others_continue() {
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
     let place = Place::fresh(|options| options.clock = clock.clone()).await;
     let ids = [place.ask(Backend::Auto, "wait", 1, 1).await, place.ask(Backend::Auto, "hold", 1, 2).await];

@@ -206,7 +206,7 @@ async fn expired_credentials_cost_no_attempt() {
 
 /// The health check of the artifact store passes, but uploads of large files fail.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn claims_rest_for_longer_after_each_release_until_an_upload_succeeds() {
+async fn claims_pause_longer_after_each_release_until_an_upload_succeeds() {
     const UNIT: Duration = Duration::from_millis(20);
     let (place, switch) = place(Database::Sqlite).await;
     switch.set(Mode::Small);

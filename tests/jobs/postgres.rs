@@ -88,7 +88,7 @@ async fn a_cancel_in_one_process_stops_a_job_in_the_other_within_a_second() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
-async fn racing_processes_make_one_job_of_a_key() {
+async fn concurrent_processes_create_one_job_per_idempotency_key() {
     let (one, other) = two().await;
     for round in 0..10 {
         let keyed = move || NewJob { idempotency: Some((format!("k{round}"), "body".into())), ..new_job("d") };
@@ -479,7 +479,7 @@ async fn relay(client: TcpStream, server: TcpStream, cut: Arc<Mutex<Option<Cut>>
 /// A transaction is committed, but its connection breaks before the response. The store neither
 /// repeats the transaction nor loses its result.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_commit_whose_answer_is_lost_takes_effect_once() {
+async fn a_commit_whose_response_is_lost_takes_effect_once() {
     let url = Database::Postgres.url("".as_ref()).await;
     let server = url.split(['@', '/']).nth(3).unwrap().to_owned();
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();

@@ -17,7 +17,7 @@ const SEED: &str = "OVIDUCT_TEST_SEED";
 
 async fn survives(database: Database) {
     let seed = std::env::var(SEED).map_or(0x5eed, |text| text.parse().expect("a number"));
-    let told = Told(seed);
+    let told = PrintSeedOnPanic(seed);
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
     let options = StoreOptions { clock: clock.clone(), max_attempts: 10_000, ..StoreOptions::default() };
     let place = Place::on(database, options).await;
@@ -90,10 +90,9 @@ async fn survives(database: Database) {
     drop(told);
 }
 
-/// Prints the seed if the test fails.
-struct Told(u64);
+struct PrintSeedOnPanic(u64);
 
-impl Drop for Told {
+impl Drop for PrintSeedOnPanic {
     fn drop(&mut self) {
         if std::thread::panicking() {
             eprintln!("to reproduce these faults: {SEED}={}", self.0);

@@ -84,7 +84,7 @@ async fn goes_on(store: &Store) {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn jobs_of_an_older_version_go_on_on_sqlite() {
+async fn jobs_of_an_older_version_continue_on_sqlite() {
     let dir = tempfile::tempdir().unwrap();
     let url = Database::Sqlite.url(dir.path()).await;
     let before = sqlx::SqlitePool::connect(&format!("{url}?mode=rwc")).await.unwrap();
@@ -105,7 +105,7 @@ async fn jobs_of_an_older_version_go_on_on_sqlite() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn jobs_of_an_older_version_go_on_on_postgres() {
+async fn jobs_of_an_older_version_continue_on_postgres() {
     let url = Database::Postgres.url("".as_ref()).await;
     let before = sqlx::PgPool::connect(&url).await.unwrap();
     Migrator::new(first(1, "postgres").path()).await.unwrap().run(&before).await.unwrap();

@@ -77,7 +77,7 @@ fn strings(value: &Value) -> Vec<String> {
 }
 
 #[test]
-fn compose_refers_to_what_exists() {
+fn compose_references_exist() {
     let compose = documents(&root().join("compose.yaml")).remove(0);
     let services = compose["services"].as_object().unwrap();
     let volumes = compose["volumes"].as_object().unwrap();
@@ -144,7 +144,7 @@ fn name(document: &Value) -> String {
 }
 
 #[test]
-fn the_manifests_refer_to_what_exists() {
+fn manifest_references_exist() {
     let manifests = Manifests(kubernetes());
     let config: BTreeMap<String, BTreeSet<String>> = [("ConfigMap", "data"), ("Secret", "stringData")]
         .into_iter()
@@ -291,7 +291,7 @@ fn unit(path: &str) -> BTreeMap<String, Vec<String>> {
 }
 
 #[test]
-fn the_unit_of_systemd_fits_its_options() {
+fn the_systemd_unit_suits_its_options() {
     let unit = unit("systemd/oviduct.service");
     let only = |name: &str| match unit[name].as_slice() {
         [value] => value.clone(),

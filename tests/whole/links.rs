@@ -38,7 +38,7 @@ fn broken(path: &Path, text: &str) -> Vec<String> {
 }
 
 #[test]
-fn links_lead_somewhere() {
+fn every_link_has_a_target() {
     let documents = documents();
     assert!(documents.len() > 5, "{documents:?}");
     for path in documents {

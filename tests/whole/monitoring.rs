@@ -229,7 +229,7 @@ fn alerts_name_metrics_that_exist_and_are_in_the_guide() {
 }
 
 #[test]
-fn what_does_not_exist_is_found() {
+fn unknown_metrics_and_labels_are_reported() {
     let (series, guide) = (series(), guide());
     let faults = |expression| faults("x", expression, &series, &guide);
     assert_eq!(

@@ -33,7 +33,7 @@ fn the_types_of_the_typescript_client_are_of_the_committed_description() {
 
 /// Each process seeds its hash maps differently; the order of members must not depend on that.
 #[test]
-fn other_processes_make_the_same_description() {
+fn every_process_generates_the_same_description() {
     let here = oviduct::http::openapi_yaml();
     for _ in 0..3 {
         let output = Command::new(env!("CARGO_BIN_EXE_oviduct")).arg("openapi").output().expect("the program runs");
@@ -47,7 +47,7 @@ fn document() -> Value {
 }
 
 #[test]
-fn every_reference_leads_somewhere() {
+fn every_reference_has_a_target() {
     fn references(value: &Value, found: &mut Vec<String>) {
         match value {
             Value::Object(members) => {

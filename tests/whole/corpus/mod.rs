@@ -16,7 +16,7 @@ fn files(folder: &Path) -> Vec<PathBuf> {
 }
 
 #[test]
-fn every_input_of_the_corpora_holds() {
+fn every_corpus_input_passes() {
     for target in TARGETS {
         let inputs = files(&Path::new("fuzz/corpus").join(target.name));
         assert!(inputs.len() > 1, "{} has {} inputs only", target.name, inputs.len());
@@ -31,7 +31,7 @@ fn every_input_of_the_corpora_holds() {
 /// Each target gets 300 mutations by default. To run more: `OVIDUCT_TEST_MUTATIONS=100000 cargo
 /// test --release --test whole corpus::`.
 #[test]
-fn random_changes_of_the_corpora_hold() {
+fn random_mutations_of_the_corpora_pass() {
     let count = std::env::var("OVIDUCT_TEST_MUTATIONS").map_or(300, |count| count.parse().unwrap());
     for target in TARGETS {
         let mut paths = files(&Path::new("fuzz/corpus").join(target.name));

@@ -179,7 +179,7 @@ fn images() -> Result<(), Box<dyn Error>> {
 }
 
 #[test]
-fn the_corpora_begin_with_what_the_program_writes() -> Result<(), Box<dyn Error>> {
+fn seeds_equal_the_output_of_the_program() -> Result<(), Box<dyn Error>> {
     simulations()?;
     checkpoints()?;
     surfaces()?;

@@ -65,7 +65,7 @@ fn grown() -> Digests {
 }
 
 #[test]
-fn files_are_what_they_were() {
+fn files_have_the_recorded_digests() {
     let mut made = grown();
     let reports: BTreeSet<&String> = made.values().map(|files| &files["report.json"]).collect();
     assert_eq!(reports.len(), models().len(), "two models are the same");
