@@ -1,5 +1,5 @@
-//! Cost of a claim, a heartbeat, a submission, a read of a job and the counts, with 10^2 to 10^6
-//! queued jobs and as many ended ones, on both databases.
+//! Cost of queue operations with 10^2 to 10^6 queued jobs and as many ended ones, on both
+//! databases: claims, a heartbeat, a submission, a read of a job and the counts.
 //!
 //! Usage: `cargo bench --bench claim [-- LONGEST [ROUNDS]]`. PostgreSQL is started from Debian's
 //! package, as in the tests. Each cell contains the median of the rounds, with their minimum and

@@ -95,7 +95,7 @@ async fn metrics_tell_the_age_of_the_queue_the_use_of_connections_and_the_times_
     ] {
         has_line(&app, line).await;
     }
-    // The GPU worker has missed ten heartbeat intervals and is no longer alive.
+    // The GPU worker has missed ten heartbeat intervals, so it does not count as live.
     app.clock.advance(Duration::from_secs(6));
     has_line(&app, "oviduct_workers{backend=\"gpu\",state=\"active\"} 0").await;
     // A response that the client asked to be held is excluded from the latencies.

@@ -85,10 +85,17 @@ fn new_job(n: usize) -> NewJob {
     }
 }
 
-/// Times seven operations: a claim of one job, a claim of four jobs, a claim of four jobs by a GPU
-/// worker, a heartbeat, a submission, a read of the last job of its priority with its queue
-/// position, and a read of the counts. Removes the jobs that it submits and releases the jobs that
-/// it claims.
+/// Times operations on the queue:
+///
+/// - a claim of one job,
+/// - a claim of four jobs,
+/// - a claim of four jobs by a GPU worker,
+/// - a heartbeat,
+/// - a submission,
+/// - a read of the last job of its priority, with its queue position,
+/// - a read of the counts.
+///
+/// Removes the jobs that it submits and releases the jobs that it claims.
 pub async fn costs(store: &Store) -> Costs {
     const LEASE: Duration = Duration::from_secs(600);
     let claim = async |backend, limit: u32, samples: usize| {

@@ -3,8 +3,8 @@
 Usage: python3 tests/outside/proxy.py target/release/oviduct
 
 The proxies are nginx, and Caddy if it is installed. The service is tested over HTTP/2, at the root
-of a host and under a path: requests and problems, immediate events, many streams on one connection,
-downloads with ranges and conditions.
+of a host and under a path. The tests cover requests and problems, immediate events, many streams on
+one connection, and downloads with ranges and conditions.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-// Generates src/schema.ts from openapi.yaml; with --check fails if it differs.
+// Generates src/schema.ts from openapi.yaml. With --check, fails if the file is outdated.
 import openapiTS, { astToString, COMMENT_HEADER } from "openapi-typescript";
 import { createHash } from "node:crypto";
 import { readFile, writeFile } from "node:fs/promises";
@@ -11,13 +11,13 @@ const types = await openapiTS(source, {
   defaultNonNullable: false,
   emptyObjectsUnknown: true,
   transform(schema) {
-    // Alternatives that say only which members are required would become `unknown`, and so the whole type.
+    // Alternatives that only list required members would turn the whole type into `unknown`.
     const isCondition = (one) => Object.keys(one).join() === "required";
     if (schema.anyOf?.every(isCondition)) delete schema.anyOf;
     return undefined;
   },
 });
-// tests/whole/openapi.rs compares the digest, so that a stale file is found without Node.
+// tests/whole/openapi.rs compares this digest, so it finds an outdated file without Node.
 const digest = createHash("sha256").update(await readFile(source)).digest("hex");
 const text = `${COMMENT_HEADER}// openapi.yaml: sha256 ${digest}\n\n${astToString(types)}`;
 

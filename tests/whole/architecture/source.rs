@@ -30,8 +30,9 @@ impl Source {
     }
 }
 
-/// All files below `src` and `crates/*/src`, sorted by path; of the `lib.rs` and `main.rs`, which no
-/// module imports from, those of the root package.
+/// All files below `src` and `crates/*/src`, sorted by path.
+///
+/// No module imports from `lib.rs` or `main.rs`, so only those of the root package are included.
 pub(crate) fn sources() -> Vec<Source> {
     fn walk(root: &Path, dir: &Path, found: &mut Vec<Source>) {
         for entry in std::fs::read_dir(dir).expect("a folder of sources can be read") {

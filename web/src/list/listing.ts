@@ -122,7 +122,7 @@ async function readNewest(which: ModelFilter, rows: number, signal: AbortSignal)
   return reach;
 }
 
-/** Continues a range, and drops known models that the service does not list any more. */
+/** Continues a range, and drops known models that the service has stopped listing. */
 async function readPage(which: ModelFilter, { oldest: from, cursor, ...reach }: Reach, pageSize: number, signal: AbortSignal): Promise<Reach> {
   const before = [...known()].filter((model) => model.id < from && matches(model, which));
   const { models, next } = await ask((service) => service.listPage(which, { cursor, pageSize, view: "summary", signal }));
