@@ -110,8 +110,7 @@ class Client(Driver):
         Args:
             seed: 0 to 2^53 - 1; the same spec and seed give the same model. By default the service
                 draws a seed.
-            idempotency_key: The same key with the same request returns the same model; by default a
-                new key is generated.
+            idempotency_key: The same key with the same request gives the same model; random by default.
             preset: Name of a preset; `pig` by default.
             spec: Changes of the preset, as a merge patch: `{"collision": {"gap_um": 30}}`.
             outputs: `glb` and `lod` (the default), `gltf`, `obj`, `stl`, `stl-ascii`, `ply`, `vtp`,
@@ -138,10 +137,7 @@ class Client(Driver):
         return self._call(_calls.validate(options, seed))
 
     def model(self, model: ModelRef) -> Model:
-        """Returns the current state of a model with its spec.
-
-        Raises NotFound if there is no such model.
-        """
+        """Returns the current state of a model with its spec. Raises NotFound if there is none."""
         return self._call(_calls.model(model))
 
     def models(self, *, spec: bool = False, **given: Unpack[ModelFilter]) -> Iterator[Model]:
@@ -182,10 +178,7 @@ class Client(Driver):
         return self._call(_calls.delete(model))
 
     def retry(self, model: ModelRef, *, idempotency_key: str | None = None) -> Model:
-        """Requests a failed model again, as a new model.
-
-        Raises Conflict if the model has not failed.
-        """
+        """Requests a failed model again, as a new one. Raises Conflict if it has not failed."""
         return self._call(_calls.retry(model, idempotency_key))
 
     def cancel_models(self, *, all: bool = False, dry_run: bool = False, **given: Unpack[ModelFilter]) -> Applied:
@@ -284,10 +277,7 @@ class Client(Driver):
         return self._run(_download.content(model, "sections.bin", read_sections, self._options.retries))
 
     def section(self, model: ModelRef, index: int) -> Section:
-        """Returns a cross section of a model; 0 is the isthmus end.
-
-        Raises NotFound if there is none.
-        """
+        """Returns a cross section; 0 is the isthmus end. Raises NotFound if there is none."""
         return self._call(_calls.section(model, index))
 
     def section_svg(self, model: ModelRef, index: int) -> str:
@@ -418,10 +408,7 @@ class Client(Driver):
         count: int | None = None,
         **options: Unpack[ModelOptions],
     ) -> BatchValidation:
-        """Validates a request of `submit_batch` or `study`, and predicts its cost.
-
-        Raises what these methods raise.
-        """
+        """Validates a `submit_batch` or `study` and predicts its cost; raises what these raise."""
         return self._call(_calls.validate_batch(options, seeds, count, vary))
 
     def batch(self, batch: BatchRef) -> Batch:
@@ -435,10 +422,7 @@ class Client(Driver):
         created_after: datetime.datetime | str | None = None,
         created_before: datetime.datetime | str | None = None,
     ) -> Iterator[Batch]:
-        """Iterates over batches, newest first, without the ids of their models.
-
-        The conditions are those of `models`.
-        """
+        """Iterates over batches, newest first, without model ids; conditions as in `models`."""
         return self._iterate(_calls.batches(owner, created_after, created_before, self._options.retries))
 
     def wait_batch(
@@ -492,8 +476,7 @@ class Client(Driver):
         `wait_fit` waits for the fit.
 
         Args:
-            idempotency_key: The same key with the same request returns the same fit; by default a
-                new key is generated.
+            idempotency_key: The same key with the same request gives the same fit; random by default.
             targets: Measures to reach: `[{"region": "ampulla", "quantity": "folds_on_ring",
                 "value": 30}]`. `low` and `high` state the accepted range if it is not 5 % on both
                 sides. Regions are `isthmus`, `junction`, `ampulla`, `whole` and `tube`.
@@ -525,17 +508,11 @@ class Client(Driver):
         return self._call(_calls.validate_fit(options))
 
     def fit(self, fit: FitRef) -> Fit:
-        """Returns the current state of a fit with request and result.
-
-        Raises NotFound if there is none.
-        """
+        """Returns the current state of a fit. Raises NotFound if there is none."""
         return self._call(_calls.fit(fit))
 
     def fits(self, **given: Unpack[FitFilter]) -> Iterator[Fit]:
-        """Iterates over fits, newest first, without requests and results.
-
-        The conditions are those of `models`, except `batch`.
-        """
+        """Iterates over fits, newest first, without their results; conditions as in `models`."""
         return self._iterate(_calls.fits(given, self._options.retries))
 
     def fit_events(self, fit: FitRef, *, last_event_id: str | None = None) -> Iterator[FitEvent]:
@@ -576,10 +553,7 @@ class Client(Driver):
         return self._call(_calls.presets())
 
     def preset(self, name: str) -> Json:
-        """Returns a preset: its values, each with unit and source.
-
-        Raises NotFound if there is none.
-        """
+        """Returns a preset with units and sources. Raises NotFound if there is none."""
         return self._call(_calls.preset(name))
 
     def schema(self) -> Json:
@@ -591,10 +565,7 @@ class Client(Driver):
         return self._call(_calls.health())
 
     def ticket(self, path: str) -> Ticket:
-        """Creates a ticket for one GET of a path, such as `/models/ID/events`.
-
-        The GET then needs no API key.
-        """
+        """Creates a ticket for one GET of a path, such as `/models/ID/events`, without a key."""
         return self._call(_calls.ticket(path, self._options.url))
 
     def workers(self) -> Workers:
@@ -602,10 +573,7 @@ class Client(Driver):
         return self._call(_calls.workers())
 
     def pause_workers(self) -> Workers:
-        """Pauses all workers, including future ones; running models continue.
-
-        Needs the scope `admin`.
-        """
+        """Pauses all workers, including future ones; running models continue. Scope: `admin`."""
         return self._call(_calls.change_workers("pause"))
 
     def resume_workers(self) -> Workers:
