@@ -179,7 +179,9 @@ mod tests {
         let gauge = polygon(&corners).unwrap();
         assert!(worst(&gauge, flower) < 1e-4);
         corners.reverse();
-        assert!(polygon(&corners).unwrap().iter().zip(&gauge).all(|(a, b)| (a - b).abs() < 1e-12));
+        let reversed = polygon(&corners).unwrap();
+        assert_eq!(reversed.len(), gauge.len());
+        assert!(reversed.iter().zip(&gauge).all(|(a, b)| (a - b).abs() < 1e-12));
     }
 
     #[test]
