@@ -126,7 +126,7 @@ pub fn without_device_select() {}
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::generate::Output;
+    use crate::generate::{Output, UsedBackend};
     use crate::spec::{ModelSpec, preset};
     use serde_json::json;
 
@@ -146,7 +146,7 @@ mod tests {
         let off = GpuArgs { gpu: GpuUse::Off, allow_software_adapter: false };
         let run = |backend| grow(&request(backend), off, &(), &CancelToken::default());
         let (outcome, fallback) = run(Backend::Auto).unwrap();
-        assert_eq!((outcome.used, fallback.as_deref()), (Backend::Cpu, Some(OFF)));
+        assert_eq!((outcome.used, fallback.as_deref()), (UsedBackend::Cpu, Some(OFF)));
         assert_eq!(run(Backend::CpuSingle).unwrap().1, None);
         let error = run(Backend::Gpu).unwrap_err().to_string();
         assert!(error.contains(OFF), "{error}");

@@ -8,7 +8,9 @@ use super::openapi::shapes::Summary;
 use super::wire::problem::TYPE_PREFIX;
 use super::wire::responses::SpecPatch;
 use crate::generate::{Output, Progress, Stage};
-use crate::jobs::{BackendReport, Job, JobProgress, LiveSection, Priority, Status, WorkerInfo, WorkerState};
+use crate::jobs::{
+    BackendReport, Job, JobProgress, LiveSection, Priority, Status, WorkerInfo, WorkerKind, WorkerState,
+};
 use crate::model::{BodyKind, LengthUnit};
 use crate::spec::ModelSpec;
 use jiff::Timestamp;
@@ -376,7 +378,8 @@ pub struct Worker {
     /// Host name.
     pub host: String,
     /// Backend.
-    pub backend: crate::generate::Backend,
+    #[schema(value_type = crate::generate::Backend)]
+    pub backend: WorkerKind,
     /// Name of the device.
     pub device: String,
     /// Id of the oldest model that it grows.
@@ -417,7 +420,7 @@ impl From<WorkerInfo> for Worker {
         Self {
             id: worker.id,
             host: worker.host,
-            backend: worker.backend,
+            backend: worker.kind,
             device: worker.device,
             job: worker.jobs.first().map(|id| id.0),
             jobs: worker.jobs.iter().map(|id| id.0).collect(),

@@ -3,8 +3,7 @@
 use super::AppState;
 use super::wire::headers::PREFERENCE_APPLIED;
 use crate::clock::Stopwatch;
-use crate::generate::Backend;
-use crate::jobs::{Counts, PoolUse, StoreError, WorkerState};
+use crate::jobs::{Counts, PoolUse, StoreError, WorkerKind, WorkerState};
 use crate::metrics::{MEDIA_TYPE, Metrics};
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::header;
@@ -59,10 +58,10 @@ async fn read_store(state: &AppState) -> Result<(), StoreError> {
     metrics.set_oldest(store.queue_ages().await?.map(|(backend, age)| (backend.name(), age)));
     metrics.set_paused(store.paused().await?.is_some());
     let workers = store.workers_within(limits.worker_memory).await?;
-    metrics.set_workers([Backend::Cpu, Backend::Gpu].into_iter().flat_map(|backend| {
+    metrics.set_workers([WorkerKind::Cpu, WorkerKind::Gpu].into_iter().flat_map(|kind| {
         WorkerState::ALL.map(|state| {
-            let count = workers.iter().filter(|worker| worker.backend == backend && worker.state() == state).count();
-            (backend.name(), state.name(), count as u64)
+            let count = workers.iter().filter(|worker| worker.kind == kind && worker.state() == state).count();
+            (kind.name(), state.name(), count as u64)
         })
     }));
     Ok(())

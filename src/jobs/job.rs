@@ -1,7 +1,7 @@
 //! The record of a job.
 
 use crate::fit::FitProgress;
-use crate::generate::{Backend, Outputs, Progress};
+use crate::generate::{Backend, Outputs, Progress, UsedBackend};
 use crate::lock::Mutex;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -120,7 +120,8 @@ pub struct BackendReport {
     /// The backend asked for.
     pub requested: Backend,
     /// The backend that runs or ran it; null while queued.
-    pub used: Option<Backend>,
+    #[schema(value_type = Option<Backend>)]
+    pub used: Option<UsedBackend>,
     /// Name of the device.
     pub device: Option<String>,
     /// Why it is not the backend that one would expect; null if it is.

@@ -34,6 +34,7 @@ pub use job::{
 };
 pub use list::{BulkResult, Change, Counts, ListFilter, Page};
 pub use open::{Database, open};
-pub use operators::{Instruction, Pause, PoolUse, WorkerInfo, WorkerState};
+pub use operators::{Instruction, Pause, PoolUse, WorkerInfo, WorkerKind, WorkerState};
 pub use options::StoreOptions;
 pub use sql::{Hook, Store, UpkeepTask};
+pub use state::ClaimScope;

@@ -1,9 +1,29 @@
 //! Installations for operators: workers, their pauses, and the use of connections.
 
 use super::job::JobId;
-use crate::generate::Backend;
 use jiff::Timestamp;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
+
+/// Kind of a worker, by what it grows models on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum WorkerKind {
+    /// A GPU.
+    Gpu,
+    /// CPU threads.
+    Cpu,
+}
+
+impl WorkerKind {
+    /// The name in JSON and metrics.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Gpu => "gpu",
+            Self::Cpu => "cpu",
+        }
+    }
+}
 
 /// A worker in the list of workers.
 #[derive(Clone, Debug, PartialEq)]
@@ -12,8 +32,8 @@ pub struct WorkerInfo {
     pub id: String,
     /// Host name.
     pub host: String,
-    /// Backend.
-    pub backend: Backend,
+    /// Kind.
+    pub kind: WorkerKind,
     /// Name of the device.
     pub device: String,
     /// Jobs whose leases it holds, the oldest first. The store fills them in, and ignores them in

@@ -10,7 +10,7 @@
 //! - A job that is not cancelled ends after at most `max_attempts` counted attempts.
 
 use super::job::Status;
-use crate::generate::Backend;
+use crate::generate::{Backend, UsedBackend};
 use std::time::Duration;
 
 /// The part of a job's record that decides which events are allowed.
@@ -179,27 +179,37 @@ pub fn retry_delay(spent: u32) -> Duration {
     Duration::from_secs(1 << spent.saturating_sub(1).min(6)).min(Duration::from_secs(60))
 }
 
-/// Requested backends of the jobs that a worker may run, by the backend of its claim. `Auto` claims
-/// everything. `Cpu` is the claim of a CPU worker without a live GPU worker, `CpuSingle` of a CPU
-/// worker that leaves `auto` to a GPU worker.
-#[must_use]
-pub fn accepted(worker: Backend) -> &'static [Backend] {
-    match worker {
-        Backend::Auto => &[Backend::Auto, Backend::Gpu, Backend::Cpu, Backend::CpuSingle],
-        Backend::Gpu => &[Backend::Auto, Backend::Gpu],
-        Backend::Cpu => &[Backend::Auto, Backend::Cpu, Backend::CpuSingle],
-        Backend::CpuSingle => &[Backend::Cpu, Backend::CpuSingle],
+/// Jobs that a claim may take.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ClaimScope {
+    /// The claim of a GPU worker: jobs that requested a GPU or any backend.
+    Gpu,
+    /// The claim of a CPU worker: jobs that requested a CPU or any backend.
+    Cpu,
+    /// The claim of a CPU worker that leaves jobs of `auto` to a GPU worker.
+    CpuOnly,
+}
+
+impl ClaimScope {
+    /// Requested backends of the jobs.
+    #[must_use]
+    pub fn requested(self) -> &'static [Backend] {
+        match self {
+            Self::Gpu => &[Backend::Auto, Backend::Gpu],
+            Self::Cpu => &[Backend::Auto, Backend::Cpu, Backend::CpuSingle],
+            Self::CpuOnly => &[Backend::Cpu, Backend::CpuSingle],
+        }
     }
 }
 
 /// True if a model grown on `used` may be reused for a request of `requested`. `cpu` and
 /// `cpu-single` produce the same bytes.
 #[must_use]
-pub fn same_bytes(requested: Backend, used: Backend) -> bool {
+pub fn same_bytes(requested: Backend, used: UsedBackend) -> bool {
     match requested {
         Backend::Auto => true,
-        Backend::Gpu => used == Backend::Gpu,
-        Backend::Cpu | Backend::CpuSingle => matches!(used, Backend::Cpu | Backend::CpuSingle),
+        Backend::Gpu => used == UsedBackend::Gpu,
+        Backend::Cpu | Backend::CpuSingle => used != UsedBackend::Gpu,
     }
 }
 
@@ -295,12 +305,15 @@ mod tests {
     }
 
     #[test]
-    fn each_backend_accepts_itself() {
-        for backend in [Backend::Gpu, Backend::Cpu, Backend::CpuSingle] {
-            assert!(accepted(backend).contains(&backend));
-            assert_eq!(accepted(backend).contains(&Backend::Auto), backend != Backend::CpuSingle);
-            assert!(same_bytes(backend, backend) && same_bytes(Backend::Auto, backend));
+    fn each_backend_has_a_claim_and_its_models_are_reused() {
+        for scope in [ClaimScope::Gpu, ClaimScope::Cpu, ClaimScope::CpuOnly] {
+            assert_eq!(scope.requested().contains(&Backend::Auto), scope != ClaimScope::CpuOnly);
         }
-        assert!(!same_bytes(Backend::Cpu, Backend::Gpu) && !same_bytes(Backend::Gpu, Backend::Cpu));
+        for used in [UsedBackend::Gpu, UsedBackend::Cpu, UsedBackend::CpuSingle] {
+            let scope = if used == UsedBackend::Gpu { ClaimScope::Gpu } else { ClaimScope::Cpu };
+            assert!(scope.requested().contains(&used.into()));
+            assert!(same_bytes(used.into(), used) && same_bytes(Backend::Auto, used));
+        }
+        assert!(!same_bytes(Backend::Cpu, UsedBackend::Gpu) && !same_bytes(Backend::Gpu, UsedBackend::Cpu));
     }
 }

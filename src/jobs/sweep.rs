@@ -187,8 +187,7 @@ impl Sweeper {
 mod tests {
     use super::*;
     use crate::clock::Clock;
-    use crate::generate::Backend;
-    use crate::jobs::{File, Finished, NewJob, StoreOptions};
+    use crate::jobs::{ClaimScope, File, Finished, NewJob, StoreOptions};
     use bytes::Bytes;
 
     async fn stores() -> (Store, Artifacts, Clock, tempfile::TempDir) {
@@ -246,7 +245,7 @@ mod tests {
     async fn make(store: &Store, models: u64) {
         for seed in 0..models {
             store.submit(NewJob::sample(seed)).await.unwrap();
-            let claimed = store.claim("w", Backend::Cpu, Duration::from_secs(8), 1).await.unwrap().pop().unwrap();
+            let claimed = store.claim("w", ClaimScope::Cpu, Duration::from_secs(8), 1).await.unwrap().pop().unwrap();
             let file = File {
                 name: "model.glb".into(),
                 media_type: "model/gltf-binary".into(),

@@ -10,7 +10,7 @@ use super::progress::AttemptSink;
 use super::upload::{self, UploadError};
 use super::verdict::{self, Verdict};
 use crate::clock::Stopwatch;
-use crate::generate::{Backend, CancelToken};
+use crate::generate::{Backend, CancelToken, UsedBackend};
 use crate::jobs::scratch::{AttemptDir, drop_blocking};
 use crate::jobs::state::AttemptEnd;
 use crate::jobs::{BackendReport, ClaimedJob, File, Finished, JobId, JobKind, StoreError};
@@ -223,7 +223,7 @@ impl<'a> Attempt<'a> {
             };
             drop(generation);
             let report = &self.claim.report;
-            if (report.requested, report.used) != (Backend::Auto, Some(Backend::Gpu)) {
+            if (report.requested, report.used) != (Backend::Auto, Some(UsedBackend::Gpu)) {
                 return Err(Verdict::Fail(verdict::of_gpu(reason)).into());
             }
             tracing::warn!(reason, "the GPU could not grow the model; the CPU will grow it");
@@ -244,7 +244,7 @@ impl<'a> Attempt<'a> {
     async fn generate_on(&mut self, cpu: &Cpu, permit: OwnedSemaphorePermit) -> Result<Generation, WorkResult> {
         let checkpoint = self.checkpoints.load(self.dir.path());
         let checkpoint = self.lease.hold(&self.claim, &self.sink.progress, checkpoint).await?;
-        let backend = self.claim.report.used.unwrap_or_default();
+        let backend = self.claim.report.used.unwrap_or(UsedBackend::Cpu);
         let task = Task { checkpoint, ..self.task() };
         Ok(cpu.generate(Arc::clone(&self.context.generator), backend, task, permit))
     }
@@ -284,7 +284,7 @@ impl<'a> Attempt<'a> {
         let mut running = true;
         // A GPU takes no checkpoints that another attempt could resume from.
         let is_released = matches!(ending, WorkResult::Interrupted(Interrupt::Shutdown));
-        if is_released && self.claim.report.used != Some(Backend::Gpu) && self.sink.checkpoints.is_enabled() {
+        if is_released && self.claim.report.used != Some(UsedBackend::Gpu) && self.sink.checkpoints.is_enabled() {
             running = self.take_last_checkpoint(&mut generation).await;
         }
         generation.stop();
@@ -413,10 +413,10 @@ async fn record(context: &Context, claim: Claim, ending: WorkResult) -> bool {
     metrics.attempt(counted.name());
     if let (true, AttemptMetric::Succeeded, Ok(()), Some(used), Some(device)) = (is_model, end, &result, used, &device)
     {
-        metrics.made(used.name(), device.clone());
+        metrics.made(Backend::from(used).name(), device.clone());
     }
     match &result {
-        Ok(()) => tracing::info!(used = used.map(Backend::name), device, fallback, "attempt {how}"),
+        Ok(()) => tracing::info!(used = used.map(|used| Backend::from(used).name()), device, fallback, "attempt {how}"),
         Err(StoreError::Fenced) if counted == AttemptMetric::Deleted => {
             tracing::info!("attempt {how}, but its model was deleted");
         }

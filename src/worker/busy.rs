@@ -1,6 +1,6 @@
 //! Busy workers, for the metrics. A worker that holds two claims counts as one busy slot.
 
-use crate::generate::Backend;
+use crate::jobs::WorkerKind;
 use crate::metrics::Metrics;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -19,9 +19,9 @@ pub(super) struct Running(Arc<Busy>);
 
 impl Busy {
     /// Registers a new worker.
-    pub(super) fn new(metrics: &Metrics, backend: Backend) -> Arc<Self> {
-        metrics.add_slot(backend.name());
-        Arc::new(Self { running: AtomicU32::new(0), metrics: metrics.clone(), backend: backend.name() })
+    pub(super) fn new(metrics: &Metrics, kind: WorkerKind) -> Arc<Self> {
+        metrics.add_slot(kind.name());
+        Arc::new(Self { running: AtomicU32::new(0), metrics: metrics.clone(), backend: kind.name() })
     }
 
     /// Begins a claim.
@@ -50,7 +50,7 @@ mod tests {
         let metrics = Metrics::default();
         let busy =
             |count: u32| metrics.text().contains(&format!("oviduct_worker_slots_busy{{backend=\"gpu\"}} {count}\n"));
-        let worker = Busy::new(&metrics, Backend::Gpu);
+        let worker = Busy::new(&metrics, WorkerKind::Gpu);
         assert!(busy(0));
         let (first, second) = (worker.begin(), worker.begin());
         assert!(busy(1));

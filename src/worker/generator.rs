@@ -1,7 +1,7 @@
 //! The interface between workers and the generators of models.
 
 use crate::fit::FitError;
-use crate::generate::{Backend, CancelToken, GenerateError, Outcome, Sink};
+use crate::generate::{CancelToken, GenerateError, Outcome, Sink, UsedBackend};
 use crate::jobs::Job;
 use crate::sim::Plan;
 use rayon::ThreadPool;
@@ -12,8 +12,8 @@ use std::path::Path;
 pub struct GenerationInput<'a> {
     /// The job; its `spec` is the resolved spec in canonical form.
     pub job: &'a Job,
-    /// The backend to use; never `auto`.
-    pub backend: Backend,
+    /// The backend to use.
+    pub backend: UsedBackend,
     /// Existing directory for the files.
     pub dir: &'a Path,
     /// Maximum memory, bytes.

@@ -14,10 +14,9 @@
 //! succeeds, so that the worker does not grow and discard models without end.
 
 use super::options::{ALIVE_HEARTBEATS, PoolOptions};
-use crate::generate::Backend;
 use crate::jobs::artifacts::{ArtifactError, Artifacts};
 use crate::jobs::scratch::Scratch;
-use crate::jobs::{Store, StoreError};
+use crate::jobs::{ClaimScope, Store, StoreError, WorkerKind};
 use crate::metrics::Fallback;
 use crate::status::{Condition, Status};
 use std::error::Error;
@@ -41,11 +40,11 @@ pub(super) enum CpuEligibility {
 }
 
 impl CpuEligibility {
-    /// Backend of the claim.
-    pub(super) fn backend(&self) -> Backend {
+    /// Scope of the claim.
+    pub(super) fn scope(&self) -> ClaimScope {
         match self {
-            Self::CpuOnly => Backend::CpuSingle,
-            Self::Auto { .. } => Backend::Cpu,
+            Self::CpuOnly => ClaimScope::CpuOnly,
+            Self::Auto { .. } => ClaimScope::Cpu,
         }
     }
 }
@@ -57,12 +56,12 @@ pub(super) async fn cpu_eligibility(
     options: &PoolOptions,
     surfaces_lag: bool,
 ) -> Result<CpuEligibility, StoreError> {
-    let live = store.count_unpaused_workers(Backend::Gpu, ALIVE_HEARTBEATS * options.heartbeat).await?;
+    let live = store.count_unpaused_workers(WorkerKind::Gpu, ALIVE_HEARTBEATS * options.heartbeat).await?;
     if live == 0 {
         let why = options.no_gpu.clone().unwrap_or_else(|| "no GPU worker is alive".to_owned());
         return Ok(CpuEligibility::Auto { why, cause: Fallback::NoGpu });
     }
-    let queued = store.count_claimable_jobs(Backend::Gpu).await?;
+    let queued = store.count_claimable_jobs(ClaimScope::Gpu).await?;
     let next_claims = 2 * u64::from(options.batch) * live;
     Ok(if queued > next_claims && !surfaces_lag {
         let why = format!("{queued} jobs were waiting for {live} GPU worker{}", if live == 1 { "" } else { "s" });

@@ -14,7 +14,7 @@ use crate::clock::Clock;
 use crate::generate::Backend;
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::scratch::{Scratch, drop_blocking};
-use crate::jobs::{Change, ClaimedJob, Job, Store, StoreError, WorkerInfo};
+use crate::jobs::{Change, ClaimScope, ClaimedJob, Job, Store, StoreError, WorkerInfo, WorkerKind};
 use crate::lock::Mutex;
 use crate::status::{Condition, Status};
 use futures_util::future::join_all;
@@ -288,7 +288,7 @@ impl Slot {
         let nice = context.options.nice;
         let cpu = Cpu::new(&id, threads, nice)?;
         let gpu = generator.map(|generator| Gpu::new(&id, threads, nice, generator)).transpose()?;
-        let busy = Busy::new(&context.options.metrics, if gpu.is_some() { Backend::Gpu } else { Backend::Cpu });
+        let busy = Busy::new(&context.options.metrics, if gpu.is_some() { WorkerKind::Gpu } else { WorkerKind::Cpu });
         Ok(Arc::new(Self {
             id,
             context: Arc::clone(context),
@@ -339,19 +339,19 @@ impl Slot {
     /// job at a time, because jobs of `gpu` must end too, with the reason.
     async fn claim(&self) -> Result<(Vec<ClaimedJob>, CpuEligibility), StoreError> {
         let Context { store, options, .. } = &*self.context;
-        let (eligibility, backend, limit) = match &self.gpu {
+        let (eligibility, scope, limit) = match &self.gpu {
             Some(gpu) => {
                 let limit = if self.open(gpu).await { options.batch.max(1) } else { 1 };
-                (CpuEligibility::CpuOnly, Backend::Gpu, limit)
+                (CpuEligibility::CpuOnly, ClaimScope::Gpu, limit)
             }
             None => {
                 let surfaces_lag = self.context.surfaces_lag.load(Ordering::Relaxed);
                 let eligibility = cpu_eligibility(store, options, surfaces_lag).await?;
-                let backend = eligibility.backend();
-                (eligibility, backend, 1)
+                let scope = eligibility.scope();
+                (eligibility, scope, 1)
             }
         };
-        let claim = self.context.storage.claim(store.claim(&self.id, backend, options.lease, limit)).await;
+        let claim = self.context.storage.claim(store.claim(&self.id, scope, options.lease, limit)).await;
         Ok((claim.transpose()?.unwrap_or_default(), eligibility))
     }
 
@@ -454,16 +454,16 @@ impl Slot {
     async fn record(&self) -> WorkerStatus {
         let _recording = self.recording.lock().await;
         let state = self.state();
-        let (backend, device) = match &self.gpu {
+        let (kind, device) = match &self.gpu {
             // A GPU worker without its device must not count as live.
             Some(_) if state.gpu != GpuState::Open => return state,
-            Some(gpu) => (Backend::Gpu, gpu.device()),
-            None => (Backend::Cpu, self.cpu.device()),
+            Some(gpu) => (WorkerKind::Gpu, gpu.device()),
+            None => (WorkerKind::Cpu, self.cpu.device()),
         };
         let worker = WorkerInfo {
             id: self.id.clone(),
             host: self.context.options.host.clone(),
-            backend,
+            kind,
             device,
             jobs: Vec::new(),
             jobs_done: state.jobs_done,

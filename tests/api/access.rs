@@ -7,7 +7,7 @@ use futures_util::future::BoxFuture;
 use http_body_util::BodyExt;
 use oviduct::http::{Limits, WithoutKeys};
 use oviduct::jobs::keys::{KeyLimits, Scope, Secret};
-use oviduct::jobs::{Hook, Problem, Quota, StoreError};
+use oviduct::jobs::{Hook, Problem, Quota, StoreError, WorkerKind};
 use serde_json::{Value, json};
 use std::sync::Arc;
 use std::time::Duration;
@@ -95,7 +95,7 @@ async fn things(app: &App, key: &str) -> Things {
     let report = json!({ "engine": "x", "spec": {}, "summary": {}, "certificate": {} }).to_string();
     app.finish(app.claim().await, &[("report.json", "application/json", report.into_bytes())]).await;
     let queued = id(&post(app, "/models", key, &json!({ "seed": 2 })).await);
-    app.worker(oviduct::generate::Backend::Cpu).await;
+    app.worker(WorkerKind::Cpu).await;
     let batch = id(&post(app, "/batches", key, &json!({ "seeds": [3, 4] })).await);
     let fit = id(&post(app, "/fits", key, &fit_request()).await);
     Things { finished, queued, batch, fit }
@@ -253,7 +253,7 @@ async fn lists_and_workers_show_own_models_and_everything_to_an_admin() {
         list["models"].as_array().unwrap().len()
     };
     assert_eq!((count(&a).await, count(&b).await, count(&admin).await), (2, 1, 3));
-    app.worker(oviduct::generate::Backend::Cpu).await;
+    app.worker(WorkerKind::Cpu).await;
     let _job = app.claim().await;
     let jobs = async |key: &str| {
         let list = app.get_with("/workers", &[("authorization", key)]).await.json();

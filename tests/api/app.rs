@@ -9,13 +9,13 @@ use axum::http::{HeaderMap, Method, Request, StatusCode, header};
 use http_body_util::BodyExt;
 use jiff::Timestamp;
 use oviduct::clock::Clock;
-use oviduct::generate::{Backend, Progress, Stage};
+use oviduct::generate::{Backend, Progress, Stage, UsedBackend};
 use oviduct::http::{AccessOptions, AppState, Limits, REQUEST_ID, WithoutKeys, router};
 use oviduct::jobs::artifacts::{Artifacts, key};
 use oviduct::jobs::keys::{KeyLimits, NewKey, Scope, Secret};
 use oviduct::jobs::{
-    BackendReport, ClaimedJob, Directive, File, Finished, JobId, JobProgress, LiveSection, Store, StoreOptions,
-    WorkerInfo,
+    BackendReport, ClaimScope, ClaimedJob, Directive, File, Finished, JobId, JobProgress, LiveSection, Store,
+    StoreOptions, WorkerInfo, WorkerKind,
 };
 use oviduct::status::Status;
 use serde_json::{Value, json};
@@ -221,7 +221,7 @@ impl App {
 
     /// Claims the next model, as a worker does.
     pub(super) async fn claim(&self) -> ClaimedJob {
-        self.store.claim("w1", Backend::Cpu, LEASE, 1).await.unwrap().pop().expect("a model is queued")
+        self.store.claim("w1", ClaimScope::Cpu, LEASE, 1).await.unwrap().pop().expect("a model is queued")
     }
 
     pub(super) async fn beat(&self, job: &ClaimedJob, step: u32, section: Option<&LiveSection>) -> Directive {
@@ -262,11 +262,11 @@ impl App {
         model
     }
 
-    pub(super) async fn worker(&self, backend: Backend) {
+    pub(super) async fn worker(&self, kind: WorkerKind) {
         let worker = WorkerInfo {
             id: "w1".into(),
             host: "here".into(),
-            backend,
+            kind,
             device: "test".into(),
             jobs: Vec::new(),
             jobs_done: 3,
@@ -303,7 +303,7 @@ impl Drop for App {
 pub(super) fn used() -> BackendReport {
     BackendReport {
         requested: Backend::Auto,
-        used: Some(Backend::Cpu),
+        used: Some(UsedBackend::Cpu),
         device: Some("test, 2 threads".into()),
         fallback: None,
     }

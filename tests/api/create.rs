@@ -2,9 +2,8 @@
 
 use super::app::{App, id, used};
 use axum::http::header;
-use oviduct::generate::Backend;
 use oviduct::http::Limits;
-use oviduct::jobs::Finished;
+use oviduct::jobs::{Finished, WorkerKind};
 use oviduct::status::{Condition, Status};
 use serde_json::{Value, json};
 use std::time::Duration;
@@ -333,9 +332,9 @@ async fn a_gpu_is_accepted_only_if_a_worker_is_alive() {
     let refused = app.post("/models", &body).await;
     assert_eq!((refused.status.as_u16(), refused.slug().as_str()), (422, "gpu-unavailable"));
     assert_eq!(refused.places(), ["/backend"]);
-    app.worker(Backend::Cpu).await;
+    app.worker(WorkerKind::Cpu).await;
     assert_eq!(app.post("/models", &body).await.status, 422);
-    app.worker(Backend::Gpu).await;
+    app.worker(WorkerKind::Gpu).await;
     assert_eq!(app.post("/models", &body).await.status, 202);
     app.clock.advance(Duration::from_secs(301));
     assert_eq!(app.post("/models", &body).await.status, 422);
@@ -382,7 +381,7 @@ async fn a_request_for_a_gpu_waits_while_devices_are_opened() {
     let app = app.with_status(status.clone());
     let (reply, ()) = tokio::join!(app.post("/models", &body), async {
         tokio::time::sleep(Duration::from_millis(50)).await;
-        app.worker(Backend::Gpu).await;
+        app.worker(WorkerKind::Gpu).await;
         status.clear(Condition::OpeningDevices);
     });
     assert_eq!(reply.status, 202);

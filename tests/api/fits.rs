@@ -5,9 +5,8 @@ use axum::body::Body;
 use axum::http::{Method, header};
 use http_body_util::BodyExt;
 use oviduct::fit::{FitProgress, FitStage};
-use oviduct::generate::Backend;
 use oviduct::jobs::keys::Scope;
-use oviduct::jobs::{Finished, JobProgress};
+use oviduct::jobs::{ClaimScope, Finished, JobProgress};
 use serde_json::{Value, json};
 
 fn target() -> Value {
@@ -195,7 +194,7 @@ async fn a_fit_is_followed_to_its_end() {
     let stream = app.start(axum::http::Request::get(format!("{fit}/events")).body(Body::empty()).unwrap()).await;
     let all = app.start(axum::http::Request::get("/events").body(Body::empty()).unwrap()).await;
     let reading = tokio::spawn(async move { stream.into_body().collect().await.unwrap().to_bytes() });
-    let mut claimed = app.store.claim("w", Backend::Cpu, super::app::LEASE, 1).await.unwrap();
+    let mut claimed = app.store.claim("w", ClaimScope::Cpu, super::app::LEASE, 1).await.unwrap();
     let job = claimed.pop().unwrap();
     let progress = FitProgress {
         stage: FitStage::Search,

@@ -168,5 +168,5 @@ async fn deleting_works_in_every_state_and_once() {
         assert_eq!(app.store.get(id(&model)).await.unwrap(), None);
     }
     assert_eq!(app.get("/models").await.json(), json!({ "models": [], "next": null }));
-    assert!(app.store.claim("w2", oviduct::generate::Backend::Cpu, LEASE, 9).await.unwrap().is_empty());
+    assert!(app.store.claim("w2", oviduct::jobs::ClaimScope::Cpu, LEASE, 9).await.unwrap().is_empty());
 }

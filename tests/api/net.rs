@@ -3,9 +3,8 @@
 use super::app::{App, contour, id};
 use super::events::Stream;
 use super::wire::Wire;
-use oviduct::generate::Backend;
 use oviduct::http::Limits;
-use oviduct::jobs::Change;
+use oviduct::jobs::{Change, ClaimScope};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -108,5 +107,5 @@ async fn an_overrun_of_the_feed_loses_no_end() {
         assert_eq!(end.data["status"], "cancelled");
         open.remove(end.data["id"].as_str().unwrap());
     }
-    assert!(app.store.claim("w1", Backend::Cpu, Duration::from_secs(1), 1).await.unwrap().is_empty());
+    assert!(app.store.claim("w1", ClaimScope::Cpu, Duration::from_secs(1), 1).await.unwrap().is_empty());
 }

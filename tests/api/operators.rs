@@ -5,8 +5,8 @@ use super::faulty::Faulty;
 use axum::body::Body;
 use axum::http::Method;
 use oviduct::clock::Clock;
-use oviduct::generate::Backend;
 use oviduct::http::Limits;
+use oviduct::jobs::{ClaimScope, WorkerKind};
 use serde_json::{Value, json};
 use std::time::Duration;
 
@@ -24,14 +24,14 @@ async fn has_line(app: &App, line: &str) {
 #[tokio::test]
 async fn all_workers_are_paused_and_resumed() {
     let app = App::new().await;
-    app.worker(Backend::Cpu).await;
+    app.worker(WorkerKind::Cpu).await;
     let model = app.model(1).await;
     has_line(&app, "oviduct_claiming_paused 0").await;
     let pause = json!({ "since": moment(&app.clock), "by": null });
     let paused = call(&app, "/workers/pause").await;
     assert_eq!((&paused["pause"], &paused["workers"][0]["state"]), (&pause, &json!("active")));
     has_line(&app, "oviduct_claiming_paused 1").await;
-    assert!(app.store.claim("w1", Backend::Cpu, super::app::LEASE, 1).await.unwrap().is_empty());
+    assert!(app.store.claim("w1", ClaimScope::Cpu, super::app::LEASE, 1).await.unwrap().is_empty());
     // A pause of the workers does not stop the API from accepting models.
     app.model(2).await;
     assert_eq!(app.get("/readyz").await.status, 200);
@@ -46,7 +46,7 @@ async fn all_workers_are_paused_and_resumed() {
 #[tokio::test]
 async fn a_worker_is_paused_drained_and_resumed_by_its_name() {
     let app = App::new().await;
-    app.worker(Backend::Cpu).await;
+    app.worker(WorkerKind::Cpu).await;
     app.model(1).await;
     let job = app.claim().await;
     assert_eq!(call(&app, "/workers/w1/pause").await["state"], "paused");
@@ -78,7 +78,7 @@ async fn a_worker_is_paused_drained_and_resumed_by_its_name() {
 #[tokio::test]
 async fn metrics_tell_the_age_of_the_queue_the_use_of_connections_and_the_times_of_routes() {
     let app = App::new().await;
-    app.worker(Backend::Gpu).await;
+    app.worker(WorkerKind::Gpu).await;
     app.model(1).await;
     app.clock.advance(Duration::from_secs(15));
     app.model(2).await;

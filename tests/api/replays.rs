@@ -3,9 +3,8 @@
 use super::app::{App, id};
 use axum::http::header;
 use oviduct::clock::Clock;
-use oviduct::generate::Backend;
 use oviduct::http::Limits;
-use oviduct::jobs::{Store, StoreOptions};
+use oviduct::jobs::{Store, StoreOptions, WorkerKind};
 use serde_json::json;
 use std::time::Duration;
 
@@ -16,7 +15,7 @@ async fn a_replay_succeeds_after_the_gpu_worker_has_gone() {
     let app = App::new().await;
     let model = json!({ "backend": "gpu" });
     let batch = json!({ "backend": "gpu", "count": 2 });
-    app.worker(Backend::Gpu).await;
+    app.worker(WorkerKind::Gpu).await;
     let taken = [app.post_with("/models", &KEY, &model).await, app.post_with("/batches", &KEY, &batch).await];
     app.clock.advance(Duration::from_secs(360));
     assert_eq!(app.post("/models", &model).await.slug(), "gpu-unavailable");

@@ -7,8 +7,8 @@ use axum::http::{Method, header};
 use object_store::memory::InMemory;
 use object_store::throttle::{ThrottleConfig, ThrottledStore};
 use oviduct::clock::Clock;
-use oviduct::generate::Backend;
 use oviduct::http::Limits;
+use oviduct::jobs::WorkerKind;
 use oviduct::jobs::artifacts::Artifacts;
 use oviduct::status::{Condition, Status};
 use serde_json::json;
@@ -200,8 +200,8 @@ async fn the_schema_is_a_schema() {
 async fn workers_are_listed() {
     let app = App::new().await;
     assert_eq!(app.get("/workers").await.json(), json!({ "pause": null, "workers": [] }));
-    app.worker(Backend::CpuSingle).await;
-    let want = json!({ "pause": null, "workers": [{ "id": "w1", "host": "here", "backend": "cpu-single", "device": "test", "job": null,
+    app.worker(WorkerKind::Cpu).await;
+    let want = json!({ "pause": null, "workers": [{ "id": "w1", "host": "here", "backend": "cpu", "device": "test", "job": null,
         "jobs": [], "jobs_done": 3, "heartbeat_at": moment(&app.clock), "state": "active", "pause": null }] });
     assert_eq!(app.get("/workers").await.json(), want);
     // The worker lists all of its running jobs, oldest first.

@@ -2,7 +2,7 @@
 
 use oviduct::clock::Stopwatch;
 use oviduct::generate::{Backend, Output, Progress, Stage};
-use oviduct::jobs::{ClaimedJob, JobId, JobKind, JobProgress, NewJob, Priority, Store, StoreOptions};
+use oviduct::jobs::{ClaimScope, ClaimedJob, JobId, JobKind, JobProgress, NewJob, Priority, Store, StoreOptions};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -98,20 +98,20 @@ fn new_job(n: usize) -> NewJob {
 /// Removes the jobs that it submits and releases the jobs that it claims.
 pub async fn costs(store: &Store) -> Costs {
     const LEASE: Duration = Duration::from_secs(600);
-    let claim = async |backend, limit: u32, samples: usize| {
+    let claim = async |scope, limit: u32, samples: usize| {
         let (mut seconds, mut held) = (Vec::new(), Vec::new());
         for _ in 0..samples {
             let since = Stopwatch::start();
-            let claimed = store.claim("w", backend, LEASE, limit).await.expect("a claim");
+            let claimed = store.claim("w", scope, LEASE, limit).await.expect("a claim");
             seconds.push(since.seconds());
             assert_eq!(claimed.len(), limit as usize, "the queue is too short");
             held.extend(claimed);
         }
         (lower_quartile(seconds), held)
     };
-    let (one, held) = claim(Backend::Cpu, 1, SAMPLES).await;
-    let (four, mut more) = claim(Backend::Cpu, 4, SAMPLES / 4).await;
-    let (gpu, batches) = claim(Backend::Gpu, 4, SAMPLES / 4).await;
+    let (one, held) = claim(ClaimScope::Cpu, 1, SAMPLES).await;
+    let (four, mut more) = claim(ClaimScope::Cpu, 4, SAMPLES / 4).await;
+    let (gpu, batches) = claim(ClaimScope::Gpu, 4, SAMPLES / 4).await;
     more.extend(batches);
     let mut beats = Vec::new();
     for claimed in &held {

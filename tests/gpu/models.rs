@@ -4,7 +4,7 @@
 use crate::common::{OPTIONS, device, generate, leave, no_vulkan};
 use oviduct::clock::{Clock, Stopwatch};
 use oviduct::generate::{
-    Backend, Calls, CancelToken, Member, Outcome, Output, Progress, Request, Sink, generate_batch,
+    Backend, Calls, CancelToken, Member, Outcome, Output, Progress, Request, Sink, UsedBackend, generate_batch,
 };
 use oviduct::jobs::artifacts::Artifacts;
 use oviduct::jobs::{Job, JobId, JobKind, NewJob, Priority, Status, Store, StoreOptions};
@@ -57,7 +57,7 @@ fn a_batch_gives_certified_models_with_the_same_bytes_alone_or_together() {
     }
     let together = grow(&[1, 2]);
     for outcome in &together {
-        assert_eq!((outcome.used, outcome.device.as_str()), (Backend::Gpu, device().name()));
+        assert_eq!((outcome.used, outcome.device.as_str()), (UsedBackend::Gpu, device().name()));
         assert_eq!(outcome.findings.certificate["passed"], true);
         assert_eq!(outcome.findings.summary["sections"], 7);
         assert_eq!(outcome.findings.summary["particles"], json!({ "start": 180, "end": 400 }));
@@ -230,11 +230,11 @@ async fn survives(options: GpuOptions, how: fn(&GpuDevice), reason: &str) {
     let pool = place.start_with(losing);
     for id in ids {
         let job = place.grown(id).await;
-        assert_eq!((job.attempts, job.backend.used), (1, Some(Backend::Cpu)));
+        assert_eq!((job.attempts, job.backend.used), (1, Some(UsedBackend::Cpu)));
         assert!(job.backend.fallback.as_ref().unwrap().contains(reason), "{:?}", job.backend);
     }
     let job = place.grown(place.submit(4, &spec(60, 400)).await).await;
-    assert_eq!((job.backend.used, job.backend.fallback), (Some(Backend::Gpu), None));
+    assert_eq!((job.backend.used, job.backend.fallback), (Some(UsedBackend::Gpu), None));
     pool.shutdown(Duration::from_secs(5)).await;
 }
 
@@ -273,10 +273,10 @@ async fn a_batch_that_gets_no_memory_is_halved_and_what_does_not_fit_alone_falls
     let pool = place.start();
     for id in ids {
         let job = place.grown(id).await;
-        assert_eq!((job.attempts, job.backend.used, job.backend.fallback), (1, Some(Backend::Gpu), None));
+        assert_eq!((job.attempts, job.backend.used, job.backend.fallback), (1, Some(UsedBackend::Gpu), None));
     }
     let job = place.grown(large).await;
-    assert_eq!((job.backend.requested, job.backend.used), (Backend::Auto, Some(Backend::Cpu)));
+    assert_eq!((job.backend.requested, job.backend.used), (Backend::Auto, Some(UsedBackend::Cpu)));
     assert_eq!(job.backend.fallback.as_deref(), Some("the GPU ran out of memory"));
     pool.shutdown(Duration::from_secs(5)).await;
 }

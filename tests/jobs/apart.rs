@@ -3,7 +3,7 @@
 use crate::scripted::{Database, FakeGpu, Fate, Place, generate, scripted};
 use futures_util::future::join_all;
 use oviduct::clock::Clock;
-use oviduct::generate::{Backend, CancelToken, Outcome, Progress, Sink, Stage};
+use oviduct::generate::{Backend, CancelToken, Outcome, Progress, Sink, Stage, UsedBackend};
 use oviduct::jobs::{JobId, JobProgress, NewJob, Status, StoreOptions};
 use oviduct::worker::{GenerationInput, Generator, WorkError};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -172,7 +172,7 @@ async fn waiting_for_the_cpu_after_a_lost_gpu_does_not_count_against_the_time_li
     });
     for job in join_all(ids.iter().map(|&id| place.ended(id))).await {
         assert_eq!((job.status, job.attempts), (Status::Succeeded, 1), "{:?}", job.problem);
-        assert_eq!(job.backend.used, Some(Backend::Cpu));
+        assert_eq!(job.backend.used, Some(UsedBackend::Cpu));
     }
     assert_eq!(gpu.batches.lock().unwrap().len(), 1);
     pool.shutdown(Duration::from_secs(5)).await;

@@ -8,7 +8,7 @@ use crate::suite::new_job;
 use oviduct::clock::Clock;
 use oviduct::generate::{Backend, CancelToken, Checkpoint, Outcome, Output, Progress, Request, Sink, generate, resume};
 use oviduct::jobs::sweep::Retention;
-use oviduct::jobs::{Job, NewJob, Status, Submitted};
+use oviduct::jobs::{ClaimScope, Job, NewJob, Status, Submitted};
 use oviduct::model::Section;
 use oviduct::spec::{ModelSpec, preset};
 use oviduct::worker::{GenerationInput, Generator, PoolOptions, WorkError, WorkerPool};
@@ -208,7 +208,7 @@ async fn a_job_whose_checkpoint_is_gone_starts_from_the_beginning() {
     let place = Place::fresh(|_| {}).await;
     let resumed = Arc::new(AtomicU32::new(0));
     let job = place.store.submit(new_job("d")).await.unwrap().job().clone();
-    let claimed = place.store.claim("w", Backend::Cpu, Duration::from_secs(8), 1).await.unwrap().pop().unwrap();
+    let claimed = place.store.claim("w", ClaimScope::Cpu, Duration::from_secs(8), 1).await.unwrap().pop().unwrap();
     place.store.set_checkpoint(&claimed, "models/lost/1/checkpoint-1").await.unwrap();
     place.store.release(claimed, None).await.unwrap();
     let pool = start(&place, &resumed, |_| {});

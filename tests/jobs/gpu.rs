@@ -6,9 +6,9 @@ use crate::gate;
 use crate::scripted::{FakeGpu, Fate, Place, ROOM, scripted};
 use crate::suite::LEASE;
 use oviduct::clock::{Clock, Stopwatch};
-use oviduct::generate::{Backend, Stage};
+use oviduct::generate::{Backend, Stage, UsedBackend};
 use oviduct::jobs::state::AttemptEnd;
-use oviduct::jobs::{Job, JobId, JobProgress, NewJob, Status, WorkerInfo};
+use oviduct::jobs::{ClaimScope, Job, JobId, JobProgress, NewJob, Status, WorkerInfo, WorkerKind};
 use oviduct::metrics::Metrics;
 use oviduct::status::{Condition, Status as ProcessStatus};
 use std::sync::atomic::Ordering;
@@ -48,9 +48,9 @@ async fn jobs_that_fit_run_together_and_end_individually() {
     });
 
     let running = place.until(waits, |job| job.progress.is_some()).await;
-    assert_eq!((running.backend.used, running.backend.device.as_deref()), (Some(Backend::Gpu), Some("a fake GPU")));
+    assert_eq!((running.backend.used, running.backend.device.as_deref()), (Some(UsedBackend::Gpu), Some("a fake GPU")));
     let worker = place.store.workers().await.unwrap().pop().unwrap();
-    assert_eq!((worker.backend, worker.device.as_str()), (Backend::Gpu, "a fake GPU"));
+    assert_eq!((worker.kind, worker.device.as_str()), (WorkerKind::Gpu, "a fake GPU"));
     assert!([waits, gone].iter().all(|id| worker.jobs.contains(id)), "not all that it runs: {:?}", worker.jobs);
     assert!(!worker.jobs.contains(&other), "a job that did not fit was not released");
     place.until(gone, |job| job.progress.is_some()).await;
@@ -63,12 +63,12 @@ async fn jobs_that_fit_run_together_and_end_individually() {
     let job = place.ended(ok).await;
     assert_eq!(
         (job.status, job.backend.used, job.backend.fallback.as_deref()),
-        (Status::Succeeded, Some(Backend::Gpu), None)
+        (Status::Succeeded, Some(UsedBackend::Gpu), None)
     );
     place.check_files(&job).await;
     // The job that did not fit was released to its place in the queue and ran in the next batch.
     let job = place.ended(other).await;
-    assert_eq!((job.status, job.backend.used), (Status::Succeeded, Some(Backend::Gpu)));
+    assert_eq!((job.status, job.backend.used), (Status::Succeeded, Some(UsedBackend::Gpu)));
     let outcomes: Vec<_> = place.store.attempts(other).await.unwrap().iter().map(|a| a.outcome.unwrap()).collect();
     assert_eq!(outcomes, [AttemptEnd::Released, AttemptEnd::Succeeded]);
     // The wait in the queue is recorded once per job, at the claim after which the job ran.
@@ -156,7 +156,7 @@ async fn a_job_that_a_gpu_cannot_grow_falls_back_within_the_attempt_or_fails_if_
         });
         if fate == Fate::Lost {
             // The record is updated while the job still runs, and its progress does not decrease.
-            let job = place.until(auto, |job| job.backend.used == Some(Backend::Cpu)).await;
+            let job = place.until(auto, |job| job.backend.used == Some(UsedBackend::Cpu)).await;
             assert_eq!((job.status, job.backend.fallback.as_deref()), (Status::Running, Some(reason)));
             let job = place.until(auto, |job| job.section.is_some()).await;
             assert!(job.progress.unwrap().fraction() >= 0.6);
@@ -166,7 +166,7 @@ async fn a_job_that_a_gpu_cannot_grow_falls_back_within_the_attempt_or_fails_if_
         let job = place.ended(auto).await;
         assert_eq!((job.status, job.attempts, &job.problem), (Status::Succeeded, 1, &None), "{fate:?}");
         assert_eq!(job.backend.requested, Backend::Auto);
-        assert_eq!(job.backend.used, Some(Backend::Cpu), "{fate:?}");
+        assert_eq!(job.backend.used, Some(UsedBackend::Cpu), "{fate:?}");
         assert_eq!(job.backend.device.as_deref(), Some("scripted, 2 threads"));
         assert_eq!(job.backend.fallback.as_deref(), Some(reason), "{fate:?}");
         place.check_files(&job).await;
@@ -191,7 +191,7 @@ async fn a_process_is_not_ready_until_its_devices_are_open_or_have_failed() {
         let status = ProcessStatus::default();
         let pool = place.start_with_gpu(&gpu, |options| options.status = status.clone());
         assert_eq!(status.not_ready().map(|(condition, _)| condition), Some(Condition::OpeningDevices));
-        let alive = async || place.store.count_live_workers(Backend::Gpu, Duration::from_secs(600)).await.unwrap();
+        let alive = async || place.store.count_live_workers(WorkerKind::Gpu, Duration::from_secs(600)).await.unwrap();
         assert_eq!(alive().await, 0);
         gpu.is_opening.store(false, Ordering::SeqCst);
         assert!(status.cleared(Condition::OpeningDevices, Duration::from_secs(600)).await);
@@ -218,15 +218,15 @@ async fn a_lost_device_affects_only_unfinished_jobs_and_is_opened_again() {
     let gpu = FakeGpu::new(Fate::Lost);
     let pool = place.start_with_gpu(&gpu, no_cpu);
     let job = place.ended(done).await;
-    assert_eq!((job.backend.used, job.backend.fallback), (Some(Backend::Gpu), None));
+    assert_eq!((job.backend.used, job.backend.fallback), (Some(UsedBackend::Gpu), None));
     for id in [first, second] {
         let job = place.ended(id).await;
-        assert_eq!((job.status, job.attempts, job.backend.used), (Status::Succeeded, 1, Some(Backend::Cpu)));
+        assert_eq!((job.status, job.attempts, job.backend.used), (Status::Succeeded, 1, Some(UsedBackend::Cpu)));
         assert!(job.backend.fallback.unwrap().contains("lost"));
     }
     assert_eq!(place.busy.most(), 1, "two jobs ran on the threads of the CPU at a time");
     let next = place.ended(place.ask(Backend::Gpu, "ok", 1, 4).await).await;
-    assert_eq!((next.status, next.backend.used), (Status::Succeeded, Some(Backend::Gpu)));
+    assert_eq!((next.status, next.backend.used), (Status::Succeeded, Some(UsedBackend::Gpu)));
     pool.shutdown(Duration::from_secs(5)).await;
 }
 
@@ -262,7 +262,7 @@ async fn a_member_that_lost_its_lease_is_dropped_and_the_others_continue() {
     // Both leases expire. Another worker claims the older job, and the younger one returns to the
     // queue.
     clock.advance(LEASE);
-    let other = place.store.claim("other", Backend::Gpu, LEASE, 1).await.unwrap().pop().unwrap();
+    let other = place.store.claim("other", ClaimScope::Gpu, LEASE, 1).await.unwrap().pop().unwrap();
     assert_eq!((other.job().id, other.attempt()), (ids[0], 2));
     place.open_gate();
     let job = place.ended(ids[1]).await;
@@ -318,7 +318,7 @@ async fn a_cpu_worker_leaves_auto_to_gpu_workers_until_the_queue_is_long() {
     assert_eq!(place.store.get(first).await.unwrap().unwrap().status, Status::Queued);
     place.ask(Backend::Auto, "ok", 1, 5).await;
     let job = place.ended(first).await;
-    assert_eq!((job.status, job.backend.used), (Status::Succeeded, Some(Backend::Cpu)));
+    assert_eq!((job.status, job.backend.used), (Status::Succeeded, Some(UsedBackend::Cpu)));
     assert_eq!(job.backend.fallback.as_deref(), Some("3 jobs were waiting for 1 GPU worker"));
     place.store.cancel(busy).await.unwrap();
     pool.shutdown(Duration::from_secs(5)).await;
@@ -357,7 +357,7 @@ async fn while_no_gpu_worker_is_alive_a_cpu_worker_takes_auto_and_records_why() 
     let dead = WorkerInfo {
         id: "far-1-gpu0".into(),
         host: "far".into(),
-        backend: Backend::Gpu,
+        kind: WorkerKind::Gpu,
         device: "a far GPU".into(),
         jobs: Vec::new(),
         jobs_done: 3,
@@ -370,7 +370,7 @@ async fn while_no_gpu_worker_is_alive_a_cpu_worker_takes_auto_and_records_why() 
     let job = place.ended(place.ask(Backend::Auto, "ok", 1, 1).await).await;
     let listed = place.store.workers().await.unwrap();
     assert!(listed.iter().any(|worker| worker.id == dead.id), "it is not listed: {listed:?}");
-    assert_eq!((job.backend.used, job.backend.fallback.as_deref()), (Some(Backend::Cpu), Some("no GPU was found")));
+    assert_eq!((job.backend.used, job.backend.fallback.as_deref()), (Some(UsedBackend::Cpu), Some("no GPU was found")));
     let named = place.ended(place.ask(Backend::CpuSingle, "ok", 1, 2).await).await;
     assert_eq!(named.backend.fallback, None);
     // A job for the backend `gpu` stays queued until there is a GPU worker.

@@ -9,9 +9,8 @@ use crate::suite::{Factory, finished, new_job};
 use futures_util::FutureExt;
 use futures_util::future::join_all;
 use oviduct::clock::{Clock, Stopwatch};
-use oviduct::generate::Backend;
 use oviduct::jobs::state::AttemptEnd;
-use oviduct::jobs::{Directive, Job, JobId, NewJob, Status, Store, StoreError, StoreOptions, Submitted};
+use oviduct::jobs::{ClaimScope, Directive, Job, JobId, NewJob, Status, Store, StoreError, StoreOptions, Submitted};
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
 use std::sync::{Arc, Mutex};
@@ -111,7 +110,7 @@ async fn files_that_are_being_reused_are_not_removed() {
     for round in 0..40 {
         let digest = format!("d{round}");
         one.submit(new_job(&digest)).await.unwrap();
-        let claimed = one.claim("w", Backend::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
+        let claimed = one.claim("w", ClaimScope::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
         let done = finished(&claimed);
         let made = one.finish(claimed, done).await.unwrap();
         let (gone, again) = tokio::join!(one.delete(made.id), other.submit(new_job(&digest)));
@@ -145,7 +144,7 @@ async fn claimers_of_several_processes_end_each_job_once() {
             // Another claim may have locked the last rows, so an empty claim does not mean an empty
             // queue.
             while store.counts().await.unwrap().queued > 0 {
-                for claimed in store.claim(&format!("w{n}"), Backend::Cpu, LEASE, 1 + n % 4).await.unwrap() {
+                for claimed in store.claim(&format!("w{n}"), ClaimScope::Cpu, LEASE, 1 + n % 4).await.unwrap() {
                     let done = finished(&claimed);
                     let job = store.finish(claimed, done).await.unwrap();
                     ended.lock().unwrap().push(job);
@@ -176,7 +175,7 @@ async fn counts_of_several_processes_are_right_and_stay_few_rows() {
                     0 => drop(store.cancel(id).await.unwrap()),
                     1 => drop(store.delete(id).await.unwrap()),
                     2 => {
-                        for claimed in store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap() {
+                        for claimed in store.claim("w", ClaimScope::Cpu, LEASE, 1).await.unwrap() {
                             let done = finished(&claimed);
                             match store.finish(claimed, done).await {
                                 // Another client deleted the job in the meantime.
@@ -419,7 +418,7 @@ async fn an_outage_longer_than_three_leases_costs_no_attempt() {
     };
     control(Cluster::crash).await;
     // Both processes notice the outage.
-    let claim = async |store: &Store| store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap_err();
+    let claim = async |store: &Store| store.claim("w", ClaimScope::Cpu, LEASE, 1).await.unwrap_err();
     tokio::join!(claim(&place.store), claim(&other.store));
     clock.advance(3 * LEASE);
     control(Cluster::restart).await;
@@ -501,7 +500,7 @@ async fn a_commit_whose_response_is_lost_takes_effect_once() {
         lose_the_next_answer();
         let id = store.submit(new_job(seed)).await.unwrap().job().id;
         lose_the_next_answer();
-        let claimed = store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap().pop().expect("the claim was lost");
+        let claimed = store.claim("w", ClaimScope::Cpu, LEASE, 1).await.unwrap().pop().expect("the claim was lost");
         assert_eq!((claimed.job().id, claimed.attempt()), (id, 1));
         lose_the_next_answer();
         let done = finished(&claimed);
@@ -524,13 +523,13 @@ async fn a_process_that_has_just_started_expires_no_lease() {
     let options = || StoreOptions { clock: clock.clone(), ..StoreOptions::default() };
     let holder = Store::open_postgres(&url, options()).await.unwrap();
     let id = holder.submit(new_job("1")).await.unwrap().job().id;
-    let claimed = holder.claim("w", Backend::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
+    let claimed = holder.claim("w", ClaimScope::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
     clock.advance(3 * LEASE);
     let started = Store::open_postgres(&url, options()).await.unwrap();
-    assert!(started.claim("new", Backend::Cpu, LEASE, 1).await.unwrap().is_empty());
+    assert!(started.claim("new", ClaimScope::Cpu, LEASE, 1).await.unwrap().is_empty());
     let backend = &claimed.job().backend;
     assert_eq!(holder.heartbeat(&claimed, LEASE, backend, None, None).await.unwrap(), Directive::Continue);
     clock.advance(LEASE);
-    let taken = started.claim("new", Backend::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
+    let taken = started.claim("new", ClaimScope::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
     assert_eq!((taken.job().id, taken.attempt()), (id, 2));
 }

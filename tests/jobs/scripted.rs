@@ -7,7 +7,7 @@ use crate::suite::new_job;
 use jiff::Timestamp;
 use oviduct::clock::{Clock, Stopwatch};
 use oviduct::generate::{
-    Backend, CancelToken, FileOutput, Findings, GenerateError, Outcome, Progress, Seconds, Sink, Stage,
+    CancelToken, FileOutput, Findings, GenerateError, Outcome, Progress, Seconds, Sink, Stage, UsedBackend,
 };
 use oviduct::jobs::artifacts::Artifacts;
 use oviduct::jobs::sweep::{Retention, Sweeper, Swept};
@@ -111,7 +111,7 @@ pub fn generate(input: GenerationInput<'_>, sink: &dyn Sink, cancel: &CancelToke
         }
     });
     Ok(Outcome {
-        used: if rayon::current_num_threads() == 1 { Backend::CpuSingle } else { Backend::Cpu },
+        used: if rayon::current_num_threads() == 1 { UsedBackend::CpuSingle } else { UsedBackend::Cpu },
         device: format!("scripted, {} threads", rayon::current_num_threads()),
         files: files.into(),
         findings: Findings { summary: serde_json::json!({ "vertices": 8 }), ..Findings::default() },
@@ -203,7 +203,7 @@ impl BatchGenerator for FakeGpu {
                         }
                         None => generate(member.input, member.sink, member.cancel),
                     };
-                    ended(place, result.map(|made| Outcome { used: Backend::Gpu, device: self.device(), ..made }));
+                    ended(place, result.map(|made| Outcome { used: UsedBackend::Gpu, device: self.device(), ..made }));
                 });
             }
             if members.iter().all(|member| member.input.job.spec["script"] == "prove") {

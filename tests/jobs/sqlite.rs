@@ -3,9 +3,8 @@
 use crate::suite::{Factory, LEASE, new_job};
 use futures_util::FutureExt;
 use oviduct::clock::Clock;
-use oviduct::generate::Backend;
 use oviduct::jobs::state::AttemptEnd;
-use oviduct::jobs::{Job, Status, Store, StoreOptions};
+use oviduct::jobs::{ClaimScope, Job, Status, Store, StoreOptions};
 use std::io::{Seek, SeekFrom, Write};
 use std::path::Path;
 use std::process::{Command, Output};
@@ -61,7 +60,7 @@ async fn a_restart_keeps_jobs_and_takes_over_their_leases_at_once() {
     assert!(other.to_string().contains("in use by another process"), "{other}");
     let running = store.submit(new_job("1")).await.unwrap().job().id;
     let queued = store.submit(new_job("2")).await.unwrap().job().clone();
-    let claimed = store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
+    let claimed = store.claim("w", ClaimScope::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
     drop(store);
 
     // The lease has not expired, so only the recovery at start can have ended the attempt.
@@ -72,7 +71,7 @@ async fn a_restart_keeps_jobs_and_takes_over_their_leases_at_once() {
     assert_eq!(store.recover().await.unwrap(), []);
     let answer = store.heartbeat(&claimed, LEASE, &claimed.job().backend, None, None).await.unwrap();
     assert_eq!(answer, oviduct::jobs::Directive::Lost);
-    let again = store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
+    let again = store.claim("w", ClaimScope::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
     assert_eq!((again.job().id, again.attempt()), (running, 2));
     drop(store);
 

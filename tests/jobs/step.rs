@@ -4,9 +4,10 @@ use crate::scripted::{Database, Place, scripted};
 use crate::suite::{LEASE, finished, new_job, problem};
 use crate::unread::execute;
 use oviduct::clock::Clock;
-use oviduct::generate::Backend;
 use oviduct::jobs::sweep::Retention;
-use oviduct::jobs::{ClaimedJob, JobId, NewBatch, Priority, Status, Store, StoreOptions, SubmittedBatch};
+use oviduct::jobs::{
+    ClaimScope, ClaimedJob, JobId, NewBatch, Priority, Status, Store, StoreOptions, SubmittedBatch, WorkerKind,
+};
 use std::time::Duration;
 
 const HOUR: Duration = Duration::from_secs(3600);
@@ -18,7 +19,7 @@ fn set_back(clock: &Clock, by: Duration) {
 }
 
 async fn claim(store: &Store) -> Option<ClaimedJob> {
-    store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap().pop()
+    store.claim("w", ClaimScope::Cpu, LEASE, 1).await.unwrap().pop()
 }
 
 async fn a_clock_that_is_set_back_delays_no_job(database: Database) {
@@ -67,11 +68,11 @@ async fn retention_and_live_workers_are_by_the_clock_of_the_store() {
     let keeps = Retention { age: Some(HOUR), bytes: None };
     let sweep = async || place.retain(keeps).await.removed;
     assert_eq!(sweep().await, 0, "it ended just now");
-    assert_eq!(place.store.count_live_workers(Backend::Cpu, HOUR).await.unwrap(), 1);
-    assert_eq!(place.store.count_live_workers(Backend::Gpu, HOUR).await.unwrap(), 0);
+    assert_eq!(place.store.count_live_workers(WorkerKind::Cpu, HOUR).await.unwrap(), 1);
+    assert_eq!(place.store.count_live_workers(WorkerKind::Gpu, HOUR).await.unwrap(), 0);
     pool.shutdown(Duration::from_secs(5)).await;
     clock.advance(HOUR + Duration::from_secs(1));
-    assert_eq!(place.store.count_live_workers(Backend::Cpu, HOUR).await.unwrap(), 0);
+    assert_eq!(place.store.count_live_workers(WorkerKind::Cpu, HOUR).await.unwrap(), 0);
     assert_eq!(sweep().await, 1);
 }
 

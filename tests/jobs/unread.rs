@@ -5,9 +5,9 @@ use crate::cluster::Cluster;
 use crate::scripted::{Database, Place};
 use crate::suite::{LEASE, finished, new_job};
 use oviduct::clock::Clock;
-use oviduct::generate::{Backend, Output};
+use oviduct::generate::Output;
 use oviduct::jobs::state::AttemptEnd;
-use oviduct::jobs::{Counts, ListFilter, Status, StoreOptions};
+use oviduct::jobs::{ClaimScope, Counts, ListFilter, Status, StoreOptions};
 use std::time::Duration;
 
 /// Executes SQL on a database as another program would.
@@ -33,7 +33,7 @@ async fn records_of_a_later_version_block_no_others(database: Database) {
     let place = Place::with(dir.path(), &url, options).await;
     let store = &place.store;
     let submit = async |digest: &str| store.submit(new_job(digest)).await.unwrap().job().id;
-    let claim = async |limit| store.claim("w", Backend::Cpu, LEASE, limit).await.unwrap();
+    let claim = async |limit| store.claim("w", ClaimScope::Cpu, LEASE, limit).await.unwrap();
 
     // The worker of the first job has vanished. This version cannot read the next three jobs, each
     // for a different reason.

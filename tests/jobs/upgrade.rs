@@ -3,8 +3,7 @@
 
 use crate::scripted::Database;
 use crate::suite::{LEASE, finished, new_job};
-use oviduct::generate::Backend;
-use oviduct::jobs::{Counts, JobId, NewJob, Store, StoreOptions};
+use oviduct::jobs::{ClaimScope, Counts, JobId, NewJob, Store, StoreOptions};
 use sqlx::AssertSqlSafe;
 use sqlx::migrate::Migrator;
 use std::path::{Path, PathBuf};
@@ -55,7 +54,7 @@ async fn goes_on(store: &Store) {
     let queued = store.queued_by_backend().await.unwrap().map(|(backend, jobs)| (backend.name(), jobs));
     assert_eq!(queued, [("auto", 3), ("gpu", 0), ("cpu", 0), ("cpu-single", 0)]);
     // The migrated jobs have no batch key, so a GPU runs them one by one.
-    let alone = store.claim("gpu", Backend::Gpu, LEASE, 16).await.unwrap().pop().unwrap();
+    let alone = store.claim("gpu", ClaimScope::Gpu, LEASE, 16).await.unwrap().pop().unwrap();
     assert_eq!(alone.job().digest, "d5");
     store.release(alone, None).await.unwrap();
     let submit = async |digest: &str, priority: i64| {
@@ -69,7 +68,7 @@ async fn goes_on(store: &Store) {
     // older.
     assert_eq!(submit("plain", 0).await.queue_position, Some(4));
     let mut order = Vec::new();
-    while let Some(claimed) = store.claim("new", Backend::Cpu, LEASE, 1).await.unwrap().pop() {
+    while let Some(claimed) = store.claim("new", ClaimScope::Cpu, LEASE, 1).await.unwrap().pop() {
         order.push(claimed.job().digest.clone());
         assert_eq!(claimed.job().priority.get(), i64::from(order.len() == 1) - i64::from(order.len() == 6));
         let done = finished(&claimed);
@@ -129,13 +128,13 @@ async fn strand(store: &Store, execute: impl AsyncFnOnce(&'static str)) -> [JobI
     }
     assert_eq!(store.queue_stranded().await.unwrap(), []);
     execute("UPDATE jobs SET status = 'cancelled', finished_at = 1 WHERE NOT shares").await;
-    assert!(store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap().is_empty());
+    assert!(store.claim("w", ClaimScope::Cpu, LEASE, 1).await.unwrap().is_empty());
     [ids[1], ids[2]]
 }
 
 async fn grows(store: &Store, [second, third]: [JobId; 2]) {
     assert_eq!(store.queue_stranded().await.unwrap(), [second]);
-    let claimed = store.claim("w", Backend::Cpu, LEASE, 9).await.unwrap().pop().unwrap();
+    let claimed = store.claim("w", ClaimScope::Cpu, LEASE, 9).await.unwrap().pop().unwrap();
     assert_eq!(claimed.job().id, second);
     let done = finished(&claimed);
     store.finish(claimed, done).await.unwrap();

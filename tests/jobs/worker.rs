@@ -7,10 +7,10 @@ use crate::watched::Heartbeats;
 use futures_util::FutureExt;
 use futures_util::future::join_all;
 use oviduct::clock::{Clock, Stopwatch};
-use oviduct::generate::{Backend, Stage};
+use oviduct::generate::{Backend, Stage, UsedBackend};
 use oviduct::jobs::fault::{Faults, POINTS};
 use oviduct::jobs::state::AttemptEnd;
-use oviduct::jobs::{JobProgress, NewJob, Status, StoreOptions, Submitted};
+use oviduct::jobs::{ClaimScope, JobProgress, NewJob, Status, StoreOptions, Submitted};
 use std::time::Duration;
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -23,7 +23,10 @@ async fn a_job_succeeds_with_its_files() {
         (running.status, running.progress.and_then(JobProgress::model).unwrap().stage),
         (Status::Running, Stage::Simulate)
     );
-    assert_eq!((running.backend.used, running.backend.device.as_deref()), (Some(Backend::Cpu), Some("cpu, 2 threads")));
+    assert_eq!(
+        (running.backend.used, running.backend.device.as_deref()),
+        (Some(UsedBackend::Cpu), Some("cpu, 2 threads"))
+    );
     let section = running.section.unwrap();
     assert_eq!((section.index, section.inner.len(), section.outer.len()), (0, 512, 100));
     let worker = place.store.workers().await.unwrap().pop().unwrap();
@@ -39,7 +42,7 @@ async fn a_job_succeeds_with_its_files() {
     let single = place.store.submit(single).await.unwrap().job().id;
     let job = place.ended(single).await;
     assert_eq!(job.backend.device.as_deref(), Some("scripted, 1 threads"));
-    assert_eq!(job.backend.used, Some(Backend::CpuSingle));
+    assert_eq!(job.backend.used, Some(UsedBackend::CpuSingle));
     pool.shutdown(Duration::from_secs(5)).await;
     assert_eq!(place.visible().len(), 4);
     assert!(place.scratch().is_empty());
@@ -258,7 +261,7 @@ async fn a_worker_that_lost_its_lease_stops_and_writes_nothing() {
     place.until(id, |job| job.progress.is_some()).await;
     // The lease expires, and another worker claims the job.
     clock.advance(LEASE);
-    let other = place.store.claim("other", Backend::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
+    let other = place.store.claim("other", ClaimScope::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
     assert_eq!((other.job().id, other.attempt()), (id, 2));
     assert_eq!(place.ended(place.queue("ok", 2).await).await.status, Status::Succeeded);
     pool.shutdown(Duration::from_secs(5)).await;

@@ -20,7 +20,7 @@ use crate::http::wire::responses::{
     BodyProblems, ModelRequest as ModelRequestDoc, QueueFull, SpecPatch, StoreAwayOrOpening,
 };
 use crate::jobs::reuse::exclude_missing_files;
-use crate::jobs::{Job, JobKind, NewJob, StoreError, Submitted};
+use crate::jobs::{Job, JobKind, NewJob, StoreError, Submitted, WorkerKind};
 use crate::spec::{Cost, ModelSpec, OverLimit, Preset, batch_key, preset, presets};
 use crate::status::Condition;
 use crate::trace;
@@ -109,8 +109,9 @@ pub(in crate::http) async fn check_backend(state: &AppState, request: &ModelRequ
     if request.backend != Backend::Gpu || state.limits.gpu_expected {
         return Ok(());
     }
-    let alive =
-        async || Ok::<_, StoreError>(state.store.count_live_workers(Backend::Gpu, state.limits.gpu_memory).await? > 0);
+    let alive = async || {
+        Ok::<_, StoreError>(state.store.count_live_workers(WorkerKind::Gpu, state.limits.gpu_memory).await? > 0)
+    };
     if alive().await? {
         return Ok(());
     }

@@ -22,8 +22,7 @@ use super::record::{Record, select_jobs, to_record};
 use super::store::Store;
 use super::tx::{Dialect, Tx};
 use crate::clock::Stopwatch;
-use crate::generate::Backend;
-use crate::jobs::state::{self, Event};
+use crate::jobs::state::{ClaimScope, Event};
 use crate::jobs::{Change, ClaimedJob, Job, JobId, Problem, StoreError, StoreOptions};
 use crate::lock::Mutex;
 use jiff::Timestamp;
@@ -36,11 +35,11 @@ const MAX_RETRY_DELAY: Duration = Duration::from_secs(120);
 
 /// The call that claims jobs.
 impl Store {
-    /// Claims up to `limit` jobs that `backend` may run, in the order in which they are due. Claims
+    /// Claims up to `limit` jobs of `scope`, in the order in which they are due. Claims
     /// none while the worker or all workers are paused.
     ///
     /// Jobs of higher priority come first. Within a priority, submitters take turns, and the jobs
-    /// of each submitter are claimed oldest first. For [`Backend::Gpu`], the jobs after the first
+    /// of each submitter are claimed oldest first. For [`ClaimScope::Gpu`], the jobs after the first
     /// are due jobs with the [`batch_key`](crate::jobs::NewJob::batch_key) of the first, by
     /// priority, turn and age; without a key, there are none.
     ///
@@ -52,14 +51,14 @@ impl Store {
     pub async fn claim(
         &self,
         worker: &str,
-        backend: Backend,
+        scope: ClaimScope,
         lease: Duration,
         limit: u32,
     ) -> Result<Vec<ClaimedJob>, StoreError> {
         self.before("claim").await?;
         let claimed = async {
             let since = Stopwatch::start();
-            let look = async { look(&mut self.reader().await?, worker, backend).await };
+            let look = async { look(&mut self.reader().await?, worker, scope).await };
             let found = look.await.map_err(|error| self.noted(error))?;
             if since.elapsed() >= lease {
                 // The database hung for so long that no worker may have been able to renew its
@@ -74,7 +73,7 @@ impl Store {
             } else if !found.jobs_due {
                 return Ok(Vec::new());
             }
-            self.transact(Claim { worker: worker.to_owned(), backend, lease, limit, tried: Mutex::default() }).await
+            self.transact(Claim { worker: worker.to_owned(), scope, lease, limit, tried: Mutex::default() }).await
         };
         let claimed = claimed.await;
         self.after("claim", claimed)
@@ -84,7 +83,7 @@ impl Store {
 /// Claims up to `limit` jobs.
 struct Claim {
     worker: String,
-    backend: Backend,
+    scope: ClaimScope,
     lease: Duration,
     limit: u32,
     /// The jobs that the latest run claimed, with their attempts.
@@ -101,7 +100,7 @@ struct Look {
 }
 
 /// Looks for work without a writer, because usually there is none.
-async fn look(tx: &mut Tx<'_>, worker: &str, backend: Backend) -> Result<Look, SqlError> {
+async fn look(tx: &mut Tx<'_>, worker: &str, scope: ClaimScope) -> Result<Look, SqlError> {
     let now = tx.steady().await?;
     let mut values = values![now, until(now, MAX_RETRY_DELAY), worker];
     // Not EXISTS: for EXISTS, PostgreSQL may read the table in the hope of an early match.
@@ -114,7 +113,7 @@ async fn look(tx: &mut Tx<'_>, worker: &str, backend: Backend) -> Result<Look, S
             values.len()
         )
     };
-    let lanes: Vec<String> = state::accepted(backend).iter().map(lane).collect();
+    let lanes: Vec<String> = scope.requested().iter().map(lane).collect();
     let sql = format!(
         "SELECT (SELECT 1 FROM jobs WHERE status = 'running' AND lease_until <= $1 ORDER BY lease_until LIMIT 1) \
          IS NOT NULL AS expired, ({}) AND {} AS due",
@@ -139,7 +138,7 @@ impl Operation for Claim {
 
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Vec<ClaimedJob>>, SqlError> {
         let mut claimed = Claimed::default();
-        if self.backend == Backend::Gpu {
+        if self.scope == ClaimScope::Gpu {
             self.fill(tx, options, &mut claimed, 1, None).await?;
             if let Some(key) = claimed.batch_key.take() {
                 self.fill(tx, options, &mut claimed, self.limit, Some(&key)).await?;
@@ -253,7 +252,7 @@ impl Claim {
             Some(key) => vec![("jobs_claimable_by_batch_key", "batch_key", key.to_owned())],
             None => {
                 let lane = |lane| ("jobs_claimable", "backend_requested", enum_to_sql(lane));
-                state::accepted(self.backend).iter().map(lane).collect()
+                self.scope.requested().iter().map(lane).collect()
             }
         };
         let mut queues = Vec::new();
@@ -313,7 +312,7 @@ impl Claim {
                      SELECT rank, turn, id, MAX(id) OVER (PARTITION BY name, rank ORDER BY turn, id) AS last FROM heads\
                      ) AS merged ORDER BY place LIMIT {limit})"
                 ),
-                Value::from(state::accepted(self.backend).iter().map(enum_to_sql).collect::<Vec<String>>()),
+                Value::from(self.scope.requested().iter().map(enum_to_sql).collect::<Vec<String>>()),
             ),
         };
         let sql = format!(

@@ -24,20 +24,18 @@ use super::error::SqlError;
 use super::record::{Record, submitter};
 use super::store::Store;
 use super::tx::Tx;
-use crate::generate::Backend;
-use crate::jobs::state;
-use crate::jobs::{Job, NewJob, Priority, Status, StoreError, StoreOptions};
+use crate::jobs::{ClaimScope, Job, NewJob, Priority, Status, StoreError, StoreOptions};
 
 /// Largest exact position in the queue; jobs further back report this one.
 const POSITIONS: u64 = 1000;
 
-/// The call for the length of the queue of a worker.
+/// The call for the length of the queue of a claim.
 impl Store {
-    /// Number of queued jobs that a worker of `backend` may claim; each lane counts at most 1000.
-    pub async fn count_claimable_jobs(&self, backend: Backend) -> Result<u64, StoreError> {
+    /// Number of queued jobs of `scope` that may be claimed; each lane counts at most 1000.
+    pub async fn count_claimable_jobs(&self, scope: ClaimScope) -> Result<u64, StoreError> {
         let tx = &mut self.read("count_claimable_jobs").await?;
         let mut jobs = 0;
-        for lane in state::accepted(backend) {
+        for lane in scope.requested() {
             let sql = format!(
                 "SELECT COUNT(*) AS n FROM (SELECT 1 FROM {} WHERE status = 'queued' AND NOT shares \
                  AND backend_requested = $1 LIMIT 1000) AS lane",

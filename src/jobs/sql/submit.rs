@@ -10,9 +10,8 @@ use super::record::{outputs_to_sql, submitter};
 use super::share;
 use super::store::Store;
 use super::tx::Tx;
-use crate::generate::Backend;
 use crate::jobs::job::IdGenerator;
-use crate::jobs::state;
+use crate::jobs::state::{self, ClaimScope};
 use crate::jobs::{BatchId, Change, File, Job, JobId, NewJob, Status, StoreError, StoreOptions, Submitted};
 use crate::lock::Mutex;
 use std::sync::Arc;
@@ -221,7 +220,7 @@ async fn insert(
             turn,
             rank(new.priority),
             new.trace.clone(),
-            new.batch_key.clone().filter(|_| state::accepted(Backend::Gpu).contains(&new.backend)),
+            new.batch_key.clone().filter(|_| ClaimScope::Gpu.requested().contains(&new.backend)),
             batch.and_then(|(_, index)| index),
             new.retry_of.map(|id| id.to_string()),
             shares,

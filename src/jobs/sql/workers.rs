@@ -5,8 +5,7 @@ use super::error::SqlError;
 use super::operation::{Done, Operation};
 use super::store::Store;
 use super::tx::{Row, Tx};
-use crate::generate::Backend;
-use crate::jobs::{JobId, Pause, StoreError, StoreOptions, WorkerInfo};
+use crate::jobs::{JobId, Pause, StoreError, StoreOptions, WorkerInfo, WorkerKind};
 use jiff::Timestamp;
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -38,22 +37,22 @@ impl Store {
         Ok(workers(&mut self.read("workers_within").await?, within).await?)
     }
 
-    /// Number of workers of `backend` with a heartbeat `within` this time.
-    pub async fn count_live_workers(&self, backend: Backend, within: Duration) -> Result<u64, StoreError> {
+    /// Number of workers of this kind with a heartbeat `within` this time.
+    pub async fn count_live_workers(&self, kind: WorkerKind, within: Duration) -> Result<u64, StoreError> {
         let tx = &mut self.read("count_live_workers").await?;
         let since = since(tx, within).await?;
         let sql = "SELECT COUNT(*) AS n FROM workers WHERE backend = $1 AND heartbeat_at >= $2";
-        Ok(tx.one(sql, values![enum_to_sql(backend), since]).await?.count("n")?)
+        Ok(tx.one(sql, values![enum_to_sql(kind), since]).await?.count("n")?)
     }
 
-    /// Number of workers of `backend` with a heartbeat `within` this time that are neither paused
+    /// Number of workers of this kind with a heartbeat `within` this time that are neither paused
     /// nor drained individually. Ignores a pause of all workers.
-    pub async fn count_unpaused_workers(&self, backend: Backend, within: Duration) -> Result<u64, StoreError> {
+    pub async fn count_unpaused_workers(&self, kind: WorkerKind, within: Duration) -> Result<u64, StoreError> {
         let tx = &mut self.read("count_unpaused_workers").await?;
         let since = since(tx, within).await?;
         let sql = "SELECT COUNT(*) AS n FROM workers WHERE backend = $1 AND heartbeat_at >= $2 \
                    AND id NOT IN (SELECT scope FROM claiming)";
-        Ok(tx.one(sql, values![enum_to_sql(backend), since]).await?.count("n")?)
+        Ok(tx.one(sql, values![enum_to_sql(kind), since]).await?.count("n")?)
     }
 }
 
@@ -69,7 +68,7 @@ impl Operation for WorkerSeen {
         tx.execute(
             "INSERT INTO workers (id, host, backend, device, jobs_done, heartbeat_at) VALUES ($1, $2, $3, $4, $5, $6) \
              ON CONFLICT (id) DO UPDATE SET host = $2, backend = $3, device = $4, jobs_done = $5, heartbeat_at = $6",
-            values![&worker.id, &worker.host, enum_to_sql(worker.backend), &worker.device, worker.jobs_done, now,],
+            values![&worker.id, &worker.host, enum_to_sql(worker.kind), &worker.device, worker.jobs_done, now,],
         )
         .await?;
         let old = now.saturating_sub(KEPT_FOR).unwrap_or(Timestamp::MIN);
@@ -96,13 +95,13 @@ async fn workers(tx: &mut Tx<'_>, within: Duration) -> Result<Vec<WorkerInfo>, S
         held.entry(row.text("holder")?.to_owned()).or_default().push(row.id("id")?);
     }
     rows.iter()
-        // A worker of a later version may have a backend that this one does not know.
-        .filter_map(|row| row.text("backend").map(enum_from_sql).ok()?.ok().map(|backend| (row, backend)))
-        .map(|(row, backend)| {
+        // A worker of a later version may be of a kind that this one does not know.
+        .filter_map(|row| row.text("backend").map(enum_from_sql).ok()?.ok().map(|kind| (row, kind)))
+        .map(|(row, kind)| {
             Ok(WorkerInfo {
                 id: row.text("id")?.to_owned(),
                 host: row.text("host")?.to_owned(),
-                backend,
+                kind,
                 device: row.text("device")?.to_owned(),
                 jobs: held.remove(row.text("id")?).unwrap_or_default(),
                 jobs_done: row.count("jobs_done")?,

@@ -3,9 +3,9 @@
 
 use super::*;
 use crate::clock::Clock;
-use crate::generate::{Backend, Progress, Stage};
+use crate::generate::{Progress, Stage};
 use crate::jobs::sql::Engine;
-use crate::jobs::{Directive, Finished, JobProgress, LiveSection, NewJob, Status, Store};
+use crate::jobs::{ClaimScope, Directive, Finished, JobProgress, LiveSection, NewJob, Status, Store};
 
 const LEASE: Duration = Duration::from_secs(8);
 
@@ -27,7 +27,7 @@ async fn open(clock: Clock) -> (Store, tempfile::TempDir) {
 async fn on_a_full_disk_a_finished_model_waits_and_other_changes_fail_after_five_seconds() {
     let (store, _dir) = open(Clock::System).await;
     store.submit(NewJob::sample(1)).await.unwrap();
-    let claimed = store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
+    let claimed = store.claim("w", ClaimScope::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
     set_full(&store, true).await;
     let finished = Finished {
         backend: claimed.job().backend.clone(),
@@ -55,7 +55,7 @@ async fn leases_that_could_not_be_renewed_on_a_full_disk_do_not_expire() {
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
     let (store, _dir) = open(clock.clone()).await;
     let id = store.submit(NewJob::sample(1)).await.unwrap().job().id;
-    let claimed = store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
+    let claimed = store.claim("w", ClaimScope::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
     set_full(&store, true).await;
     let inner = vec![[0.5, 1.5]; 100_000];
     let section = LiveSection { index: 0, step: 0, z_um: 0.0, inner, outer: Vec::new() };
@@ -69,11 +69,11 @@ async fn leases_that_could_not_be_renewed_on_a_full_disk_do_not_expire() {
     beat().await.unwrap_err();
     clock.advance(3 * LEASE);
     set_full(&store, false).await;
-    assert!(store.claim("other", Backend::Cpu, LEASE, 1).await.unwrap().is_empty());
+    assert!(store.claim("other", ClaimScope::Cpu, LEASE, 1).await.unwrap().is_empty());
     assert_eq!(store.get(id).await.unwrap().unwrap().attempts, 1);
     assert_eq!(beat().await.unwrap(), Directive::Continue);
     // A worker that does not come back loses its lease after all.
     clock.advance(LEASE);
-    let again = store.claim("other", Backend::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
+    let again = store.claim("other", ClaimScope::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
     assert_eq!((again.job().id, again.attempt()), (id, 2));
 }

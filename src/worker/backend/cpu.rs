@@ -2,7 +2,9 @@
 
 use super::{GenerateFailure, Generation, GenerationOutput, Task, fit_of, request};
 use crate::fit::{FitSink, fit};
-use crate::generate::{Backend, CancelToken, Checkpoint, Outcome, Progress, Sink, Stage, generate, resume};
+use crate::generate::{
+    Backend, CancelToken, Checkpoint, Outcome, Progress, Sink, Stage, UsedBackend, generate, resume,
+};
 use crate::jobs::{BackendReport, JobKind};
 use crate::model::Section;
 use crate::worker::generator::{GenerationInput, Generator, WorkError};
@@ -38,7 +40,7 @@ impl Cpu {
 
     /// The report of a job that runs here, by its requested backend.
     pub(in crate::worker) fn report(&self, requested: Backend) -> BackendReport {
-        let used = if requested == Backend::CpuSingle { Backend::CpuSingle } else { Backend::Cpu };
+        let used = if requested == Backend::CpuSingle { UsedBackend::CpuSingle } else { UsedBackend::Cpu };
         let count = self.pool(used).current_num_threads();
         BackendReport { requested, used: Some(used), device: Some(device(count)), fallback: None }
     }
@@ -71,7 +73,7 @@ impl Cpu {
     pub(in crate::worker) fn generate(
         &self,
         generator: Arc<dyn Generator>,
-        backend: Backend,
+        backend: UsedBackend,
         task: Task,
         permit: OwnedSemaphorePermit,
     ) -> Generation {
@@ -98,8 +100,8 @@ impl Cpu {
         Generation::new(result, cancel, Some(permit))
     }
 
-    fn pool(&self, backend: Backend) -> &Arc<ThreadPool> {
-        if backend == Backend::CpuSingle { &self.single } else { &self.all }
+    fn pool(&self, backend: UsedBackend) -> &Arc<ThreadPool> {
+        if backend == UsedBackend::CpuSingle { &self.single } else { &self.all }
     }
 }
 

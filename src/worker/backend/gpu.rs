@@ -2,7 +2,7 @@
 
 use super::cpu::threads;
 use super::{GenerateFailure, Generation, GenerationOutput, Task, request, resolve};
-use crate::generate::{Backend, Calls, GenerateError, Member, Outcome, generate_batch};
+use crate::generate::{Backend, Calls, GenerateError, Member, Outcome, UsedBackend, generate_batch};
 use crate::jobs::{BackendReport, Job};
 use crate::lock::Mutex;
 use crate::sim::Plan;
@@ -48,7 +48,7 @@ impl Gpu {
 
     /// The report of a job that runs here, by its requested backend.
     pub(in crate::worker) fn report(&self, requested: Backend) -> BackendReport {
-        BackendReport { requested, used: Some(Backend::Gpu), device: Some(self.device()), fallback: None }
+        BackendReport { requested, used: Some(UsedBackend::Gpu), device: Some(self.device()), fallback: None }
     }
 
     /// Waits until the device simulates no batch.
@@ -123,7 +123,7 @@ impl Gpu {
 
 fn member<'a>(task: &'a Task, plan: Option<&'a Plan>) -> BatchMember<'a> {
     let Task { job, dir, sink, cancel, memory_limit_bytes, .. } = task;
-    let (backend, memory_limit_bytes) = (Backend::Gpu, *memory_limit_bytes);
+    let (backend, memory_limit_bytes) = (UsedBackend::Gpu, *memory_limit_bytes);
     BatchMember {
         input: GenerationInput { job, backend, dir: dir.path(), memory_limit_bytes, checkpoint: None },
         plan,

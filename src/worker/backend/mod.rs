@@ -7,7 +7,7 @@ use super::generator::{GenerationInput, WorkError};
 use super::progress::AttemptSink;
 use super::verdict::{self, Verdict};
 use crate::fit::FitSpec;
-use crate::generate::{Backend, CancelToken, FileOutput, GenerateError, Outcome, Request, Seconds};
+use crate::generate::{CancelToken, FileOutput, GenerateError, Outcome, Request, Seconds, UsedBackend};
 use crate::jobs::scratch::AttemptDir;
 use crate::jobs::{Job, JobKind};
 use crate::spec::{self, ModelSpec};
@@ -49,7 +49,7 @@ type Result<T> = std::result::Result<T, GenerateFailure>;
 /// Result of a generation or a fit.
 pub(super) struct GenerationOutput {
     /// The backend that computed it.
-    pub(super) used: Backend,
+    pub(super) used: UsedBackend,
     /// Description of the device.
     pub(super) device: String,
     /// Files in the directory of the attempt.
@@ -150,7 +150,7 @@ fn request(input: GenerationInput<'_>) -> std::result::Result<Request, WorkError
         preset: job.preset.clone(),
         spec: resolve(job)?,
         seed: job.seed,
-        backend: input.backend,
+        backend: input.backend.into(),
         outputs: job.outputs.clone(),
         dir: input.dir.to_owned(),
         memory_limit_bytes: input.memory_limit_bytes,

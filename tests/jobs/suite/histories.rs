@@ -177,7 +177,7 @@ impl History {
             assert!(self.apply(id, &Event::Expire));
         }
         let expected = self.due(now, limit);
-        let claimed = self.bench.store.claim(worker, Backend::Cpu, LEASE, limit).await.unwrap();
+        let claimed = self.bench.store.claim(worker, ClaimScope::Cpu, LEASE, limit).await.unwrap();
         assert_eq!(claimed.iter().map(|claimed| claimed.job().id).collect::<Vec<_>>(), expected);
         for claimed in claimed {
             let id = claimed.job().id;

@@ -39,7 +39,7 @@ pub async fn a_hook_fails_calls_and_loses_responses(factory: Factory) {
     assert!(loses.submit(new_job("a")).await.unwrap_err().to_string().contains("injected"));
     assert_eq!(bench.store.counts().await.unwrap().queued, 1, "a call without a response has its effect");
     let loses = bench.store.with_hook(Arc::new(Recorder { loses: Some("claim"), ..Recorder::default() }));
-    assert!(loses.claim("w", Backend::Cpu, LEASE, 1).await.is_err());
+    assert!(loses.claim("w", ClaimScope::Cpu, LEASE, 1).await.is_err());
     assert_eq!(bench.store.counts().await.unwrap().running, 1);
 }
 
@@ -49,7 +49,7 @@ pub async fn a_hook_sees_the_calls_of_its_view_alone(factory: Factory) {
     let view = bench.store.with_hook(Arc::<Recorder>::clone(&recorder));
     let job = view.submit(new_job("a")).await.unwrap().job().clone();
     bench.store.get(job.id).await.unwrap();
-    let claimed = view.clone().claim("w", Backend::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
+    let claimed = view.clone().claim("w", ClaimScope::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
     view.heartbeat(&claimed, LEASE, &by_cpu(), None, None).await.unwrap();
     view.keys().await.unwrap();
     view.ready().await.unwrap();

@@ -165,14 +165,14 @@ pub async fn claims_keep_to_their_backend(factory: Factory) {
     for backend in [Backend::Gpu, Backend::CpuSingle, Backend::Auto, Backend::Cpu, Backend::Gpu] {
         bench.store.submit(NewJob { backend, reuse: false, ..new_job("d") }).await.unwrap();
     }
-    let claim = async |backend, limit| {
-        let claimed = bench.store.claim("w", backend, LEASE, limit).await.unwrap();
+    let claim = async |scope, limit| {
+        let claimed = bench.store.claim("w", scope, LEASE, limit).await.unwrap();
         claimed.iter().map(|claimed| claimed.job().backend.requested).collect::<Vec<_>>()
     };
-    assert_eq!(claim(Backend::Cpu, 2).await, [Backend::CpuSingle, Backend::Auto]);
-    assert_eq!(claim(Backend::CpuSingle, 9).await, [Backend::Cpu]);
-    assert_eq!(claim(Backend::Gpu, 9).await, [Backend::Gpu, Backend::Gpu]);
-    assert_eq!(claim(Backend::Auto, 9).await, []);
+    assert_eq!(claim(ClaimScope::Cpu, 2).await, [Backend::CpuSingle, Backend::Auto]);
+    assert_eq!(claim(ClaimScope::CpuOnly, 9).await, [Backend::Cpu]);
+    assert_eq!(claim(ClaimScope::Gpu, 9).await, [Backend::Gpu, Backend::Gpu]);
+    assert_eq!(claim(ClaimScope::Cpu, 9).await, []);
 }
 
 pub async fn four_claimers_end_each_job_once(factory: Factory) {
@@ -187,7 +187,7 @@ pub async fn four_claimers_end_each_job_once(factory: Factory) {
             let mut mine = Vec::new();
             let worker = format!("w{n}");
             loop {
-                let claimed = store.claim(&worker, Backend::Cpu, LEASE, 1 + n % 3).await.unwrap();
+                let claimed = store.claim(&worker, ClaimScope::Cpu, LEASE, 1 + n % 3).await.unwrap();
                 if claimed.is_empty() {
                     return mine;
                 }

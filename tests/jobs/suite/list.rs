@@ -79,7 +79,7 @@ pub async fn workers_are_seen(factory: Factory) {
     let seen = |id: &str, jobs_done: u64, heartbeat_at: Timestamp| WorkerInfo {
         id: id.into(),
         host: "host".into(),
-        backend: Backend::Cpu,
+        kind: WorkerKind::Cpu,
         device: "cpu, 2 threads".into(),
         jobs: Vec::new(),
         jobs_done,
@@ -99,7 +99,7 @@ pub async fn workers_are_seen(factory: Factory) {
     }
     let urgent = NewJob { priority: 1.try_into().unwrap(), ..new_job("urgent") };
     running.push(bench.store.submit(urgent).await.unwrap().job().id);
-    let mut claimed = bench.store.claim("a", Backend::Cpu, LEASE, 4).await.unwrap();
+    let mut claimed = bench.store.claim("a", ClaimScope::Cpu, LEASE, 4).await.unwrap();
     let jobs = async || bench.store.workers().await.unwrap().into_iter().map(|worker| worker.jobs).collect::<Vec<_>>();
     assert_eq!(jobs().await, [running.clone(), vec![]], "the oldest first");
     bench.store.release(claimed.swap_remove(0), None).await.unwrap();

@@ -30,12 +30,13 @@ pub use submit::*;
 use futures_util::future::{BoxFuture, join_all};
 use jiff::Timestamp;
 use oviduct::clock::Clock;
-use oviduct::generate::{Backend, Output, Outputs, Progress, Stage};
+use oviduct::generate::{Backend, Output, Outputs, Progress, Stage, UsedBackend};
 use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{
-    BackendReport, BatchFilter, BulkResult, Change, ClaimedJob, Counts, Directive, File, Finished, Instruction, Job,
-    JobId, JobKind, JobProgress, ListFilter, LiveSection, NewBatch, NewJob, Pause, Priority, Problem, Status, Store,
-    StoreError, StoreOptions, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo, WorkerState,
+    BackendReport, BatchFilter, BulkResult, Change, ClaimScope, ClaimedJob, Counts, Directive, File, Finished,
+    Instruction, Job, JobId, JobKind, JobProgress, ListFilter, LiveSection, NewBatch, NewJob, Pause, Priority, Problem,
+    Status, Store, StoreError, StoreOptions, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo, WorkerKind,
+    WorkerState,
 };
 use oviduct::model::{BodyKind, LengthUnit};
 use std::collections::{BTreeMap, HashMap};
@@ -161,7 +162,7 @@ pub fn problem(kind: &str) -> Problem {
 fn by_cpu() -> BackendReport {
     BackendReport {
         requested: Backend::Auto,
-        used: Some(Backend::Cpu),
+        used: Some(UsedBackend::Cpu),
         device: Some("cpu, 2 threads".into()),
         fallback: None,
     }
@@ -221,7 +222,7 @@ impl Bench {
     }
 
     async fn claim(&self, worker: &str) -> Option<ClaimedJob> {
-        let mut claimed = self.store.claim(worker, Backend::Cpu, LEASE, 1).await.unwrap();
+        let mut claimed = self.store.claim(worker, ClaimScope::Cpu, LEASE, 1).await.unwrap();
         assert!(claimed.len() <= 1);
         claimed.pop()
     }

@@ -151,14 +151,14 @@ pub async fn a_claim_of_several_takes_due_jobs_of_all_lanes(factory: Factory) {
     ask("cpu urgent", Backend::Cpu, "x", 1).await;
     ask("auto 2", Backend::Auto, "y", 0).await;
     ask("single 1", Backend::CpuSingle, "x", 0).await;
-    for (backend, waiting) in [(Backend::Gpu, 3), (Backend::Cpu, 6), (Backend::CpuSingle, 3), (Backend::Auto, 6)] {
-        assert_eq!(bench.store.count_claimable_jobs(backend).await.unwrap(), waiting, "{backend:?}");
+    for (scope, waiting) in [(ClaimScope::Gpu, 3), (ClaimScope::Cpu, 6), (ClaimScope::CpuOnly, 3)] {
+        assert_eq!(bench.store.count_claimable_jobs(scope).await.unwrap(), waiting, "{scope:?}");
     }
     let order = ["cpu urgent", "auto 1", "cpu 1", "auto 2", "auto 3", "single 1"];
     for limit in [1, 2, 4, 9] {
         let mut claimed = Vec::new();
         while claimed.len() < order.len() {
-            claimed.extend(bench.store.claim("w", Backend::Cpu, LEASE, limit).await.unwrap());
+            claimed.extend(bench.store.claim("w", ClaimScope::Cpu, LEASE, limit).await.unwrap());
         }
         let digests: Vec<&str> = claimed.iter().map(|claimed| claimed.job().digest.as_str()).collect();
         assert_eq!(digests, order, "{limit} at a time");
@@ -206,7 +206,7 @@ pub async fn a_gpu_claims_due_jobs_of_one_batch_key(factory: Factory) {
     ask("large 2", Gpu, Some("large"), 1).await;
     ask("alone 2", Auto, None, -9).await;
     let claim = async |limit| {
-        let claimed = bench.store.claim("w", Gpu, LEASE, limit).await.unwrap();
+        let claimed = bench.store.claim("w", ClaimScope::Gpu, LEASE, limit).await.unwrap();
         claimed.iter().map(|claimed| claimed.job().digest.clone()).collect::<Vec<_>>()
     };
     assert_eq!(claim(16).await, ["alone 1"], "without a key: alone");
@@ -223,14 +223,14 @@ pub async fn a_gpu_claim_passes_over_jobs_that_are_not_due(factory: Factory) {
     for digest in ["a", "b", "c"] {
         bench.submit(urgent(digest, 0)).await;
     }
-    let mut claimed = bench.store.claim("w", Backend::Gpu, LEASE, 3).await.unwrap();
+    let mut claimed = bench.store.claim("w", ClaimScope::Gpu, LEASE, 3).await.unwrap();
     assert_eq!(claimed.len(), 3);
     bench.store.retry(claimed.remove(1), problem("io")).await.unwrap();
     for claimed in claimed {
         bench.store.release(claimed, None).await.unwrap();
     }
     let digests = async || {
-        let claimed = bench.store.claim("w", Backend::Gpu, LEASE, 3).await.unwrap();
+        let claimed = bench.store.claim("w", ClaimScope::Gpu, LEASE, 3).await.unwrap();
         claimed.iter().map(|claimed| claimed.job().digest.clone()).collect::<Vec<_>>()
     };
     assert_eq!(digests().await, ["a", "c"]);

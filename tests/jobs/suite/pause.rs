@@ -2,11 +2,11 @@
 
 use super::*;
 
-fn worker(id: &str, backend: Backend, at: Timestamp) -> WorkerInfo {
+fn worker(id: &str, kind: WorkerKind, at: Timestamp) -> WorkerInfo {
     WorkerInfo {
         id: id.into(),
         host: "host".into(),
-        backend,
+        kind,
         device: "device".into(),
         jobs: Vec::new(),
         jobs_done: 0,
@@ -19,7 +19,7 @@ pub async fn paused_workers_claim_nothing(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let store = &bench.store;
     for id in ["a", "b"] {
-        store.worker_seen(&worker(id, Backend::Cpu, bench.clock.now())).await.unwrap();
+        store.worker_seen(&worker(id, WorkerKind::Cpu, bench.clock.now())).await.unwrap();
     }
     let ids = [bench.queue("1").await.id, bench.queue("2").await.id, bench.queue("3").await.id];
     let first = bench.claim("a").await.unwrap();
@@ -43,15 +43,15 @@ pub async fn paused_workers_claim_nothing(factory: Factory) {
 
 pub async fn a_paused_gpu_worker_claims_no_batch(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
-    bench.store.worker_seen(&worker("g", Backend::Gpu, bench.clock.now())).await.unwrap();
+    bench.store.worker_seen(&worker("g", WorkerKind::Gpu, bench.clock.now())).await.unwrap();
     for n in 0..3 {
         bench.queue(&n.to_string()).await;
     }
-    let claim = async || bench.store.claim("g", Backend::Gpu, LEASE, 8).await.unwrap().len();
-    let claimers = async || bench.store.count_unpaused_workers(Backend::Gpu, LEASE).await.unwrap();
+    let claim = async || bench.store.claim("g", ClaimScope::Gpu, LEASE, 8).await.unwrap().len();
+    let claimers = async || bench.store.count_unpaused_workers(WorkerKind::Gpu, LEASE).await.unwrap();
     assert!(bench.store.instruct("g", Instruction::Drain, None).await.unwrap());
     assert_eq!(
-        (claim().await, claimers().await, bench.store.count_live_workers(Backend::Gpu, LEASE).await.unwrap()),
+        (claim().await, claimers().await, bench.store.count_live_workers(WorkerKind::Gpu, LEASE).await.unwrap()),
         (0, 0, 1)
     );
     assert!(bench.store.instruct("g", Instruction::Resume, None).await.unwrap());
@@ -79,7 +79,7 @@ pub async fn a_drained_worker_says_so(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let store = &bench.store;
     assert!(!store.instruct("a", Instruction::Drain, None).await.unwrap(), "there is no such worker");
-    store.worker_seen(&worker("a", Backend::Cpu, bench.clock.now())).await.unwrap();
+    store.worker_seen(&worker("a", WorkerKind::Cpu, bench.clock.now())).await.unwrap();
     let state = async || {
         let listed = store.workers().await.unwrap().remove(0);
         (listed.state(), listed.pause)
@@ -100,14 +100,14 @@ pub async fn a_drained_worker_says_so(factory: Factory) {
     assert!(store.instruct("a", Instruction::Pause, None).await.unwrap());
     assert_eq!(state().await, (WorkerState::Paused, Some(Pause { drain: false, since: bench.clock.now(), by: None })));
     // Heartbeats do not end a pause. A worker that is not live cannot be instructed.
-    store.worker_seen(&worker("a", Backend::Cpu, bench.clock.now())).await.unwrap();
+    store.worker_seen(&worker("a", WorkerKind::Cpu, bench.clock.now())).await.unwrap();
     assert_eq!(state().await.0, WorkerState::Paused);
     bench.clock.advance(Duration::from_secs(3600));
     assert!(!store.instruct("a", Instruction::Resume, None).await.unwrap());
     // A worker without heartbeats for a day is forgotten together with its pause.
     bench.clock.advance(Duration::from_secs(24 * 3600));
-    store.worker_seen(&worker("b", Backend::Cpu, bench.clock.now())).await.unwrap();
-    store.worker_seen(&worker("a", Backend::Cpu, bench.clock.now())).await.unwrap();
+    store.worker_seen(&worker("b", WorkerKind::Cpu, bench.clock.now())).await.unwrap();
+    store.worker_seen(&worker("a", WorkerKind::Cpu, bench.clock.now())).await.unwrap();
     assert_eq!(state().await, (WorkerState::Active, None));
 }
 
@@ -120,9 +120,9 @@ pub async fn the_pause_of_all_is_kept(factory: Factory) {
     bench.clock.advance(Duration::from_secs(2 * 24 * 3600));
     store.set_paused(true, Some("another")).await.unwrap();
     // Heartbeats remove the pauses of workers that are gone, but not the pause of all workers.
-    store.worker_seen(&worker("a", Backend::Cpu, bench.clock.now())).await.unwrap();
+    store.worker_seen(&worker("a", WorkerKind::Cpu, bench.clock.now())).await.unwrap();
     bench.clock.advance(Duration::from_secs(2 * 24 * 3600));
-    store.worker_seen(&worker("b", Backend::Cpu, bench.clock.now())).await.unwrap();
+    store.worker_seen(&worker("b", WorkerKind::Cpu, bench.clock.now())).await.unwrap();
     let pause = Pause { drain: false, since, by: Some("operator".into()) };
     assert_eq!(store.paused().await.unwrap(), Some(pause));
     store.set_paused(false, None).await.unwrap();

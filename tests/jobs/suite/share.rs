@@ -10,7 +10,7 @@ impl Bench {
 
     /// Claims all jobs that a worker may claim; returns their ids.
     async fn claimable(&self) -> Vec<JobId> {
-        let claimed = self.store.claim("w", Backend::Auto, LEASE, 100).await.unwrap();
+        let claimed = self.store.claim("w", ClaimScope::Cpu, LEASE, 100).await.unwrap();
         claimed.iter().map(|claimed| claimed.job().id).collect()
     }
 }
@@ -150,7 +150,7 @@ pub async fn unsuitable_files_are_not_shared(factory: Factory) {
     assert_eq!(claimed.job().id, first);
     bench.finish(claimed).await;
     assert_eq!(bench.get(waits).await.status, Status::Queued);
-    let claimed = bench.store.claim("w", Backend::Auto, LEASE, 100).await.unwrap();
+    let claimed = bench.store.claim("w", ClaimScope::Cpu, LEASE, 100).await.unwrap();
     let ids: Vec<JobId> = claimed.iter().map(|claimed| claimed.job().id).collect();
     assert_eq!(ids, [larger, waits], "the end of one grows the next, because the other has not ended yet");
 }
@@ -162,11 +162,11 @@ pub async fn equal_points_of_batches_share_growths(factory: Factory) {
         let submitted = bench.store.submit_batch(batch(&["a", "b", "a"], None)).await.unwrap();
         batches.push(submitted.batch().clone());
     }
-    let first = bench.store.claim("w", Backend::Auto, LEASE, 100).await.unwrap();
+    let first = bench.store.claim("w", ClaimScope::Cpu, LEASE, 100).await.unwrap();
     assert_eq!(first.len(), 2);
     // Deleting the claimed jobs queues one job of each kind again.
     bench.store.delete_batch(batches[0].id).await.unwrap();
-    let again = bench.store.claim("w", Backend::Auto, LEASE, 100).await.unwrap();
+    let again = bench.store.claim("w", ClaimScope::Cpu, LEASE, 100).await.unwrap();
     assert_eq!(again.len(), 2);
     for claimed in again {
         bench.finish(claimed).await;
@@ -193,7 +193,7 @@ pub async fn racing_equal_submissions_share_one_growth(factory: Factory) {
     for submitted in join_all(submissions).await {
         assert!(matches!(submitted.unwrap(), Submitted::Queued(_)));
     }
-    let claimed = bench.store.claim("w", Backend::Auto, LEASE, 100).await.unwrap();
+    let claimed = bench.store.claim("w", ClaimScope::Cpu, LEASE, 100).await.unwrap();
     assert_eq!(claimed.len(), 1);
     // Submissions that race with the end of the growth neither wait forever nor cause a second
     // growth.

@@ -131,7 +131,7 @@ pub async fn a_finished_digest_is_reused(factory: Factory) {
     assert_ne!(job.id, made.id);
     assert_eq!((job.status, job.reused_from), (Status::Succeeded, Some(made.id)));
     assert_eq!((&job.files, &job.summary, job.attempts), (&made.files, &made.summary, 0));
-    assert_eq!((job.backend.used, job.finished_at), (Some(Backend::Cpu), Some(bench.clock.now())));
+    assert_eq!((job.backend.used, job.finished_at), (Some(UsedBackend::Cpu), Some(bench.clock.now())));
     let mut single = new_job("d");
     single.backend = Backend::CpuSingle;
     let reused = bench.store.submit(single).await.unwrap();

@@ -8,7 +8,7 @@
 use super::device::{Device, Receiver};
 use super::grow::Grown;
 use super::pace::Pace;
-use super::types::{Backend, CancelToken, GenerateError, Outcome, Request, Sink};
+use super::types::{CancelToken, GenerateError, Outcome, Request, Sink, UsedBackend};
 use super::walls::Walls;
 use super::{Ran, check, finish};
 use crate::clock::Stopwatch;
@@ -254,7 +254,7 @@ impl<'a, D: Device> Batch<'a, D> {
                 tracing::debug!(seed = request.seed, ?statistics, "the device has done the steps of a member");
                 let none = || GenerateError::Simulation { detail: "the device recorded no section".to_owned() };
                 let walls = loft.take().ok_or_else(none)?.walls;
-                let ran = Ran { used: Backend::Gpu, device: self.device.name(), total: self.total };
+                let ran = Ran { used: UsedBackend::Gpu, device: self.device.name(), total: self.total };
                 finish(request, Grown { walls, statistics, seconds }, ran, &member.pace, cancel).map(Some)
             }
         }

@@ -30,7 +30,7 @@ pub use manifest::{Licence, MANIFEST, Manifest, ManifestFile, Origin};
 pub use outputs::{Output, Outputs};
 pub use types::{
     Backend, Bending, CancelToken, ContractionReport, FileOutput, Findings, FrameReport, GenerateError, Outcome,
-    Progress, Request, Seconds, Sink, Stage,
+    Progress, Request, Seconds, Sink, Stage, UsedBackend,
 };
 
 use crate::clock::Stopwatch;
@@ -107,7 +107,7 @@ fn run(
     let grown = grow::grow(request, from, &mut pace, cancel)?;
     let threads = rayon::current_num_threads();
     let ran = Ran {
-        used: if request.backend == Backend::CpuSingle { Backend::CpuSingle } else { Backend::Cpu },
+        used: if request.backend == Backend::CpuSingle { UsedBackend::CpuSingle } else { UsedBackend::Cpu },
         device: format!("cpu, {threads} thread{}", if threads == 1 { "" } else { "s" }),
         total,
     };
@@ -116,7 +116,7 @@ fn run(
 
 /// Backend, device and time of a simulation.
 struct Ran {
-    used: Backend,
+    used: UsedBackend,
     device: String,
     total: Stopwatch,
 }

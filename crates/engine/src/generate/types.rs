@@ -19,7 +19,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use tempfile::TempPath;
 
-/// Requested or used backend.
+/// Requested backend.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[serde(rename_all = "kebab-case")]
@@ -44,6 +44,28 @@ impl Backend {
             Self::Gpu => "gpu",
             Self::Cpu => "cpu",
             Self::CpuSingle => "cpu-single",
+        }
+    }
+}
+
+/// Backend that grew, or grows, a model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum UsedBackend {
+    /// A GPU.
+    Gpu,
+    /// All threads of the CPU worker.
+    Cpu,
+    /// One thread.
+    CpuSingle,
+}
+
+impl From<UsedBackend> for Backend {
+    fn from(used: UsedBackend) -> Self {
+        match used {
+            UsedBackend::Gpu => Self::Gpu,
+            UsedBackend::Cpu => Self::Cpu,
+            UsedBackend::CpuSingle => Self::CpuSingle,
         }
     }
 }
@@ -194,7 +216,7 @@ pub struct Seconds {
 #[derive(Clone, Debug)]
 pub struct Outcome {
     /// The backend that computed it.
-    pub used: Backend,
+    pub used: UsedBackend,
     /// Description of the device, such as a GPU's name or `cpu, 2 threads`.
     pub device: String,
     /// Files in [`Request::dir`].

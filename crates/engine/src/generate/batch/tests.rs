@@ -1,6 +1,6 @@
 //! Batches on a device made of CPU simulations, which can be made to fail, to be lost or to panic.
 
-use super::super::{Output, Progress, Stage, generate};
+use super::super::{Backend, Output, Progress, Stage, generate};
 use super::*;
 use crate::sim::Simulator;
 use crate::sim::cpu::{CpuSimulation, Kernel};
@@ -140,7 +140,7 @@ fn a_batch_makes_what_each_would_be_alone() {
     for threads in [1, 3] {
         for (end, alone) in plainly(&device, &requests, threads).into_iter().zip(&alone) {
             let outcome = end.unwrap();
-            assert_eq!((outcome.used, outcome.device.as_str()), (Backend::Gpu, "a twin"));
+            assert_eq!((outcome.used, outcome.device.as_str()), (UsedBackend::Gpu, "a twin"));
             assert_eq!(&hashes(&outcome), alone);
             assert!(outcome.seconds.simulate > 0.0 && outcome.seconds.total >= outcome.seconds.simulate);
         }
@@ -267,7 +267,7 @@ fn a_lost_device_is_reported_to_all_members_that_it_did_not_finish() {
     }
     // The folders may be used again.
     let outcome = generate(&requests[0], &(), &CancelToken::default()).unwrap();
-    assert_eq!(outcome.used, Backend::Cpu);
+    assert_eq!(outcome.used, UsedBackend::Cpu);
 }
 
 #[test]
@@ -283,7 +283,7 @@ fn a_batch_that_gets_no_memory_is_halved() {
     for member in [0, 2] {
         let alone = generate(&requests[member], &(), &CancelToken::default()).unwrap();
         let outcome = ends[member].as_ref().unwrap();
-        assert_eq!((outcome.used, hashes(outcome)), (Backend::Gpu, hashes(&alone)));
+        assert_eq!((outcome.used, hashes(outcome)), (UsedBackend::Gpu, hashes(&alone)));
     }
     // The second of each group that has one fails.
     for member in [1, 4] {
