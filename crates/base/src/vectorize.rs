@@ -86,15 +86,6 @@ impl Vectors {
     }
 }
 
-/// Prefetches `place` into the caches, if the processor has an instruction for it.
-#[inline(always)]
-pub fn prefetch<T>(place: &T) {
-    #[cfg(target_arch = "x86_64")]
-    safe_arch::prefetch_t0(place);
-    #[cfg(not(target_arch = "x86_64"))]
-    let _ = place;
-}
-
 /// Work of [`Vectors::run`]. Holds an `FnMut`, because the adapter from `FnOnce` would not be
 /// inlined.
 struct Body<F>(F);

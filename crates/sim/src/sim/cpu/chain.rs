@@ -1,7 +1,6 @@
 //! The loop as a chain of segments at one evaluation of the forces.
 
 use crate::sim::state::InnerLoop;
-use crate::vectorize::prefetch;
 use std::ops::Range;
 
 /// Segments in a block.
@@ -22,14 +21,6 @@ pub(super) struct Block {
 }
 
 impl Block {
-    /// Brings its three lines into the caches.
-    #[inline(always)]
-    pub(super) fn prefetch(&self) {
-        for line in [&self.x, &self.dx, &self.over_x] {
-            prefetch(line);
-        }
-    }
-
     #[inline(always)]
     fn set(&mut self, l: usize, a: [f32; 2], b: [f32; 2]) {
         let (dx, dy) = (b[0] - a[0], b[1] - a[1]);

@@ -521,7 +521,6 @@ impl Gather<'_> {
         let (lanes, n) = (Lanes::<S>::COUNT, chain.len());
         let (first, count) = (part.particles.start, part.particles.len());
         for (number, k) in (0..count).step_by(lanes).enumerate() {
-            part.groups.prefetch(number + 1, &chain.blocks);
             let own = k..(k + lanes).min(count);
             let particles = first + own.start..first + own.end;
             let group = Group::new(simd, row, chain, &scale[own.clone()], particles.start);

@@ -1,7 +1,7 @@
 //! The lists of a part: which segments the particles of a group may interact with.
 
 use super::grid::{Bounds, Grid, NOTHING, apart, around};
-use crate::sim::cpu::chain::{BLOCK, Block, Chain};
+use crate::sim::cpu::chain::{BLOCK, Chain};
 use crate::sim::cpu::pairs::{CLEARANCE_CAP, FAR, MOST};
 use crate::sim::layout::StepRow;
 use crate::sim::maths::max;
@@ -16,10 +16,6 @@ const LEAST_RANGE: f32 = 0.25;
 const CELL: usize = 8 * BLOCK;
 /// Cells in a tract.
 const TRACT: usize = 16;
-/// Particles from which on the segments of a loop may not fit the second cache (24 bytes each), and groups after which a block of
-/// segments may have left it.
-const LARGE: usize = if cfg!(test) { 1 << 9 } else { 1 << 14 };
-const FORGOTTEN: u32 = 8;
 
 /// The lists of the groups of a part.
 #[derive(Clone, Debug, Default)]
@@ -28,10 +24,6 @@ pub(in crate::sim::cpu) struct Groups {
     /// all segments are visited.
     spans: Vec<[u32; 3]>,
     list: Vec<u32>,
-    /// Of a large loop, the blocks of segments that are listed for a group and were not for the ones just before it, and where those of
-    /// each group begin and end.
-    fresh: Vec<u32>,
-    fresh_ends: Vec<u32>,
     /// Groups whose lists hold for the present evaluation only, with the spans of their other ones, and where those end.
     mended: Vec<(usize, [u32; 3])>,
     end: usize,
@@ -66,32 +58,6 @@ impl Groups {
         }
         if let Some(last) = own.last {
             visit(last, true);
-        }
-    }
-
-    /// Notes the fresh blocks of the last group. `listed`: the number, from 1 on, of the last group that each block was listed for, or 0.
-    fn note_fresh(&mut self, listed: &mut [u32]) {
-        let number = self.spans.len() as u32;
-        let [first, _, end] = self.spans[number as usize - 1];
-        for segments in
-            self.list[first as usize..end as usize].chunk_by(|a, b| *a as usize / BLOCK == *b as usize / BLOCK)
-        {
-            let block = segments[0] / BLOCK as u32;
-            let last = std::mem::replace(&mut listed[block as usize], number);
-            if last == 0 || last + FORGOTTEN < number {
-                self.fresh.push(block);
-            }
-        }
-        self.fresh_ends.push(self.fresh.len() as u32);
-    }
-
-    /// Prefetches what the list of a group needs first.
-    #[inline(never)]
-    pub(in crate::sim::cpu) fn prefetch(&self, group: usize, blocks: &[Block]) {
-        if let Some(&[start, end]) = self.fresh_ends.get(group..group + 2) {
-            for &b in &self.fresh[start as usize..end as usize] {
-                blocks[b as usize].prefetch();
-            }
         }
     }
 
@@ -292,13 +258,6 @@ impl Lists<'_> {
         groups.spans.clear();
         groups.list.clear();
         groups.mended.clear();
-        groups.fresh.clear();
-        groups.fresh_ends.clear();
-        let mut listed = Vec::new();
-        if self.chain.len() >= LARGE {
-            groups.fresh_ends.push(0);
-            listed.resize(self.chain.len().div_ceil(BLOCK), 0);
-        }
         let scale = |some: &Range<usize>| &scale[some.start - particles.start..some.end - particles.start];
         let mut cells: Vec<u32> = Vec::new();
         for first in particles.clone().step_by(CELL) {
@@ -308,9 +267,6 @@ impl Lists<'_> {
                 let group = first..(first + S::F32_LANES).min(run.end);
                 let span = self.list(&self.seen(simd, &group, scale(&group)), &group, &cells, &mut groups.list);
                 groups.spans.push(span);
-                if !listed.is_empty() {
-                    groups.note_fresh(&mut listed);
-                }
             }
         }
         groups.end = groups.list.len();
@@ -416,31 +372,5 @@ impl Lists<'_> {
         }
         let of = |numbers: [f32; MOST]| Lanes::of(simd, &numbers);
         Seen { simd, x: of(x), y: of(y), mean: of(mean), side_x: of(side_x), side_y: of(side_y) }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn blocks_are_fresh_where_they_were_not_listed_lately() {
-        const B: u32 = BLOCK as u32;
-        let (mut groups, mut listed) = (Groups::default(), vec![0; 4]);
-        let mut fresh_of = |list: &[u32]| {
-            let first = groups.list.len() as u32;
-            groups.list.extend_from_slice(list);
-            groups.spans.push([first, first, groups.list.len() as u32]);
-            let before = groups.fresh.len();
-            groups.note_fresh(&mut listed);
-            assert_eq!(groups.fresh_ends.last(), Some(&(groups.fresh.len() as u32)));
-            groups.fresh[before..].to_vec()
-        };
-        assert_eq!(fresh_of(&[0, 1, B - 1, 3 * B, 3 * B + 1]), [0, 3]);
-        assert_eq!(fresh_of(&[B, 3 * B]), [1]);
-        for _ in 1..FORGOTTEN {
-            assert_eq!(fresh_of(&[]), [0; 0]);
-        }
-        assert_eq!(fresh_of(&[0, B, 2 * B, 3 * B]), [0, 2], "only the first was not listed for so many groups");
     }
 }
