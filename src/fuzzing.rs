@@ -4,7 +4,7 @@
 //! refused names a place, and indices lie within what they index. The functions are beside the code that they test, in
 //! files named `fuzzing.rs`. Only builds with the feature `fuzzing` have them.
 
-use crate::{export, fit, generate, http, measure, sim, spec};
+use crate::{export, fit, generate, http, measure, sim};
 
 /// One target. Its corpus is `fuzz/corpus/<name>`, its program `fuzz/fuzz_targets/<name>.rs`.
 #[derive(Debug)]
@@ -36,7 +36,7 @@ pub const BATCH: Target = Target { name: "batch", run: http::batch_fuzzing::batc
 /// Request headers, query and ids.
 pub const HEADERS: Target = Target { name: "headers", run: http::fuzzing::headers, memory: in_proportion };
 /// A merge patch on a specification.
-pub const PATCH: Target = Target { name: "patch", run: spec::fuzzing::patch, memory: in_proportion };
+pub const PATCH: Target = Target { name: "patch", run: generate::fuzzing::patch, memory: in_proportion };
 /// glTF, binary or JSON.
 pub const GLTF: Target = Target { name: "gltf", run: export::fuzzing::gltf, memory: at_most };
 /// Wavefront OBJ.

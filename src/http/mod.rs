@@ -92,7 +92,7 @@ pub struct Limits {
     /// Other origins whose pages may call the service.
     pub cors_origins: Vec<Origin>,
     /// Greatest predicted cost of one model.
-    pub cost: crate::spec::Limits,
+    pub cost: crate::generate::CostLimits,
 }
 
 impl Default for Limits {
@@ -117,7 +117,7 @@ impl Default for Limits {
             redirect_downloads: false,
             gpu_expected: false,
             cors_origins: Vec::new(),
-            cost: crate::spec::Limits::default(),
+            cost: crate::generate::CostLimits::default(),
         }
     }
 }

@@ -342,8 +342,10 @@ async fn a_gpu_is_accepted_only_if_a_worker_is_alive() {
 
 #[tokio::test]
 async fn a_model_that_costs_too_much_is_refused_with_the_prediction() {
-    let limits =
-        Limits { cost: oviduct::spec::Limits { max_vertices: 1000, ..Default::default() }, ..Limits::default() };
+    let limits = Limits {
+        cost: oviduct::generate::CostLimits { max_vertices: 1000, ..Default::default() },
+        ..Limits::default()
+    };
     let app = App::with(limits, 10).await;
     for path in ["/models", "/models/validate"] {
         let reply = app.post(path, &json!({})).await;

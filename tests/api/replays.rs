@@ -39,7 +39,7 @@ async fn a_replay_succeeds_after_a_limit_was_lowered() {
     let before = App::over(store.clone(), clock.clone(), Limits::default());
     let (model, batch) = (json!({ "seed": 1 }), json!({ "count": 3 }));
     let taken = [before.post_with("/models", &KEY, &model).await, before.post_with("/batches", &KEY, &batch).await];
-    let cost = oviduct::spec::Limits { max_vertices: 1000, ..Default::default() };
+    let cost = oviduct::generate::CostLimits { max_vertices: 1000, ..Default::default() };
     let after = App::over(store, clock, Limits { cost, batch: 2, ..Limits::default() });
     assert_eq!(after.post("/models", &model).await.slug(), "cost-limit");
     assert_eq!(after.post("/batches", &batch).await.places(), ["/count"]);

@@ -148,7 +148,7 @@ async fn a_study_keeps_to_the_limits() {
     assert_eq!(app.get("/models").await.json()["models"], json!([]));
     assert_eq!(app.post("/batches", &points(7, 1)).await.status, 202);
 
-    let most = oviduct::spec::Limits { max_vertices: 800_000, ..oviduct::spec::Limits::default() };
+    let most = oviduct::generate::CostLimits { max_vertices: 800_000, ..oviduct::generate::CostLimits::default() };
     let app = App::with(Limits { cost: most, ..Limits::default() }, 100).await;
     let vary = json!({ "design": "grid", "values": { "/solver/record_every": [10, 5, 20] } });
     let reply = app.post("/batches", &json!({ "vary": vary })).await;

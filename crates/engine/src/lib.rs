@@ -28,11 +28,11 @@
 //! | crate | modules |
 //! |---|---|
 //! | `oviduct-base` | [`model`] (sections and meshes as data), [`geometry`], [`tissue`], [`random`], [`clock`], [`lock`] |
-//! | `oviduct-spec` | [`spec`]: parameters, presets, limits, predicted cost, studies |
+//! | `oviduct-spec` | [`spec`]: parameters, presets, studies |
 //! | `oviduct-sim` | [`sim`]: the particle simulation on CPU and GPU |
 //! | `oviduct-surface` | [`mesh`]: loft, lean, bend; [`measure`]: certificate, morphometry |
 //! | `oviduct-export` | [`export`]: writers and readers of files; [`render`]: pictures |
-//! | `oviduct-engine` | [`generate`]: specification to files; [`fit`], [`preview`], [`report`] |
+//! | `oviduct-engine` | [`generate`]: specification to files, predicted cost; [`fit`], [`preview`], [`report`] |
 
 pub use oviduct_base::{ENGINE_VERSION, clock, geometry, lock, model, random, tissue};
 pub use oviduct_export::{export, render};

@@ -4,11 +4,10 @@
 //! [`Preset`](spec::Preset), the parameters of an organ with their sources, and a JSON merge patch.
 //! Many parameters are a [`Schedule`](spec::Schedule), a value that changes along the tube. An invalid
 //! patch results in a list of [`Fault`](spec::Fault)s, each with a JSON pointer. A valid specification
-//! predicts its [`Cost`](spec::Cost), which [`Limits`](spec::Limits) bound. A
-//! [`Study`](spec::study::Study) varies parameters over many models.
+//! has a digest. A [`Study`](spec::study::Study) varies parameters over many models.
 //!
 //! ```
-//! use oviduct_spec::spec::{Limits, ModelSpec, preset};
+//! use oviduct_spec::spec::{ModelSpec, preset};
 //! use serde_json::json;
 //!
 //! let pig = preset("pig").ok_or("no such preset")?;
@@ -17,9 +16,6 @@
 //! assert_eq!(spec.length_mm, 40.0);
 //! assert_eq!(spec.collision.gap_um.at(0.5), 37.5);
 //! assert_ne!(spec.digest(1), spec.digest(2)); // another seed, another model
-//!
-//! let cost = spec.cost(&["glb"]);
-//! assert!(Limits::default().check(&cost).is_ok());
 //!
 //! let faults = ModelSpec::resolve(pig, &json!({ "length_mm": -1 })).unwrap_err();
 //! assert_eq!(faults[0].to_string(), "/length_mm: is -1, below the least allowed 0.1 mm");

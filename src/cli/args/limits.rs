@@ -3,7 +3,7 @@
 
 use crate::cli::exit::Failure;
 use crate::cli::units;
-use crate::spec::Limits;
+use crate::generate::CostLimits;
 use clap::Args;
 use std::time::Duration;
 
@@ -44,8 +44,8 @@ pub(in crate::cli) struct LimitArgs {
 
 impl LimitArgs {
     /// Limits of the predicted cost of a model.
-    pub(in crate::cli) fn cost(&self) -> Limits {
-        Limits {
+    pub(in crate::cli) fn cost(&self) -> CostLimits {
+        CostLimits {
             max_cost_seconds: self.max_model_time.as_secs_f64(),
             max_memory_bytes: self.max_model_memory,
             max_vertices: self.max_model_vertices,

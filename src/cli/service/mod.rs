@@ -458,7 +458,7 @@ mod tests {
         let options = ["--max-model-time", "90s", "--max-model-memory", "1GiB", "--max-model-vertices", "9"];
         let options = [&options[..], &["--max-model-size", "2kB", "--max-body", "64KiB", "--heartbeat", "1s"]].concat();
         let found = limits_of(&options, 16).expect("valid");
-        let cost = crate::spec::Limits {
+        let cost = crate::generate::CostLimits {
             max_cost_seconds: 90.0,
             max_memory_bytes: 1 << 30,
             max_vertices: 9,

@@ -1,6 +1,7 @@
 //! The checks of a request for a batch, all before anything is queued.
 
 use super::request::{BatchRequest, Seeds};
+use crate::generate::Cost;
 use crate::http::AppState;
 use crate::http::models::create::{self, check_backend, cost, find_preset, too_much};
 use crate::http::models::request::ModelRequest;
@@ -8,7 +9,7 @@ use crate::http::wire::blocking::blocking;
 use crate::http::wire::faults::{Fault, Faults};
 use crate::http::wire::problem::Problem;
 use crate::spec::study::Study;
-use crate::spec::{self, Cost, ModelSpec, Preset};
+use crate::spec::{self, ModelSpec, Preset};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::sync::Arc;

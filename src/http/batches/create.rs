@@ -4,6 +4,7 @@ use super::check::{AcceptedBatch, Point, check_body};
 use super::read::answer;
 use super::request::Seeds;
 use super::study::StoredStudy;
+use crate::generate::Cost;
 use crate::http::AppState;
 use crate::http::access::{Caller, audit, run_to_completion};
 use crate::http::dto::Batch;
@@ -16,7 +17,6 @@ use crate::http::wire::responses::{
 };
 use crate::jobs::reuse::exclude_missing_files;
 use crate::jobs::{self, NewBatch, NewJob, StoreError, SubmittedBatch};
-use crate::spec::Cost;
 use crate::spec::study::Study;
 use axum::Json;
 use axum::extract::State;

@@ -2,7 +2,7 @@
 
 use super::request::{Accepted, FitRequest};
 use super::shape::{Fit, FitValidation, Parts};
-use crate::generate::Backend;
+use crate::generate::{Backend, Cost, Outputs};
 use crate::http::AppState;
 use crate::http::access::{Caller, audit, run_to_completion};
 use crate::http::models::create::{earlier, key_of, set_location, too_much};
@@ -34,7 +34,7 @@ async fn check(state: &AppState, caller: &Caller, body: Value) -> Result<Accepte
     });
     let accepted = read.await?.map_err(Problem::invalid)?;
     for spec in accepted.fit.extremes() {
-        let cost = spec.cost(&[]);
+        let cost = Cost::new(&spec, &Outputs::none());
         state.limits.cost.check(&cost).map_err(|over| too_much(&cost, &over))?;
     }
     let seconds = accepted.fit.predicted_seconds();

@@ -6,7 +6,7 @@ use super::detail::Detail;
 use super::links::At;
 use super::read::{answer, retry_after};
 use super::request::{ModelRequest, SEED_MAX};
-use crate::generate::Backend;
+use crate::generate::{Backend, Cost, Output, OverLimit};
 use crate::http::AppState;
 use crate::http::access::{Caller, audit, run_to_completion};
 use crate::http::dto::Model;
@@ -21,7 +21,7 @@ use crate::http::wire::responses::{
 };
 use crate::jobs::reuse::exclude_missing_files;
 use crate::jobs::{Job, JobKind, NewJob, StoreError, Submitted, WorkerKind};
-use crate::spec::{Cost, ModelSpec, OverLimit, Preset, batch_key, preset, presets};
+use crate::spec::{ModelSpec, Preset, batch_key, preset, presets};
 use crate::status::Condition;
 use crate::trace;
 use axum::Json;
@@ -89,14 +89,14 @@ pub(in crate::http) fn find_preset(request: &ModelRequest, faults: &mut Faults) 
 
 /// The predicted cost of a model with the outputs of the request.
 pub(in crate::http) fn cost(request: &ModelRequest, spec: &ModelSpec) -> Cost {
-    spec.cost(&request.outputs.names())
+    Cost::new(spec, &request.outputs)
 }
 
 pub(in crate::http) fn too_much(cost: &Cost, over: &[OverLimit]) -> Problem {
-    let place = |over: &OverLimit| if over.quantity == "glb" { "/outputs" } else { "/spec" };
+    let place = |over: &OverLimit| if over.quantity == Output::Glb.name() { "/outputs" } else { "/spec" };
     let errors = over.iter().map(|o| Fault::at(place(o), o.to_string())).collect();
     let detail = over.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
-    let limits: serde_json::Map<_, _> = over.iter().map(|o| (o.quantity.clone(), o.limit.into())).collect();
+    let limits: serde_json::Map<_, _> = over.iter().map(|o| (o.quantity.to_owned(), o.limit.into())).collect();
     Problem::new(Kind::CostLimit, detail)
         .with_errors(errors)
         .with("prediction", serde_json::to_value(cost).unwrap_or_default())

@@ -7,7 +7,7 @@ use super::generator::{GenerationInput, WorkError};
 use super::progress::AttemptSink;
 use super::verdict::{self, Verdict};
 use crate::fit::FitSpec;
-use crate::generate::{CancelToken, FileOutput, GenerateError, Outcome, Request, Seconds, UsedBackend};
+use crate::generate::{CancelToken, Cost, FileOutput, GenerateError, Outcome, Request, Seconds, UsedBackend};
 use crate::jobs::scratch::AttemptDir;
 use crate::jobs::{Job, JobKind};
 use crate::spec::{self, ModelSpec};
@@ -121,7 +121,7 @@ pub(super) fn predict(job: &Job) -> Option<Prediction> {
     if job.kind == JobKind::Fit {
         return fit_of(job).ok().map(|fit| Prediction { seconds: fit.predicted_seconds(), bytes: 0 });
     }
-    let cost = resolve(job).ok()?.cost(&job.outputs.names());
+    let cost = Cost::new(&resolve(job).ok()?, &job.outputs);
     let bytes = cost.bytes.values().fold(0_u64, |sum, bytes| sum.saturating_add(*bytes));
     let seconds = cost.seconds.values().map(|estimate| estimate.seconds).fold(0.0, f64::max);
     Some(Prediction { seconds, bytes })

@@ -42,7 +42,7 @@ pub use target::{TOLERANCE, Target};
 pub use variable::{Variable, Varied};
 pub use watch::{FitProgress, FitSink, FitStage};
 
-use crate::generate::{Backend, CancelToken, GenerateError, Request, generate};
+use crate::generate::{Backend, CancelToken, Cost, GenerateError, Outputs, Request, generate};
 use crate::spec::ModelSpec;
 use evaluate::{Candidate, Unmeasured};
 use rayon::prelude::*;
@@ -94,7 +94,7 @@ pub fn fit(
 /// Refuses a fit whose start, or whose variables at their upper bounds, need more memory than allowed.
 fn check_memory(fit: &FitSpec, limit: Option<u64>) -> Result<(), FitError> {
     let Some(limit) = limit else { return Ok(()) };
-    let needed = fit.extremes().map(|spec| spec.cost(&[]).memory_bytes).max().unwrap_or_default();
+    let needed = fit.extremes().map(|spec| Cost::new(&spec, &Outputs::none()).memory_bytes).max().unwrap_or_default();
     if needed > limit { Err(FitError::Memory { needed, limit }) } else { Ok(()) }
 }
 
@@ -111,12 +111,12 @@ fn models(
         spec: spec.clone(),
         seed,
         backend: Backend::Cpu,
-        outputs: Vec::new().into(),
+        outputs: Outputs::none(),
         dir: dir.join(format!("model-{seed}")),
         memory_limit_bytes,
     };
     let requests: Vec<Request> = fit.model_seeds().map(request).collect();
-    let needed = spec.cost(&[]).memory_bytes.max(1);
+    let needed = Cost::new(spec, &Outputs::none()).memory_bytes.max(1);
     let at_once = memory_limit_bytes.map_or(usize::MAX, |limit| usize::try_from(limit / needed).unwrap_or(usize::MAX));
     let mut models = Vec::with_capacity(requests.len());
     for some in requests.chunks(at_once.max(1)) {

@@ -2,6 +2,7 @@
 
 use super::target::{TOLERANCE, Target, refused};
 use super::variable::Variable;
+use crate::generate::{Cost, Outputs};
 use crate::spec::{DEFAULT_PRESET, End, Fault, Integrator, Lever, ModelSpec, Preset, members, preset, presets};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
@@ -145,7 +146,7 @@ impl FitSpec {
     #[must_use]
     pub fn predicted_seconds(&self) -> f64 {
         let seconds = |spec: &ModelSpec| {
-            let seconds = spec.cost(&[]).seconds;
+            let seconds = Cost::new(spec, &Outputs::none()).seconds;
             seconds.values().map(|estimate| estimate.seconds).fold(0.0, f64::max)
         };
         let [reduced, whole] = [self.explored() * self.seeds, self.refined() * self.seeds + self.models].map(f64::from);

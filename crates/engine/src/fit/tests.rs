@@ -265,7 +265,7 @@ fn a_fit_that_needs_more_memory_than_allowed_is_refused() {
         let dir = tempfile::tempdir().unwrap();
         super::fit(&fit, None, dir.path(), Some(limit), &(), &CancelToken::default())
     };
-    let needs: Vec<u64> = fit.extremes().map(|spec| spec.cost(&[]).memory_bytes).collect();
+    let needs: Vec<u64> = fit.extremes().map(|spec| Cost::new(&spec, &Outputs::none()).memory_bytes).collect();
     let costliest = needs[1];
     assert!(needs[0] < costliest, "{needs:?}");
     let refused = run(costliest - 1).unwrap_err();

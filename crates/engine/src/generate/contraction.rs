@@ -6,12 +6,12 @@ use crate::export::Metadata;
 use crate::export::animation::{self, Frames, write_animation};
 use crate::export::frames::{self, write_common, write_description, write_frame};
 use crate::export::glb;
-use crate::export::lod::reduced;
+use crate::export::lod::{LEVEL_TRIANGLES, reduced};
 use crate::measure::certify_body;
 use crate::mesh::contract::{Contracting, Contraction, Rest, Station, lumen_mm3};
 use crate::model::{LengthUnit, Mesh};
 use crate::sim::Plan;
-use crate::spec::{LEVEL_TRIANGLES, Toward};
+use crate::spec::Toward;
 use serde_json::{Map, json};
 use std::io::{self, Write};
 

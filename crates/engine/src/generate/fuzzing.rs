@@ -1,12 +1,14 @@
-//! Target of the fuzzers: checkpoints.
+//! Targets of the fuzzers: patches on specifications, and checkpoints.
 
+use super::Cost;
 use super::checkpoint::{Checkpoint, Parts};
+use super::outputs::{Output, Outputs};
 use super::types::{Backend, Request};
 use super::walls::Walls;
 use crate::ENGINE_VERSION;
 use crate::export::sections_bin::fuzzing::seal;
 use crate::export::sections_bin::{SectionsError, write_sections};
-use crate::spec::{ModelSpec, preset};
+use crate::spec::{self, ModelSpec, preset};
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use std::io::{Cursor, Read, Seek};
@@ -26,11 +28,20 @@ static REQUEST: LazyLock<Request> = LazyLock::new(|| {
         spec: spec.expect("the preset exists").expect("the patch is valid"),
         seed: 7,
         backend: Backend::CpuSingle,
-        outputs: Vec::new().into(),
+        outputs: Outputs::none(),
         dir: ".".into(),
         memory_limit_bytes: None,
     }
 });
+
+/// Asserts the properties of [`spec::fuzzing::patch`], and that each specification has a finite
+/// cost.
+pub fn patch(bytes: &[u8]) {
+    spec::fuzzing::patch(bytes, |spec| {
+        let cost = serde_json::to_string(&Cost::new(spec, &vec![Output::Glb, Output::Obj].into()));
+        assert!(cost.is_ok_and(|text| !text.contains("null")), "the cost is not a finite number");
+    });
+}
 
 /// A checkpoint that is read is written and read again as the same one, and its surface is lofted or refused. The bytes are
 /// read as they are, and with the checksums made right, so that damage behind them is found too.

@@ -7,6 +7,7 @@
 mod batch;
 mod checkpoint;
 mod contraction;
+mod cost;
 mod device;
 mod files;
 #[cfg(feature = "fuzzing")]
@@ -15,6 +16,7 @@ pub mod fuzzing;
 mod grow;
 mod labels;
 mod lean;
+mod limits;
 mod manifest;
 mod outputs;
 mod pace;
@@ -25,7 +27,9 @@ mod warnings;
 
 pub use batch::{Calls, Member, generate_batch};
 pub use checkpoint::{Checkpoint, CheckpointError};
+pub use cost::{Cost, Estimate};
 pub use files::write_surface;
+pub use limits::{CostLimits, OverLimit};
 pub use manifest::{Licence, MANIFEST, Manifest, ManifestFile, Origin};
 pub use outputs::{Output, Outputs};
 pub use types::{
@@ -325,7 +329,7 @@ impl Finishing<'_> {
 
 /// Refuses what is predicted to need too much memory, or more than a format holds, before anything is computed.
 fn check(request: &Request) -> Result<(), GenerateError> {
-    let cost = request.spec.cost(&request.outputs.names());
+    let cost = Cost::new(&request.spec, &request.outputs);
     let needed = cost.memory_bytes;
     if let Some(limit) = request.memory_limit_bytes.filter(|limit| needed > *limit) {
         return Err(GenerateError::Memory { needed, limit });

@@ -162,6 +162,12 @@ impl Default for Outputs {
 }
 
 impl Outputs {
+    /// No files besides those that are always written.
+    #[must_use]
+    pub fn none() -> Self {
+        Vec::new().into()
+    }
+
     /// Whether a format was asked for.
     #[must_use]
     pub fn has(&self, output: Output) -> bool {
@@ -196,12 +202,6 @@ impl Outputs {
             surfaces.chain(output.files().iter().map(|name| (*name).to_owned())).collect::<Vec<_>>()
         };
         self.formats.iter().flat_map(of).collect()
-    }
-
-    /// The names of formats and bodies, for [`crate::spec::ModelSpec::cost`].
-    #[must_use]
-    pub fn names(&self) -> Vec<&'static str> {
-        self.formats.iter().map(|format| format.name()).chain(self.bodies.iter().map(|body| body.name())).collect()
     }
 
     /// The bodies that are written in a unit.

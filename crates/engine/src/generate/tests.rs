@@ -220,7 +220,7 @@ fn the_report_states_the_levels_if_they_were_asked_for() {
         let outcome = generate(&request, &(), &CancelToken::default()).unwrap();
         let written: u64 =
             outcome.files.iter().filter(|f| Output::Lod.files().contains(&&*f.name)).map(|f| f.bytes).sum();
-        let predicted = request.spec.cost(&["lod"]).bytes["lod"];
+        let predicted = Cost::new(&request.spec, &vec![Output::Lod].into()).bytes["lod"];
         (serde_json::from_slice(&std::fs::read(dir.path().join("report.json")).unwrap()).unwrap(), written, predicted)
     };
     let (with, written, predicted) = report(&[Output::Lod]);
@@ -247,7 +247,7 @@ fn a_label_volume_has_the_piece_that_was_asked_for_and_about_the_predicted_size(
     assert_eq!(report["labels"]["size"][2], json!((length_um / 1000.0) as u32), "half of the tube");
     assert_eq!(report["labels"]["first_um"][2], json!(0.25 * length_um + 250.0));
     let written: u64 = outcome.files.iter().filter(|f| f.name.starts_with("labels.")).map(|f| f.bytes).sum();
-    let predicted = request.spec.cost(&["labels"]).bytes["labels"];
+    let predicted = Cost::new(&request.spec, &vec![Output::Labels].into()).bytes["labels"];
     assert!(written < 2 * predicted && predicted < 3 * written, "{written} bytes, predicted {predicted}");
 }
 
@@ -335,7 +335,7 @@ fn an_even_surface_has_good_triangles_and_the_sections_of_the_lofted_one() {
     assert!(certificate["quality"]["edge_ratios_to_4"].as_f64().unwrap() > 0.99, "{}", certificate["quality"]);
     assert_eq!(outcome.findings.surfaces.len(), 2 + 3, "lumen and regions in metres, all three in millimetres");
     let triangles = certificate["triangles"].as_u64().unwrap();
-    let predicted = request.spec.cost(&[]).triangles;
+    let predicted = Cost::new(&request.spec, &request.outputs).triangles;
     assert!(predicted < 2 * triangles && triangles < 2 * predicted, "{triangles} triangles, predicted {predicted}");
 
     let one = hashes(small(&even(&json!({}))), Backend::CpuSingle, 1);
@@ -529,7 +529,7 @@ fn files_have_about_the_predicted_size() {
     let dir = tempfile::tempdir().unwrap();
     let request = request(small(&json!({})), Backend::Cpu, dir.path());
     let outcome = generate(&request, &(), &CancelToken::default()).unwrap();
-    let predicted = request.spec.cost(&request.outputs.names()).bytes;
+    let predicted = Cost::new(&request.spec, &request.outputs).bytes;
     for output in [
         Output::Glb,
         Output::Gltf,

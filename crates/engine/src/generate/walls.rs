@@ -1,6 +1,8 @@
 //! The walls of a model while it grows. The surface of the recorded sections is lofted and tested slab by slab; for an
 //! even surface the sections of every step are kept and remeshed at the end.
 
+use super::cost::Cost;
+use super::outputs::Outputs;
 use super::types::{GenerateError, Request};
 use crate::clock::Stopwatch;
 use crate::export::Metadata;
@@ -73,7 +75,7 @@ impl Walls {
             Form::Even(quality, vec![first.clone()])
         } else {
             // If walls meet in many places, mending could add vertices almost without end.
-            let most = 2 * spec.cost(&[]).vertices + SPARE_VERTICES;
+            let most = 2 * Cost::new(spec, &Outputs::none()).vertices + SPARE_VERTICES;
             Form::Lofted(Box::new(Lofter::new(first.clone()).map_err(unsound)?.with_most_vertices(most)))
         };
         Ok(Self {

@@ -21,7 +21,6 @@ pub(in crate::export) use grid::Grid;
 use super::Metadata;
 use crate::geometry::distance::Triangles;
 use crate::model::{Mesh, Patch};
-use crate::spec::LEVEL_TRIANGLES;
 use encode::Encoded;
 use full::{Full, Level as Triangulation, number};
 use rayon::prelude::*;
@@ -30,6 +29,9 @@ use serde_json::Map;
 use simplify::coarser;
 use std::borrow::Cow;
 use std::io::{self, Write};
+
+/// Maximum number of triangles of the simplified levels of detail, the finer level first.
+pub const LEVEL_TRIANGLES: [usize; 2] = [300_000, 60_000];
 
 /// Names of the files, the finest level first.
 pub const FILES: [&str; 3] = ["model.lod0.glb", "model.lod1.glb", "model.lod2.glb"];

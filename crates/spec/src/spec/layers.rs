@@ -44,7 +44,8 @@ impl Parameters {
     }
 
     /// Number of slices that fit into the label volume.
-    pub(super) fn fitting_label_slices(&self) -> f64 {
+    #[must_use]
+    pub fn fitting_label_slices(&self) -> f64 {
         let [from, to] = self.label_ends_um();
         // The ends are products of rounded numbers, so a thousandth of a slice is tolerated.
         ((to - from) / self.labels.slice_um + 1e-3).floor()
@@ -52,7 +53,8 @@ impl Parameters {
 
     /// Predicted voxels along the longer side of a slice, and per slice, at the widest place of the
     /// label volume.
-    pub(super) fn label_voxels(&self) -> (f64, f64) {
+    #[must_use]
+    pub fn label_voxels(&self) -> (f64, f64) {
         let c = &self.containment;
         let ends = self.label_ends_um().map(|um| um / (self.length_mm * 1000.0));
         let widest = self.widest();

@@ -17,7 +17,6 @@
 //! | `course` | centre line, and room for the tube along it |
 //! | `layers` | layers of a section, size of a label volume |
 //! | `batch_key` | which models a GPU may grow together |
-//! | `cost`, `limits` | predicted cost of a model, and its limits |
 //! | `lever` | parameters that a fit changes |
 //! | `study` | parameter studies: designs and their points |
 
@@ -25,7 +24,6 @@ mod batch_key;
 mod bounds;
 mod canonical;
 mod check;
-mod cost;
 mod course;
 mod fault;
 #[cfg(feature = "fuzzing")]
@@ -33,7 +31,6 @@ mod fault;
 pub mod fuzzing;
 mod layers;
 mod lever;
-mod limits;
 mod merge;
 mod outline;
 mod parameters;
@@ -51,11 +48,9 @@ mod tests;
 
 pub use batch_key::batch_key;
 pub use canonical::canonical_json;
-pub use cost::{Cost, Estimate, LEVEL_TRIANGLES};
 pub use course::{Across, Bent};
 pub use fault::{Fault, members};
 pub use lever::{End, Lever, Setting};
-pub use limits::{Limits, OverLimit};
 pub use parameters::{
     Collision, Containment, Contortion, Contraction, Course, CourseShape, Folds, Histology, Integrator, Labels, Lean,
     MAX_PARTICLES, MAX_STEPS, MeshOptions, Outline, OutlineKind, Parameters, Particles, Piece, Regions, Regulatory,
@@ -237,7 +232,8 @@ impl Parameters {
 
     /// x radius of the inner ellipse of the containment region, µm in the simulation, at the
     /// fraction `u` of the steps.
-    fn inner_radius_um(&self, u: f64) -> f64 {
+    #[must_use]
+    pub fn inner_radius_um(&self, u: f64) -> f64 {
         let (c, particles) = (&self.containment, &self.particles);
         let inner = (particles.total.at(u) - particles.outer.at(u)).max(0.0);
         (inner * particles.edge_um.at(u) * c.spacing_um.at(u) / (PI * c.squash.at(u))).sqrt()
