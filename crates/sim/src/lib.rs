@@ -1,6 +1,6 @@
 //! The particle simulation that grows the folds, on processors and GPUs.
 
-use oviduct_base::{clock, geometry, model, random, vectorize};
+use oviduct_base::{clock, geometry, lock, model, random, vectorize};
 use oviduct_spec::spec;
 
 pub mod sim;

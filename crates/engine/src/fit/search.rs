@@ -10,11 +10,11 @@ use super::evaluate::{Candidate, Evaluator, Physics, Unmeasured, misfit};
 use super::linear::Linear;
 use super::request::FitSpec;
 use super::watch::Watch;
+use crate::lock::Mutex;
 use cmaes::{CMAESOptions, DVector};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// First standard deviation of the candidates, as a part of the distance of the bounds.
 const SPREAD: f64 = 0.12;
@@ -128,29 +128,29 @@ impl<'a> Archive<'a> {
 
     pub(super) fn checkpoint(&self) -> Vec<u8> {
         let checkpoint =
-            Checkpoint { digest: self.fit.digest(), entries: lock(&self.known).values().cloned().collect() };
+            Checkpoint { digest: self.fit.digest(), entries: self.known.lock().values().cloned().collect() };
         serde_json::to_vec(&checkpoint).unwrap_or_default()
     }
 
     /// The misfit of a candidate that the optimiser asks for.
     fn ask(&self, places: &[f64], physics: Physics, asked: &Mutex<Vec<Key>>) -> f64 {
         let entry = self.entry(places, physics);
-        lock(asked).push(key(physics, places));
+        asked.lock().push(key(physics, places));
         entry.ok().and_then(|entry| self.misfit(&entry)).unwrap_or(NO_MODEL)
     }
 
     /// Lists the candidates of a generation, in an order that does not depend on the threads.
     fn list(&self, mut asked: Vec<Key>) {
-        let known = lock(&self.known);
+        let known = self.known.lock();
         let misfit = |key: &Key| known.get(key).and_then(|entry| self.misfit(entry)).unwrap_or(NO_MODEL);
         asked.sort_by(|a, b| misfit(a).total_cmp(&misfit(b)).then_with(|| a.cmp(b)));
-        lock(&self.order).extend(asked);
+        self.order.lock().extend(asked);
     }
 
     /// The candidates that could be measured, in order. Those on reduced models are shifted by as much as the measures of the best one
     /// of them change with the physics of the spec, so that all are comparable.
     pub(super) fn candidates(&self) -> Vec<Candidate> {
-        let (known, order) = (lock(&self.known), lock(&self.order));
+        let (known, order) = (self.known.lock(), self.order.lock());
         let measured = |key: &Key| known.get(key).cloned().and_then(candidate);
         let shift = order.iter().filter(|key| key.0 == Physics::Whole).find_map(|key| {
             let both = [measured(&(Physics::Reduced, key.1.clone()))?, measured(key)?];
@@ -179,14 +179,14 @@ impl<'a> Archive<'a> {
 
     /// The misfit where the search started, on a reduced model if there was one.
     fn start_misfit(&self, start: &[f64]) -> Option<f64> {
-        let known = lock(&self.known);
+        let known = self.known.lock();
         let of = |physics: Physics| self.misfit(known.get(&key(physics, start))?);
         of(Physics::Reduced).or_else(|| of(Physics::Whole))
     }
 
     /// Where the least misfit fell, of each physics for itself.
     fn history(&self) -> Vec<Fall> {
-        let (known, order) = (lock(&self.known), lock(&self.order));
+        let (known, order) = (self.known.lock(), self.order.lock());
         let measured = order.iter().filter_map(|key| Some((key.0, self.misfit(known.get(key)?)?)));
         let mut least = None;
         let fall = |(i, (physics, misfit)): (usize, (Physics, f64))| {
@@ -201,7 +201,7 @@ impl<'a> Archive<'a> {
 
     /// The candidate of least misfit with some physics.
     fn best(&self, physics: Physics) -> Option<Candidate> {
-        let (known, order) = (lock(&self.known), lock(&self.order));
+        let (known, order) = (self.known.lock(), self.order.lock());
         let of = order.iter().filter(|key| key.0 == physics).filter_map(|key| known.get(key));
         let measured = of.filter_map(|entry| Some((self.misfit(entry)?, entry)));
         measured.min_by(|a, b| a.0.total_cmp(&b.0)).and_then(|(_, entry)| candidate(entry.clone()))
@@ -210,14 +210,14 @@ impl<'a> Archive<'a> {
     /// Measures candidates in parallel, and lists them in this order.
     pub(super) fn measure(&self, all: &[Vec<f64>], physics: Physics) -> Result<(), Unmeasured> {
         all.par_iter().try_for_each(|places| self.entry(places, physics).map(|_| ()))?;
-        lock(&self.order).extend(all.iter().map(|places| key(physics, places)));
+        self.order.lock().extend(all.iter().map(|places| key(physics, places)));
         Ok(())
     }
 
     fn entry(&self, places: &[f64], physics: Physics) -> Result<Entry, Unmeasured> {
         let key = key(physics, places);
         // Its lock is released before that of the watch is taken: a checkpoint takes them the other way round.
-        let known = lock(&self.known).get(&key).cloned();
+        let known = self.known.lock().get(&key).cloned();
         if let Some(known) = known {
             self.watch.remembered(physics, self.misfit(&known));
             return Ok(known);
@@ -228,7 +228,7 @@ impl<'a> Archive<'a> {
             Err(Unmeasured::Cancelled) => return Err(Unmeasured::Cancelled),
         };
         let entry = Entry { physics, places: places.to_vec(), measures, failed };
-        lock(&self.known).insert(key, entry.clone());
+        self.known.lock().insert(key, entry.clone());
         self.watch.measured(physics, self.misfit(&entry), || self.checkpoint());
         Ok(entry)
     }
@@ -240,12 +240,12 @@ impl<'a> Archive<'a> {
 
     /// Candidates asked for so far.
     pub(super) fn len(&self) -> usize {
-        lock(&self.order).len()
+        self.order.lock().len()
     }
 
     /// How many candidates could not be measured, and why the last of them.
     fn failures(&self) -> (usize, Option<String>) {
-        let (known, order) = (lock(&self.known), lock(&self.order));
+        let (known, order) = (self.known.lock(), self.order.lock());
         let failed: Vec<&String> = order.iter().filter_map(|key| known.get(key)?.failed.as_ref()).collect();
         (failed.len(), failed.last().copied().cloned())
     }
@@ -253,10 +253,6 @@ impl<'a> Archive<'a> {
 
 fn candidate(entry: Entry) -> Option<Candidate> {
     entry.failed.is_none().then_some(Candidate { places: entry.places, measures: entry.measures })
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// A coordinate of the optimiser as a place from 0 to 1: reflected at the bounds, so that it needs no bounds of its own.
@@ -329,7 +325,7 @@ fn explore(fit: &FitSpec, archive: &Archive<'_>, start: &[f64], physics: Physics
             steps(fit, archive, physics)?;
         } else {
             let stopped = optimiser.next_parallel();
-            archive.list(std::mem::take(&mut *lock(&asked)));
+            archive.list(std::mem::take(&mut *asked.lock()));
             if stopped.is_some() {
                 return Ok(Ended::Converged);
             }

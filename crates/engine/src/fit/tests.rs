@@ -1,8 +1,8 @@
 //! Whole fits of small models: hidden parameters, contradictions, checkpoints, cancel, threads.
 
 use super::*;
+use crate::lock::Mutex;
 use serde_json::{Value, json};
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 /// A tube of some hundred particles.
@@ -133,7 +133,7 @@ impl FitSink for Keeps {
         true
     }
     fn checkpoint(&self, bytes: Vec<u8>) {
-        self.checkpoints.lock().unwrap().push(bytes);
+        self.checkpoints.lock().push(bytes);
     }
 }
 
@@ -146,13 +146,13 @@ fn a_search_continues_from_a_checkpoint_and_does_not_depend_on_threads() {
     let kept = Keeps::default();
     let whole = pool(1).install(|| run(&body, &kept, None));
     assert_eq!(pool(3).install(|| run(&body, &(), None)), whole);
-    let checkpoints = kept.checkpoints.into_inner().unwrap();
+    let checkpoints = std::mem::take(&mut *kept.checkpoints.lock());
     assert!(checkpoints.len() >= 10, "{}", checkpoints.len());
     // From the middle: only the rest is measured.
     let after = Keeps::default();
     let half = checkpoints.len() / 2;
     assert_eq!(pool(2).install(|| run(&body, &after, Some(&checkpoints[half]))), whole);
-    let measured = after.checkpoints.into_inner().unwrap().len();
+    let measured = after.checkpoints.lock().len();
     assert_eq!(measured, checkpoints.len() - half - 1);
     // A checkpoint of another request, or none at all, is passed over.
     let mut other = body.clone();

@@ -3,8 +3,8 @@
 use super::evaluate::Physics;
 use crate::clock::Stopwatch;
 use crate::generate::CancelToken;
+use crate::lock::Mutex;
 use serde::{Deserialize, Serialize};
-use std::sync::{Mutex, PoisonError};
 
 /// Part of the whole that the search is counted as.
 const SEARCH: f64 = 0.85;
@@ -109,7 +109,7 @@ impl<'a> Watch<'a> {
             now.count(physics, misfit);
         });
         // One thread at a time, so that the others do not take one for the same wish.
-        let _now = self.now.lock().unwrap_or_else(PoisonError::into_inner);
+        let _now = self.now.lock();
         if self.sink.wants_checkpoint() {
             self.sink.checkpoint(checkpoint());
         }
@@ -131,7 +131,7 @@ impl<'a> Watch<'a> {
     }
 
     fn report(&self, change: impl FnOnce(&mut Now)) {
-        let mut now = self.now.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut now = self.now.lock();
         change(&mut now);
         let Now { progress, models, own, .. } = &mut *now;
         let part = |done: u32, all: u32| (f64::from(done) / f64::from(all.max(1))).min(1.0);
@@ -169,13 +169,13 @@ mod tests {
 
     impl FitSink for Told {
         fn progress(&self, progress: &FitProgress) {
-            self.0.lock().unwrap().push(*progress);
+            self.0.lock().push(*progress);
         }
         fn wants_checkpoint(&self) -> bool {
-            self.1.lock().unwrap().is_empty()
+            self.1.lock().is_empty()
         }
         fn checkpoint(&self, bytes: Vec<u8>) {
-            self.1.lock().unwrap().push(bytes);
+            self.1.lock().push(bytes);
         }
     }
 
@@ -190,15 +190,15 @@ mod tests {
         watch.grown();
         watch.grown();
         // The misfits of reduced models do not count any more.
-        assert_eq!(told.0.lock().unwrap().last().and_then(|p| p.misfit), Some(3.0));
+        assert_eq!(told.0.lock().last().and_then(|p| p.misfit), Some(3.0));
         watch.measured(Physics::Whole, Some(4.0), Vec::new);
-        let all = told.0.lock().unwrap();
+        let all = told.0.lock();
         let fractions: Vec<f64> = all.iter().map(|p| p.fraction).collect();
         assert!(fractions.is_sorted() && fractions.last() < Some(&1.0), "{fractions:?}");
         assert_eq!(
             all.last().map(|p| (p.stage, p.evaluations, p.models, p.misfit)),
             Some((FitStage::Verify, 4, 2, Some(4.0)))
         );
-        assert_eq!(*told.1.lock().unwrap(), [vec![1]]);
+        assert_eq!(*told.1.lock(), [vec![1]]);
     }
 }

@@ -12,6 +12,7 @@ use super::types::{CancelToken, GenerateError, Outcome, Request, Sink, UsedBacke
 use super::walls::Walls;
 use super::{Ran, check, finish};
 use crate::clock::Stopwatch;
+use crate::lock::Mutex;
 use crate::model::Section;
 use crate::sim::gpu::{GpuDevice, GpuError};
 use crate::sim::{Plan, SimError, Statistics};
@@ -21,8 +22,8 @@ use std::borrow::Cow;
 use std::collections::VecDeque;
 use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Condvar;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
 /// Sections of a member that may wait for the loft; the device waits if there are more.
 const INBOX: usize = 8;
@@ -140,11 +141,6 @@ impl<'a, M> Growing<'a, M> {
     }
 }
 
-/// Ignores poisoning: a panic of one member is caught before it can leave shared data in an inconsistent state.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 struct Batch<'a, D: Device> {
     device: &'a D,
     growing: Vec<Growing<'a, D::Mark>>,
@@ -175,7 +171,7 @@ impl<'a, D: Device> Batch<'a, D> {
                         Ok(()) => GenerateError::Cancelled,
                     };
                     // Sections of a member that will not be finished.
-                    lock(&member.inbox).items.clear();
+                    member.inbox.lock().items.clear();
                     self.post(scope, member, Item::Broken(why));
                 }
             }
@@ -185,7 +181,7 @@ impl<'a, D: Device> Batch<'a, D> {
 
     /// Puts an item into a member's inbox, and schedules a task for it if there is none.
     fn post<'s>(&'s self, scope: &rayon::Scope<'s>, member: &'s Growing<'a, D::Mark>, item: Item<D::Mark>) {
-        let mut inbox = lock(&member.inbox);
+        let mut inbox = member.inbox.lock();
         inbox.items.push_back(item);
         if !inbox.scheduled {
             inbox.scheduled = true;
@@ -196,7 +192,7 @@ impl<'a, D: Device> Batch<'a, D> {
     fn process(&self, member: &Growing<'a, D::Mark>) {
         loop {
             let item = {
-                let mut inbox = lock(&member.inbox);
+                let mut inbox = member.inbox.lock();
                 let Some(item) = inbox.items.pop_front() else {
                     inbox.scheduled = false;
                     return;
@@ -204,7 +200,7 @@ impl<'a, D: Device> Batch<'a, D> {
                 item
             };
             member.taken.notify_one();
-            let mut place = lock(&member.loft);
+            let mut place = member.loft.lock();
             let Some(mut loft) = place.take() else { continue };
             match catch_unwind(AssertUnwindSafe(|| self.handle(member, &mut loft, item))) {
                 Ok(Ok(None)) => *place = Some(loft),
@@ -247,7 +243,7 @@ impl<'a, D: Device> Batch<'a, D> {
                     // It lies before the piece.
                     return Ok(None);
                 }
-                lock(&member.pace).section(&section);
+                member.pace.lock().section(&section);
                 Ok(None)
             }
             Item::Simulated(statistics, seconds) => {
@@ -288,13 +284,13 @@ impl<D: Device> Receiver<D::Mark> for Feed<'_, '_, '_, D> {
         self.forward(member, Item::Section(section, mark));
         let member = self.member(member);
         // Waits for the loft if it lags behind.
-        drop(member.taken.wait_while(lock(&member.inbox), |inbox| inbox.items.len() > INBOX));
+        drop(member.taken.wait_while(member.inbox.lock(), |inbox| inbox.items.len() > INBOX));
     }
 
     fn progress(&mut self, member: usize, step: i64, particles: u32) {
         let member = self.member(member);
         if !member.ended.load(Ordering::Relaxed) {
-            lock(&member.pace).step(step, particles);
+            member.pace.lock().step(step, particles);
         }
     }
 

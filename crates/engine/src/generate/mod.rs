@@ -40,6 +40,7 @@ pub use types::{
 use crate::clock::Stopwatch;
 use crate::export::centreline::Centreline;
 use crate::geometry::cut::Body;
+use crate::lock::Mutex;
 use crate::measure;
 use crate::measure::Certificate;
 use crate::measure::comparison::compare;
@@ -54,7 +55,6 @@ use files::Inputs;
 use grow::Grown;
 use pace::Pace;
 use serde_json::json;
-use std::sync::{Mutex, PoisonError};
 use surfaces::Surfaces;
 use walls::Closed;
 
@@ -134,7 +134,7 @@ fn finish(
     cancel: &CancelToken,
 ) -> Result<Outcome, GenerateError> {
     let stage = |stage, part| {
-        pace.lock().unwrap_or_else(PoisonError::into_inner).stage(stage, part);
+        pace.lock().stage(stage, part);
         if cancel.is_cancelled() { Err(GenerateError::Cancelled) } else { Ok(()) }
     };
     let seconds = Seconds { simulate: grown.seconds, mesh: grown.walls.seconds(), ..Seconds::default() };

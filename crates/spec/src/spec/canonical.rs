@@ -11,7 +11,6 @@ const EXACT: f64 = 9_007_199_254_740_992.0;
 #[must_use]
 pub(super) fn number(value: f64) -> Value {
     if value.fract() == 0.0 && value.abs() <= EXACT {
-        #[expect(clippy::cast_possible_truncation, reason = "an integer below 2^53")]
         return Value::from(value as i64);
     }
     Number::from_f64(value).map_or(Value::Null, Value::Number)

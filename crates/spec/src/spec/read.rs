@@ -149,11 +149,6 @@ impl Parameter for u32 {
             return reader.fault(site.at, format!("is {v}; it must be an integer"));
         }
         let v = reader.bounded(site, v, Range::of(f64::from(rule.min), f64::from(rule.max)))?;
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "an integer within the bounds of u32"
-        )]
         Some(v as u32)
     }
 

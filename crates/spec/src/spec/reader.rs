@@ -45,7 +45,6 @@ impl Reader {
 
     /// Reads an integer from `min` to `max`. A number such as 7.0 is an integer.
     pub(super) fn size(&mut self, at: &str, value: &Value, min: usize, max: usize) -> Option<usize> {
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked to be a whole number")]
         let whole =
             value.as_u64().or_else(|| value.as_f64().filter(|x| x.fract() == 0.0 && *x >= 0.0).map(|x| x as u64));
         match whole.and_then(|n| usize::try_from(n).ok()).filter(|n| (min..=max).contains(n)) {

@@ -35,7 +35,7 @@ impl Device for Twin {
     }
 
     fn run(&self, plans: &[Plan], receiver: &mut dyn Receiver<CpuSimulation>) -> Result<(), GpuError> {
-        lock(&self.runs).push(plans.len());
+        self.runs.lock().push(plans.len());
         if self.room.is_some_and(|room| plans.len() > room) {
             return Err(GpuError::OutOfMemory);
         }
@@ -118,12 +118,12 @@ fn run(device: &Twin, requests: &[Request], sinks: &[&dyn Sink], cancels: &[Canc
     let ends: Vec<Mutex<Option<Result<Outcome, GenerateError>>>> = requests.iter().map(|_| Mutex::new(None)).collect();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let (idle, ended) = (AtomicU32::new(0), |index: usize, result| {
-        assert!(ends[index].lock().unwrap().replace(result).is_none(), "{index} ended twice");
+        assert!(ends[index].lock().replace(result).is_none(), "{index} ended twice");
     });
     let simulated = || assert_eq!(idle.fetch_add(1, Ordering::Relaxed), 0, "the device was released twice");
     on(device, Some(&pool), &members, Calls { simulated: &simulated, ended: &ended });
     assert_eq!(idle.into_inner(), 1);
-    ends.into_iter().map(|end| end.into_inner().unwrap().expect("ended")).collect()
+    ends.into_iter().map(|end| end.lock().take().expect("ended")).collect()
 }
 
 fn plainly(device: &Twin, requests: &[Request], threads: usize) -> Ends {
@@ -214,7 +214,7 @@ struct Watcher {
 
 impl Sink for Watcher {
     fn progress(&self, progress: &Progress) {
-        lock(&self.stages).push((progress.stage, progress.fraction));
+        self.stages.lock().push((progress.stage, progress.fraction));
         if let Some((step, cancel)) = &self.stops_at
             && progress.step >= *step
         {
@@ -246,7 +246,7 @@ fn what_ends_badly_ends_alone() {
     assert!(matches!(&ends[3], Err(GenerateError::Simulation { detail }) if detail.contains("step 60")));
     assert!(matches!(ends[4], Err(GenerateError::Memory { limit: 1, .. })));
 
-    let stages = lock(&sinks[0].stages);
+    let stages = sinks[0].stages.lock();
     assert!(stages.windows(2).all(|w| w[0].1 <= w[1].1), "progress decreased");
     for stage in [Stage::Simulate, Stage::Mesh, Stage::Certify, Stage::Export] {
         assert!(stages.iter().any(|(seen, _)| *seen == stage), "{stage:?}");
@@ -279,7 +279,7 @@ fn a_batch_that_gets_no_memory_is_halved() {
     // It waits for the others when it is cancelled.
     cancels[3].cancel();
     let ends = run(&device, &requests, &[&() as &dyn Sink; 5], &cancels, 2);
-    assert_eq!(*lock(&device.runs), [5, 3, 2, 1, 2]);
+    assert_eq!(*device.runs.lock(), [5, 3, 2, 1, 2]);
     for member in [0, 2] {
         let alone = generate(&requests[member], &(), &CancelToken::default()).unwrap();
         let outcome = ends[member].as_ref().unwrap();
@@ -297,5 +297,5 @@ fn a_batch_that_gets_no_memory_is_halved() {
         assert!(matches!(error, GenerateError::Gpu(GpuError::OutOfMemory)), "{error}");
         assert_eq!(error.to_string(), "the GPU ran out of memory");
     }
-    assert_eq!(*lock(&device.runs), [2, 1, 1]);
+    assert_eq!(*device.runs.lock(), [2, 1, 1]);
 }

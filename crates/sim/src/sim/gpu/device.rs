@@ -5,12 +5,13 @@ use super::error::GpuError;
 use super::pace::FIRST_STEPS;
 use super::pipelines::{IMMEDIATES, Pipelines, STORAGE_BUFFERS};
 use super::sizes::Sizes;
+use crate::lock::Mutex;
 use crate::sim::Plan;
 use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::available_parallelism;
 use std::time::Duration;
 
@@ -50,7 +51,7 @@ struct Health {
 impl Health {
     /// Stores the first error; a loss replaces any other.
     fn note(&self, error: GpuError) {
-        let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut told = self.told.lock();
         if matches!(error, GpuError::Lost { .. }) {
             if !self.lost.swap(true, Ordering::SeqCst) {
                 *told = Some(error);
@@ -231,7 +232,7 @@ impl GpuDevice {
 
     /// Fails with the error that the driver reported outside of calls since the last check, if any.
     pub(super) fn check(&self) -> Result<(), GpuError> {
-        let mut told = self.health.told.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut told = self.health.told.lock();
         // A loss stays.
         let error = if self.is_lost() { told.clone() } else { told.take() };
         error.map_or(Ok(()), Err)

@@ -34,7 +34,6 @@ pub(super) fn grid(lengths: &[usize]) -> Vec<Vec<usize>> {
 /// Quantiles of one dimension of a Latin hypercube, strictly between 0 and 1: a random one in each
 /// of `samples` equal intervals, in random order.
 pub(super) fn latin_hypercube(samples: usize, seed: u64, dimension: u32) -> Vec<f64> {
-    #[expect(clippy::cast_possible_truncation, reason = "a batch has fewer than 2^32 models")]
     let random = |sample: usize| words(seed, Stream::Study, sample as u32, dimension);
     // Sorting by random keys is a random permutation.
     let mut parts: Vec<usize> = (0..samples).collect();
@@ -42,7 +41,6 @@ pub(super) fn latin_hypercube(samples: usize, seed: u64, dimension: u32) -> Vec<
         let [high, low, ..] = random(part);
         (high, low, part)
     });
-    #[expect(clippy::cast_precision_loss, reason = "far fewer than 2^53 samples")]
     let place = |(sample, part): (usize, usize)| {
         let [.., high, low] = random(sample);
         let u = (part as f64 + unit_f64(high, low)) / samples as f64;

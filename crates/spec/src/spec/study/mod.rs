@@ -140,7 +140,6 @@ fn read(reader: &mut Reader, vary: &Value, max_points: usize) -> Option<Study> {
         _ => None,
     };
     let seed = match members.get("seed") {
-        #[expect(clippy::cast_possible_truncation, reason = "64 bits, and checked")]
         Some(value) if hypercube => reader.size("/seed", value, 0, SEED_MAX as usize).map(|seed| seed as u64),
         _ => Some(0),
     };

@@ -74,7 +74,6 @@ impl Source {
 
     /// Values in order, for a grid or a zip. A distribution contributes the median of each of
     /// `count` intervals of equal probability.
-    #[expect(clippy::cast_precision_loss, reason = "a batch has fewer than 2^53 models")]
     pub(super) fn levels(&self) -> Vec<Value> {
         match self {
             Self::List(items) => items.clone(),
@@ -98,12 +97,6 @@ impl Source {
         let each = (0..quantiles.len()).collect();
         match self {
             Self::List(items) => {
-                #[expect(
-                    clippy::cast_precision_loss,
-                    clippy::cast_possible_truncation,
-                    clippy::cast_sign_loss,
-                    reason = "an index of a list"
-                )]
                 let item = |u: &f64| ((u * items.len() as f64) as usize).min(items.len() - 1);
                 (items.clone(), quantiles.iter().map(item).collect())
             }
