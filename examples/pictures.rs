@@ -6,8 +6,8 @@
 use oviduct::mesh::Lofter;
 use oviduct::model::Section;
 use oviduct::render::{NamedView, mesh_png, sheet_png};
+use oviduct::sim::Plan;
 use oviduct::sim::cpu::CpuSimulation;
-use oviduct::sim::{Plan, Simulator};
 use oviduct::spec::{ModelSpec, preset};
 use std::error::Error;
 use std::path::Path;

@@ -5,8 +5,7 @@ use crate::common::{Kept, leave, no_vulkan, open_with, short};
 use oviduct::sim::Plan;
 use oviduct::sim::gpu::{GpuDevice, GpuError, run_batch};
 
-/// Bytes of a batch that [`GpuDevice::batch_bytes`] does not count: constants, timestamps,
-/// alignment.
+/// Bytes of a batch that [`GpuDevice::batch_bytes`] does not count: constants, alignment.
 const MORE: u64 = 200_000;
 
 pub(crate) fn plans(members: u64) -> Vec<Plan> {

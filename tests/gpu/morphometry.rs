@@ -16,7 +16,7 @@ use crate::common::{no_vulkan, plan};
 use oviduct::geometry::polygon::signed_area;
 use oviduct::model::{Ring, Section};
 use oviduct::sim::cpu::CpuSimulation;
-use oviduct::sim::{Plan, Simulator, StepRow};
+use oviduct::sim::{Plan, StepRow};
 use serde_json::json;
 use std::sync::OnceLock;
 

@@ -9,7 +9,7 @@
 use crate::common::{device, no_vulkan, plan};
 use oviduct::sim::cpu::CpuSimulation;
 use oviduct::sim::gpu::{Checkpoint, advance};
-use oviduct::sim::{InnerLoop, LANES, Plan, Simulator, StepRow};
+use oviduct::sim::{InnerLoop, LANES, Plan, StepRow};
 use oviduct::spec::{Integrator, Search};
 use serde_json::{Value, json};
 

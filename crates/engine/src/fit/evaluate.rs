@@ -7,7 +7,7 @@ use crate::generate::CancelToken;
 use crate::measure::morphometry::{Morphometry, Regions, morphometry};
 use crate::model::Section;
 use crate::sim::cpu::CpuSimulation;
-use crate::sim::{Plan, Simulator};
+use crate::sim::Plan;
 use crate::spec::ModelSpec;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};

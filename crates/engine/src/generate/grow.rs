@@ -8,7 +8,7 @@ use super::walls::Walls;
 use crate::clock::Stopwatch;
 use crate::model::Section;
 use crate::sim::cpu::CpuSimulation;
-use crate::sim::{Plan, SimError, Simulator, Statistics};
+use crate::sim::{Plan, SimError, Statistics};
 use std::borrow::Cow;
 
 /// A grown model.

@@ -45,7 +45,7 @@ fn measure(device: &GpuDevice, spec: &ModelSpec, what: &str, quick: bool) -> any
     lines.push(machine::line());
     lines.push(format!("simulation of {what} with readback of sections, without a surface; {}", machine::runs(runs)));
     lines.push(String::new());
-    let heads = ["batch", "seconds", "models/s", "device s", "host s", "dispatches", "µs/dispatch", "memory MB"];
+    let heads = ["batch", "seconds", "models/s", "host s", "dispatches", "µs/dispatch", "memory MB"];
     let [batch, rest @ ..] = heads;
     lines.push(format!("{batch:>6}{}", rest.map(|head| format!(" {head:>12}")).concat()));
     let (mut rows, mut points, mut search) = (Vec::new(), Vec::new(), None);
@@ -56,9 +56,8 @@ fn measure(device: &GpuDevice, spec: &ModelSpec, what: &str, quick: bool) -> any
         let run = device::median(device, &plans, runs)?;
         let rate = size as f64 / run.seconds;
         let bytes = GpuDevice::batch_bytes(&plans[0], size);
-        let on_device = run.report.device_seconds.map_or("unknown".to_owned(), |s| format!("{s:.3}"));
         lines.push(format!(
-            "{size:>6} {:>12.3} {rate:>12.3} {on_device:>12} {:>12.3} {:>12} {:>12.2} {:>12.0}",
+            "{size:>6} {:>12.3} {rate:>12.3} {:>12.3} {:>12} {:>12.2} {:>12.0}",
             run.seconds,
             run.report.host_seconds,
             run.report.dispatches,

@@ -23,8 +23,7 @@ impl Batch {
     pub(super) fn describe(&self) -> Value {
         let report = &self.report;
         json!({
-            "seconds": self.seconds, "device_seconds": report.device_seconds,
-            "host_seconds": report.host_seconds, "dispatches": report.dispatches,
+            "seconds": self.seconds, "host_seconds": report.host_seconds, "dispatches": report.dispatches,
             "submissions": report.submissions, "bytes_back": report.bytes_back, "first": self.first,
         })
     }
@@ -35,9 +34,9 @@ impl Batch {
         format!("seed 1: neighbour lists built {list_builds} times; a block searched all others {full_searches} times")
     }
 
-    /// Returns the mean microseconds per dispatch, by the clock of the device if it has one.
+    /// Returns the mean microseconds per dispatch, including the time of the host.
     pub(super) fn microseconds_a_dispatch(&self) -> f64 {
-        1e6 * self.report.device_seconds.unwrap_or(self.seconds) / self.report.dispatches.max(1) as f64
+        1e6 * self.seconds / self.report.dispatches.max(1) as f64
     }
 }
 
@@ -46,7 +45,6 @@ pub(super) fn describe(device: &GpuDevice) -> Value {
     let adapter = device.adapter();
     json!({
         "name": adapter.name, "kind": adapter.kind.as_str(), "backend": adapter.backend, "driver": adapter.driver,
-        "timestamps": adapter.timestamps,
     })
 }
 
@@ -67,9 +65,6 @@ pub(super) fn lines(device: &GpuDevice) -> Vec<String> {
     )];
     if is_software(device) {
         lines.push("a SOFTWARE adapter, which computes on the CPU: its times are not those of a GPU".to_owned());
-    }
-    if !adapter.timestamps {
-        lines.push("it has no timestamp queries: device seconds are unknown".to_owned());
     }
     lines
 }

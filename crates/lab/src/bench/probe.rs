@@ -2,8 +2,8 @@
 
 use super::curve::Point;
 use oviduct::clock::Stopwatch;
+use oviduct::sim::Plan;
 use oviduct::sim::cpu::{CpuSimulation, Kernel};
-use oviduct::sim::{Plan, Simulator};
 use oviduct::spec::Search;
 use rayon::ThreadPool;
 
@@ -123,7 +123,7 @@ mod tests {
         let spec = ModelSpec::resolve(preset("paper").unwrap(), &patch).unwrap();
         let plan = Plan::new(&spec, 1);
         let states = states(&plan, &[200, 300, 500], 1).unwrap();
-        let counts: Vec<u32> = states.iter().map(Simulator::particles).collect();
+        let counts: Vec<u32> = states.iter().map(CpuSimulation::particles).collect();
         assert_eq!(counts.len(), 3);
         assert!(counts[0] == 200 && (300..=350).contains(&counts[1]) && (400..500).contains(&counts[2]), "{counts:?}");
         let variant = Variant { search: Search::AllPairs, kernel: Kernel::Scalar, threads: 1 };

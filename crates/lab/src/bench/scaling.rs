@@ -5,8 +5,8 @@ use super::machine;
 use super::probe::{self, Variant};
 use super::report::Report;
 use anyhow::Context;
+use oviduct::sim::Plan;
 use oviduct::sim::cpu::{CpuSimulation, Kernel, PairTerms, reference_force};
-use oviduct::sim::{Plan, Simulator};
 use oviduct::spec::{ModelSpec, Search, preset};
 use serde_json::json;
 

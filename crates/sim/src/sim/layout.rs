@@ -1,14 +1,15 @@
-//! Plain data shared with shaders: every field four bytes wide, no padding.
+//! Plain data shared with the shaders: every field is four bytes wide, and there is no padding.
 
 use bytemuck::{Pod, Zeroable};
 
-/// Particles, and segments, of a block on a GPU.
+/// Number of particles, and of segments, in a block on a GPU.
 pub const LANES: usize = 16;
 
-/// Distance by which the lists of a GPU reach beyond the range of the forces, µm.
+/// Distance by which the lists on a GPU extend beyond the range of the forces, µm.
 pub(super) const DEVICE_SKIN: f32 = 20.0;
 
-/// All parameters of one time step, sampled from the schedules (physical meaning in [`crate::spec`]).
+/// All parameters of one time step, sampled from the schedules. [`crate::spec`] explains their
+/// physical meaning.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct StepRow {
@@ -18,7 +19,7 @@ pub struct StepRow {
     pub damping: f32,
     /// Fraction by which rest lengths relax.
     pub relaxation: f32,
-    /// Rest length that edges relax to, µm.
+    /// Length to which the rest lengths of edges relax, µm.
     pub edge: f32,
     /// Friction.
     pub friction: f32,
@@ -38,7 +39,7 @@ pub struct StepRow {
     pub regulatory: f32,
     /// Regulatory softening, µm.
     pub softening: f32,
-    /// Contortion magnitude m times c(t) at the start, the middle and the end of the step.
+    /// Contortion magnitude m times c(t) at the start, in the middle and at the end of the step.
     pub contortion: [f32; 3],
     /// kr times the reference range, µm.
     pub repulsion: f32,
@@ -70,28 +71,22 @@ pub struct StepRow {
     pub height: f32,
     /// Root mean square of the logarithm of the force ranges around the wall.
     pub thickness: f32,
-    /// Change of the logarithm of the growth rate, and of the force ranges, over the root mean square shift along the tube.
+    /// Change of the logarithm of the growth rate, and of the force ranges, per root mean square
+    /// shift along the tube.
     pub shift: [f32; 2],
     /// Strength of the outline.
     pub outline: f32,
-    /// Height of the transverse folds over the radius.
+    /// Height of the transverse folds divided by the radius.
     pub fold: f32,
-    /// Share of it by which the wall is drawn in.
+    /// Part of the fold height by which the wall is drawn in.
     pub fold_of_wall: f32,
     /// Phase of the folds, turns.
     pub fold_phase: f32,
-    /// Least thickness of the wall as a difference of gauges, µm.
+    /// Minimum thickness of the wall as a difference of gauges, µm.
     pub margin: f32,
-    /// Particles that the inner loop should have after the growth event at the start of this step.
+    /// Number of particles that the inner loop should have after the growth event at the start of
+    /// this step.
     pub inner_target: u32,
-    /// The same for the outer loop.
+    /// Number of particles that the outer loop should have after this growth event.
     pub outer_target: u32,
-}
-
-impl StepRow {
-    /// The greatest range of the self-intersection force without the thickness field.
-    #[must_use]
-    pub fn range_max(&self) -> f32 {
-        self.range_mean + self.range_half.abs()
-    }
 }

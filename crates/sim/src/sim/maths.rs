@@ -1,12 +1,15 @@
-//! Small functions that give the same bits on every machine and can be vectorised in loops.
+//! Small functions that return the same bits on every machine and that the compiler can vectorize
+//! in loops.
 
-/// Random fields are clamped to this many standard deviations.
+/// Limit of random fields, in standard deviations.
 pub(crate) const CUT: f32 = 2.0;
 
-/// cos(2π·x) with an absolute error under 1e-6 for |x| < 1e4. Only additions and multiplications.
+/// cos(2π·x) with an absolute error below 1e-6 for |x| < 1e4. Uses only additions and
+/// multiplications.
 #[inline(always)]
 pub(crate) fn cos_turns(x: f32) -> f32 {
-    // Reduce to a quarter turn around the nearest half turn: cos(2π(k/2 + r)) = (−1)^k cos(2πr), |r| ≤ 1/4.
+    // Reduces x to a quarter turn around the nearest half turn: cos(2π(k/2 + r)) = (−1)^k cos(2πr),
+    // |r| ≤ 1/4.
     let k = round(2.0 * x);
     let r = x - 0.5 * k;
     let odd = k - 2.0 * round(0.5 * k - 0.25);
@@ -22,7 +25,7 @@ pub(crate) fn cos_turns(x: f32) -> f32 {
     sign * (p * s + 1.0)
 }
 
-/// The part of a number of turns beyond whole ones.
+/// Fractional part of a number of turns.
 pub(crate) fn fraction(turns: f64) -> f32 {
     (turns - turns.floor()) as f32
 }
@@ -34,19 +37,20 @@ fn round(x: f32) -> f32 {
     (x + MAGIC) - MAGIC
 }
 
-/// The greater of two numbers, as one instruction; NaN is not handled.
+/// Maximum of two numbers as one instruction. NaN is not handled.
 #[inline(always)]
 pub(crate) fn max(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-/// The lesser of two numbers, as one instruction.
+/// Minimum of two numbers as one instruction. NaN is not handled.
 #[inline(always)]
 pub(crate) fn min(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
-/// The greatest of `n` values that are not negative, 0 of none. The order does not matter, so they are compared in lanes.
+/// Maximum of `n` nonnegative values, 0 without values. The order of comparison does not affect the
+/// result, so the values are compared in lanes.
 #[inline(always)]
 pub(crate) fn greatest(n: usize, value: impl Fn(usize) -> f32) -> f32 {
     const LANES: usize = 16;
@@ -63,9 +67,11 @@ pub(crate) fn greatest(n: usize, value: impl Fn(usize) -> f32) -> f32 {
     lanes.into_iter().fold(0.0, max)
 }
 
-/// Direction cosines of the point of an ellipse nearest to `p`: the point is `(r·cos, squash·r·sin)`.
+/// Direction cosines of the point of an ellipse nearest to `p`; the point is `(r·cos,
+/// squash·r·sin)`.
 ///
-/// Iterates on the centre of curvature: no trigonometry, and a few iterations suffice near the axes too.
+/// Iterates on the centre of curvature. This needs no trigonometry, and a few iterations suffice
+/// even near the axes.
 pub(crate) fn nearest_on_ellipse(p: [f32; 2], r: f32, squash: f32) -> [f32; 2] {
     let (a, b) = (f64::from(r), f64::from(r) * f64::from(squash));
     let (px, py) = (f64::from(p[0]).abs(), f64::from(p[1]).abs());

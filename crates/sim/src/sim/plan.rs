@@ -1,6 +1,8 @@
-//! Turns a specification and a seed into tables: one [`StepRow`] per step, the thickness field, the wall's lobes.
+//! Plan of a simulation: a specification and a seed, sampled into one [`StepRow`] per step, the
+//! thickness field and the lobes of the wall.
 //!
-//! The backends use these tables only, never the schedules, so that CPU and GPU work with the same numbers.
+//! The backends use only these tables, never the schedules, so CPU and GPU compute with the same
+//! numbers.
 
 use super::layout::StepRow;
 use super::maths::fraction;
@@ -20,7 +22,8 @@ pub struct Wave {
     pub drift: f64,
 }
 
-/// One cosine of the sway: `direction·cos(2π(x·kx + y·ky + phase + frequency·t))`, a flow across its wave vector.
+/// One cosine of the sway: `direction·cos(2π(x·kx + y·ky + phase + frequency·t))`, a flow across
+/// its wave vector.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Flow {
     /// Wave vector, turns per µm.
@@ -33,8 +36,8 @@ pub struct Flow {
     pub frequency: f64,
 }
 
-/// One term of the variety around the wall, by number of maxima: `cos(order·θ + 2π(phase + drift·t))` for heights, thickness and
-/// shift.
+/// One term of the variety around the wall: `cos(order·θ + 2π(phase + drift·t))` for heights,
+/// thickness and shift. The order is the number of maxima around the tube.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mode {
     /// Phases, turns.
@@ -48,7 +51,7 @@ pub struct Mode {
 pub struct Lobe {
     /// Number of maxima around the tube.
     pub order: u32,
-    /// Weight; the weights of all lobes have unit root-sum-square.
+    /// Weight. The weights of all lobes have a root-sum-square of 1.
     pub weight: f32,
     /// Phase, turns.
     pub phase: f64,
@@ -56,11 +59,11 @@ pub struct Lobe {
     pub drift: f64,
 }
 
-/// Greatest 4k + 2(kf + 4c) of the outer loop. It is always integrated by semi-implicit Euler, which is stable below 4; the
-/// rest is left for the pull toward the target.
+/// Maximum 4k + 2(kf + 4c) of the outer loop. The outer loop is always integrated by semi-implicit
+/// Euler, which is stable below 4; the difference is left for the pull toward the target.
 const WALL_STABLE: f64 = 3.6;
 
-/// Least thickness of the wall, µm.
+/// Minimum thickness of the wall, µm.
 const MARGIN: f32 = 20.0;
 
 /// Number of cosines of the thickness field, and of the sway.
@@ -71,27 +74,27 @@ const WAVES: u32 = 24;
 pub struct Plan {
     /// Seed.
     pub seed: u64,
-    /// Steps from the isthmus end to the last section of the model.
+    /// Number of steps from the isthmus end to the last section of the model.
     pub steps: u32,
-    /// Steps before step 0.
+    /// Number of steps before step 0.
     pub burn_in: u32,
     /// Steps between growth events.
     pub grow_every: u32,
     /// Steps between recorded sections.
     pub record_every: u32,
-    /// Candidates of a growth tournament.
+    /// Number of candidates in a growth tournament.
     pub candidates: u32,
     /// Fraction of contorted particles.
     pub contorted: f32,
-    /// Least clearance, µm.
+    /// Minimum clearance, µm.
     pub clearance: f32,
     /// Integrator.
     pub integrator: Integrator,
     /// Neighbour search.
     pub search: Search,
-    /// Particles at step 0: inner, outer.
+    /// Number of particles at step 0: inner loop, outer loop.
     pub start: [u32; 2],
-    /// One row per step; step t is row `burn_in + t`.
+    /// One row per step. Step t is row `burn_in + t`.
     pub rows: Vec<StepRow>,
     /// Place along the tube at each step from 0 to `steps`, µm.
     pub z_um: Vec<f64>,
@@ -99,13 +102,15 @@ pub struct Plan {
     pub waves: Vec<Wave>,
     /// Lobes of the outer wall.
     pub lobes: Vec<Lobe>,
-    /// The variety around the wall, first the mode with one maximum; empty if there is none.
+    /// The variety around the wall, beginning with the mode that has one maximum; empty without
+    /// variety.
     pub modes: Vec<Mode>,
-    /// The sway; empty if it never acts.
+    /// The sway; empty if the sway never acts.
     pub flows: Vec<Flow>,
-    /// The region that contains the folds; empty if it is the ellipse at every step.
+    /// Directions of the region that contains the folds; empty if the region is the ellipse at
+    /// every step.
     pub spokes: Vec<Spoke>,
-    /// Size of the organ over the simulated one.
+    /// Size of the organ divided by the size of the simulated organ.
     pub scale: f32,
 }
 
@@ -156,28 +161,35 @@ impl Plan {
         Region::inner(&self.spokes, self.at(t))
     }
 
-    /// The region that the wall encloses at step `t`: without folds that it does not follow.
+    /// The region that the wall encloses at step `t`, without the folds that the wall does not
+    /// follow.
     #[must_use]
     pub fn wall_region(&self, t: i64) -> Region {
         Region::wall(&self.spokes, self.at(t))
     }
 
-    /// Whether step `t` begins with a growth event.
+    /// True if step `t` begins with a growth event.
     #[must_use]
     pub fn grows_at(&self, t: i64) -> bool {
         t >= 0 && t % i64::from(self.grow_every) == 0
     }
 
-    /// Whether the section at step `t` is recorded.
+    /// True if the section at step `t` is recorded.
     #[must_use]
     pub fn records_at(&self, t: i64) -> bool {
         t >= 0 && (t % i64::from(self.record_every) == 0 || t == i64::from(self.steps))
     }
 
+    /// Number of particles that both loops lack at the end if they have `particles`.
+    pub(super) fn missing_splits(&self, particles: u32) -> u64 {
+        let last = self.at(i64::from(self.steps));
+        u64::from((last.inner_target + last.outer_target).saturating_sub(particles))
+    }
+
     fn row(p: &Parameters, seed: u64, t: i64) -> StepRow {
         let steps = f64::from(p.steps);
         let mut ordinal = 0;
-        // The calls number the phases in order, so a new parameter must be sampled last.
+        // The order of the calls numbers the phases, so a new parameter must be sampled last.
         let mut value = |s: &Schedule| {
             let phase = f64::from(random::unit(random::word(seed, Stream::SchedulePhase, ordinal, 0)));
             ordinal += 1;
@@ -242,15 +254,16 @@ impl Plan {
     }
 }
 
-/// How far a row of transverse folds is ahead of the first one, turns.
+/// Distance by which a row of transverse folds is ahead of the first row, turns.
 fn fold_shift(folds: &Folds, seed: u64, row: u32) -> f64 {
     let random = 2.0 * f64::from(random::unit(random::word(seed, Stream::Folds, row, 1))) - 1.0;
     folds.stagger * f64::from(row) + 0.5 * folds.irregularity * random
 }
 
-/// Phase of the transverse folds at step `t`, turns: by the place along the tube, with slow random shifts.
+/// Phase of the transverse folds at step `t`, turns. The phase follows the place along the tube,
+/// with slow random shifts.
 fn fold_phase(p: &Parameters, seed: u64, t: f64) -> f32 {
-    // Wavelengths of the shifts are about so many distances of folds.
+    // Wavelengths of the shifts, in distances of folds.
     const SLOW: [f64; 3] = [2.3, 3.7, 6.1];
     let steps = f64::from(p.steps);
     let along = p.length_mm * p.z.at((t / steps).clamp(0.0, 1.0)) / p.folds.period_mm;
@@ -259,7 +272,7 @@ fn fold_phase(p: &Parameters, seed: u64, t: f64) -> f32 {
     fraction(along + unit(0) + 0.5 * p.folds.irregularity * shifts.sum::<f64>() / SLOW.len() as f64)
 }
 
-/// Particles of the inner and the outer loop at time `t`, rounded.
+/// Number of particles of the inner and of the outer loop at time `t`, rounded.
 fn counts(p: &Parameters, t: f64) -> [u32; 2] {
     let u = t / f64::from(p.steps);
     let total = p.particles.total.at(u).round() as u32;
@@ -267,9 +280,10 @@ fn counts(p: &Parameters, t: f64) -> [u32; 2] {
     [total.saturating_sub(outer), outer]
 }
 
-/// Half of the change of the logarithms of growth rate and force ranges from a share of the steps before a time to as many after it.
+/// Half of the change of the logarithms of growth rate and force ranges between two times: the
+/// fraction `share` of the steps before `t`, and as many steps after `t`.
 fn shift(p: &Parameters, t: f64, share: f64) -> [f32; 2] {
-    // Below this part of its mean, the growth rate counts as no less.
+    // Minimum growth rate as a fraction of its mean.
     const LEAST_RATE: f64 = 0.1;
     if share <= 0.0 {
         return [0.0; 2];
@@ -306,7 +320,8 @@ fn flows(p: &Parameters, seed: u64) -> Vec<Flow> {
     let flow = |i: u32| {
         let [w, v] = [0, 1].map(|part| random::words(seed, Stream::Sway, i, part));
         let unit = |word: u32| f64::from(random::unit(word));
-        // Directions are stratified over the half circle, wave numbers vary by ±30 %, frequencies by ±40 % either way.
+        // Directions are stratified over the half circle, wave numbers vary by ±30 %, frequencies
+        // by ±40 % in both directions.
         let direction = PI * (f64::from(i) + unit(w[0])) / f64::from(WAVES);
         let (sin, cos) = (libm::sin(direction), libm::cos(direction));
         let k = (0.7 + 0.6 * unit(w[1])) / p.sway.wavelength_um;

@@ -1,8 +1,10 @@
-//! The region that contains the folds: an ellipse, or any closed curve that each ray from the axis meets once.
+//! Region that contains the folds: an ellipse, or any closed curve that each ray from the axis
+//! intersects once.
 //!
-//! In the flattened plane (x, y/squash) a point belongs to the region if its gauge is at most `R_in`. The gauge of the ellipse is
-//! the distance from the axis; others are tables ([`crate::geometry::star`]). Only additions, multiplications, divisions and
-//! comparisons, so that shaders compute the same.
+//! A point belongs to the region if its gauge in the flattened plane (x, y/squash) is at most
+//! `R_in`. The gauge of the ellipse is the distance from the axis. Gauges of other regions are
+//! tables ([`crate::geometry::star`]). The functions use only additions, multiplications, divisions
+//! and comparisons, so the shaders compute the same numbers.
 
 use super::layout::StepRow;
 use super::maths::{cos_turns, max, min};
@@ -10,23 +12,23 @@ use crate::geometry::star::{self, DIRECTIONS};
 use crate::spec::Parameters;
 use std::f64::consts::{PI, TAU};
 
-/// Directions in a quadrant.
+/// Number of directions in a quadrant.
 const QUADRANT: f32 = (DIRECTIONS / 4) as f32;
 
-/// What the gauges of all steps are made of, in one direction.
+/// Components of the gauges of all steps in one direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spoke {
     /// Gauge of the ellipse.
     pub ellipse: f32,
-    /// What is to be added for the outline at full strength.
+    /// Addition for the outline at full strength.
     pub outline: f32,
-    /// Height of the transverse folds over their greatest one.
+    /// Height of the transverse folds divided by their maximum height.
     pub fold: f32,
-    /// Where along the period of the folds the direction is ahead, turns.
+    /// Distance by which the direction is ahead along the period of the folds, turns.
     pub turn: f32,
 }
 
-/// The spokes of a model; empty if its region is the ellipse at every step.
+/// Spokes of a model; empty if the region is the ellipse at every step.
 pub(super) fn spokes(p: &Parameters, row_turn: impl Fn(u32) -> f64) -> Vec<Spoke> {
     if p.is_elliptic() {
         return Vec::new();
@@ -37,7 +39,7 @@ pub(super) fn spokes(p: &Parameters, row_turn: impl Fn(u32) -> f64) -> Vec<Spoke
         let ellipse = (x * x + y * y).sqrt();
         let around = f64::from(folds.rows) * (libm::atan2(y, x) / TAU).rem_euclid(1.0);
         let row = (around.floor() as u32).min(folds.rows - 1);
-        // Bands lie where rows meet.
+        // Bands lie between two rows.
         let within = ((around - f64::from(row) - 0.5 * folds.band) / (1.0 - folds.band)).clamp(0.0, 1.0);
         Spoke {
             ellipse: ellipse as f32,
@@ -49,10 +51,10 @@ pub(super) fn spokes(p: &Parameters, row_turn: impl Fn(u32) -> f64) -> Vec<Spoke
     (0..DIRECTIONS).map(spoke).collect()
 }
 
-/// The region at a step, or the curve that the wall follows.
+/// Region at a step, or the curve that the wall follows.
 #[derive(Clone, Debug)]
 pub enum Region {
-    /// The ellipse.
+    /// An ellipse.
     Ellipse,
     /// A tabulated gauge.
     Shaped(Box<Gauge>),
@@ -64,8 +66,8 @@ impl Region {
         Self::with(spokes, row, row.fold)
     }
 
-    /// The region without the share of the folds that the wall does not follow: the target of the wall, and its least distance from
-    /// the inner loop, are enlarged copies of it.
+    /// The region without the part of the folds that the wall does not follow. The target of the
+    /// wall, and its minimum distance from the inner loop, are enlarged copies of this region.
     pub(super) fn wall(spokes: &[Spoke], row: &StepRow) -> Self {
         Self::with(spokes, row, row.fold * row.fold_of_wall)
     }
@@ -74,7 +76,8 @@ impl Region {
         if spokes.is_empty() { Self::Ellipse } else { Self::Shaped(Box::new(Gauge::new(spokes, row, depth))) }
     }
 
-    /// Distance from the axis to the boundary in a direction of the flattened plane, in units of `R_in`.
+    /// Distance from the axis to the boundary in a direction of the flattened plane, in units of
+    /// `R_in`.
     pub fn boundary(&self, unit: [f32; 2]) -> f32 {
         match self {
             Self::Ellipse => 1.0,
@@ -91,7 +94,7 @@ impl Region {
         }
     }
 
-    /// Least distance from the axis to the boundary in the flattened plane, in units of `R_in`.
+    /// Minimum distance from the axis to the boundary in the flattened plane, in units of `R_in`.
     #[must_use]
     pub fn narrowest(&self) -> f32 {
         match self {
@@ -100,7 +103,7 @@ impl Region {
         }
     }
 
-    /// The greatest change of the gauge by a move in the flattened plane, over its length.
+    /// Maximum change of the gauge per length of a move in the flattened plane.
     pub(super) fn slope(&self) -> f32 {
         match self {
             Self::Ellipse => 1.0,
@@ -117,16 +120,16 @@ impl Region {
     }
 }
 
-/// A gauge in all directions.
+/// Gauge in all directions.
 #[derive(Clone, Debug)]
 pub struct Gauge {
-    /// The first one is repeated at the end.
+    /// Gauge by direction; the first entry is repeated at the end.
     at: [f32; DIRECTIONS + 1],
 }
 
 impl Gauge {
     fn new(spokes: &[Spoke], row: &StepRow, depth: f32) -> Self {
-        // By which part a fold raises the gauge.
+        // Relative increase of the gauge at a fold.
         let raised = depth / (1.0 - depth);
         let mut at = [0.0; DIRECTIONS + 1];
         for (at, spoke) in at.iter_mut().zip(spokes) {
@@ -153,7 +156,8 @@ impl Gauge {
         1.0 / max(self.radius(unit), 1e-6)
     }
 
-    /// The least and the greatest gauge on the segment from `a` to `b`: at its ends, or where it crosses a tabulated direction.
+    /// Minimum and maximum gauge on the segment from `a` to `b`. Both occur at the ends of the
+    /// segment, or where the segment crosses a tabulated direction.
     pub fn extent(&self, a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
         let ends = [self.radius(a), self.radius(b)];
         let [mut least, mut most] = [min(ends[0], ends[1]), max(ends[0], ends[1])];
@@ -227,7 +231,8 @@ impl Gauge {
     }
 }
 
-/// Place on the diamond: the directions at or before that of `p`, and a part of the next one.
+/// Place on the diamond |x| + |y| = 1: index of the tabulated direction at or before `p`, plus the
+/// fraction of the distance to the next one.
 #[inline(always)]
 fn place([x, y]: [f32; 2]) -> f32 {
     let part = y.abs() / max(x.abs() + y.abs(), 1e-12);

@@ -13,15 +13,16 @@ pub struct InnerLoop {
     pub x: Vec<f32>,
     /// Positions, µm.
     pub y: Vec<f32>,
-    /// Velocities, µm a step.
+    /// Velocities, µm/step.
     pub vx: Vec<f32>,
-    /// Velocities, µm a step.
+    /// Velocities, µm/step.
     pub vy: Vec<f32>,
     /// Rest length of the edge to the successor, µm.
     pub rest: Vec<f32>,
-    /// Direction of the anchor in the flattened plane, its cosine; the anchor is where it meets the boundary of the region.
+    /// Cosine of the direction of the anchor in the flattened plane. The anchor is the point of the
+    /// region's boundary in this direction.
     pub anchor_x: Vec<f32>,
-    /// Its sine.
+    /// Sine of the direction of the anchor.
     pub anchor_y: Vec<f32>,
     /// Contortion sign: −1, 0 or 1.
     pub sign: Vec<f32>,
@@ -32,7 +33,8 @@ pub struct InnerLoop {
 }
 
 impl InnerLoop {
-    /// The loop at the start of burn-in: at equal angles on the boundary of the region, with a small random displacement.
+    /// The loop at the start of burn-in: at equal angles on the boundary of the region, with small
+    /// random displacements.
     #[must_use]
     pub fn start(plan: &Plan) -> Self {
         let time = -i64::from(plan.burn_in);
@@ -46,22 +48,33 @@ impl InnerLoop {
             let r = (row.r_in + wobble) * region.boundary(unit);
             let p = [r * unit[0], r * row.squash * unit[1]];
             let anchor = region.nearest(p, row);
-            s.id.push(i as u32);
-            s.x.push(p[0]);
-            s.y.push(p[1]);
-            s.vx.push(0.0);
-            s.vy.push(0.0);
-            s.anchor_x.push(anchor[0]);
-            s.anchor_y.push(anchor[1]);
-            s.sign.push(contortion_sign(plan, i as u32));
-            s.scale.push(1.0);
+            let sign = contortion_sign(plan, i as u32);
+            s.push(i as u32, [p[0], p[1], 0.0, 0.0, 0.0, anchor[0], anchor[1], sign, 1.0]);
         }
         for i in 0..n {
             let j = if i + 1 == n { 0 } else { i + 1 };
             let (dx, dy) = (s.x[j] - s.x[i], s.y[j] - s.y[i]);
-            s.rest.push((dx * dx + dy * dy).sqrt());
+            s.rest[i] = (dx * dx + dy * dy).sqrt();
         }
         s
+    }
+
+    /// All vectors except the ids, in the order of their declaration.
+    pub(super) fn fields(&self) -> [&Vec<f32>; 9] {
+        let Self { x, y, vx, vy, rest, anchor_x, anchor_y, sign, scale, .. } = self;
+        [x, y, vx, vy, rest, anchor_x, anchor_y, sign, scale]
+    }
+
+    /// The vectors of [`InnerLoop::fields`].
+    pub(super) fn fields_mut(&mut self) -> [&mut Vec<f32>; 9] {
+        let Self { x, y, vx, vy, rest, anchor_x, anchor_y, sign, scale, .. } = self;
+        [x, y, vx, vy, rest, anchor_x, anchor_y, sign, scale]
+    }
+
+    /// Appends a particle with these values of [`InnerLoop::fields`].
+    pub(super) fn push(&mut self, id: u32, values: [f32; 9]) {
+        self.id.push(id);
+        self.fields_mut().into_iter().zip(values).for_each(|(field, value)| field.push(value));
     }
 
     /// Number of particles.
@@ -70,7 +83,7 @@ impl InnerLoop {
         self.id.len()
     }
 
-    /// Whether the loop has no particles.
+    /// True if the loop has no particles.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.id.is_empty()
@@ -101,7 +114,7 @@ pub struct OuterLoop {
     pub id: Vec<u32>,
     /// Positions, µm.
     pub p: Vec<[f32; 2]>,
-    /// Velocities, µm a step.
+    /// Velocities, µm/step.
     pub v: Vec<[f32; 2]>,
 }
 
@@ -112,7 +125,7 @@ impl OuterLoop {
         self.id.len()
     }
 
-    /// Whether the loop has no particles.
+    /// True if the loop has no particles.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.id.is_empty()
@@ -128,13 +141,14 @@ impl OuterLoop {
 /// The whole state of a simulation between two steps, from which a backend can continue.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Checkpoint {
-    /// The step reached; negative during burn-in.
+    /// Current step; negative during burn-in.
     pub time: i64,
     /// The mucosa.
     pub inner: InnerLoop,
     /// The wall.
     pub outer: OuterLoop,
-    /// Clearance of each inner particle at the start of the last step, µm; empty before the first one.
+    /// Clearance of each inner particle at the start of the last step, µm; empty before the first
+    /// step.
     pub clearance: Vec<f32>,
 }
 
@@ -142,13 +156,18 @@ impl Checkpoint {
     /// The cross section of this state.
     #[must_use]
     pub fn section(&self, plan: &Plan) -> Section {
-        let at = self.time.clamp(0, i64::from(plan.steps)) as usize;
-        Section {
-            step: at as f64,
-            z_um: plan.z_um[at],
-            added: false,
-            inner: self.inner.ring(plan.scale),
-            outer: self.outer.ring(plan.scale),
-        }
+        section(plan, self.time, &self.inner, &self.outer)
+    }
+}
+
+/// The cross section of loops at step `time`.
+pub(super) fn section(plan: &Plan, time: i64, inner: &InnerLoop, outer: &OuterLoop) -> Section {
+    let at = time.clamp(0, i64::from(plan.steps)) as usize;
+    Section {
+        step: at as f64,
+        z_um: plan.z_um[at],
+        added: false,
+        inner: inner.ring(plan.scale),
+        outer: outer.ring(plan.scale),
     }
 }

@@ -2,7 +2,6 @@
 
 use super::super::{Backend, Output, Progress, Stage, generate};
 use super::*;
-use crate::sim::Simulator;
 use crate::sim::cpu::{CpuSimulation, Kernel};
 use crate::sim::gpu::GpuError;
 use crate::spec::{ModelSpec, Search, preset};

@@ -3,19 +3,19 @@
 use crate::sim::state::InnerLoop;
 use std::ops::Range;
 
-/// Segments in a block.
+/// Number of segments in a block.
 pub(super) const BLOCK: usize = 8;
 
 /// Consecutive segments, each from a particle to its successor, as the pair forces read them.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Block {
-    /// Starts.
+    /// Start points.
     pub(super) x: [f32; BLOCK],
     pub(super) y: [f32; BLOCK],
-    /// From start to end.
+    /// Vectors from start to end.
     pub(super) dx: [f32; BLOCK],
     pub(super) dy: [f32; BLOCK],
-    /// The same over the square of the length.
+    /// Vectors from start to end, divided by the square of their length.
     pub(super) over_x: [f32; BLOCK],
     pub(super) over_y: [f32; BLOCK],
 }
@@ -30,10 +30,10 @@ impl Block {
     }
 }
 
-/// Positions and velocities of an evaluation, and what is derived from positions.
+/// Positions and velocities of an evaluation, and quantities derived from the positions.
 ///
-/// `x, y, vx, vy` begin with a copy of the last particle and end with a copy of the first one: the predecessor of
-/// particle i is at index i, the particle itself at i + 1, its successor at i + 2.
+/// `x, y, vx, vy` begin with a copy of the last particle and end with a copy of the first one: the
+/// predecessor of particle i is at index i, the particle itself at i + 1, its successor at i + 2.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Chain {
     pub(super) x: Vec<f32>,
@@ -46,7 +46,7 @@ pub(super) struct Chain {
     pub(super) blocks: Vec<Block>,
 }
 
-/// The entries of consecutive particles, without the copies at the ends.
+/// Entries of consecutive particles, without the copies at the ends.
 pub(super) struct Stretch<'a> {
     pub(super) x: &'a mut [f32],
     pub(super) y: &'a mut [f32],
@@ -58,7 +58,7 @@ pub(super) struct Stretch<'a> {
 }
 
 impl Chain {
-    /// Takes the positions and velocities of a state.
+    /// Loads the positions and velocities of a state.
     pub(super) fn load(&mut self, s: &InnerLoop) {
         let n = s.len();
         self.resize(n);
@@ -97,7 +97,8 @@ impl Chain {
         }
     }
 
-    /// The stretches of parts, which must be all of the loop, in order, and consist of whole blocks.
+    /// Splits the chain into stretches. The parts must cover the loop in order and consist of whole
+    /// blocks.
     pub(super) fn stretches(&mut self, parts: impl Iterator<Item = Range<usize>>) -> impl Iterator<Item = Stretch<'_>> {
         let mut rest = self.whole();
         parts.map(move |part| Stretch {
@@ -111,7 +112,8 @@ impl Chain {
         })
     }
 
-    /// Completes what [`Stretch::derive`] leaves open: where parts meet, and where the loop closes.
+    /// Completes the entries that [`Stretch::derive`] leaves open: at the borders of parts, and
+    /// where the loop closes.
     pub(super) fn join(&mut self, parts: impl IntoIterator<Item = Range<usize>>) {
         let n = self.len();
         for v in [&mut self.x, &mut self.y, &mut self.vx, &mut self.vy] {
@@ -129,7 +131,7 @@ impl Chain {
     }
 }
 
-/// Takes the first `count` entries off a slice.
+/// Splits the first `count` entries off a slice.
 pub(super) fn take<'a, T>(slice: &mut &'a mut [T], count: usize) -> &'a mut [T] {
     let (first, rest) = std::mem::take(slice).split_at_mut(count);
     *slice = rest;
@@ -137,7 +139,8 @@ pub(super) fn take<'a, T>(slice: &mut &'a mut [T], count: usize) -> &'a mut [T] 
 }
 
 impl Stretch<'_> {
-    /// Computes blocks and normals, except those of particles whose neighbours are in other stretches: [`Chain::join`].
+    /// Computes blocks and normals, except for particles whose neighbours are in other stretches;
+    /// see [`Chain::join`].
     #[inline(always)]
     pub(super) fn derive(&mut self) {
         let n = self.x.len();
@@ -162,7 +165,7 @@ impl Stretch<'_> {
     }
 }
 
-/// The normal toward the lumen of a particle between two others.
+/// Normal toward the lumen of a particle between two others.
 #[inline(always)]
 fn normal(before: [f32; 2], after: [f32; 2]) -> [f32; 2] {
     let (tx, ty) = (after[0] - before[0], after[1] - before[1]);

@@ -1,7 +1,7 @@
-//! Target of the fuzzers: stored states of simulations.
+//! Fuzz target: stored states of simulations.
 
 use super::CpuSimulation;
-use crate::sim::{Plan, Simulator};
+use crate::sim::Plan;
 use crate::spec::{ModelSpec, preset};
 use serde_json::json;
 use std::sync::LazyLock;
@@ -16,7 +16,8 @@ static PLAN: LazyLock<Plan> = LazyLock::new(|| {
     Plan::new(&spec.expect("the preset exists").expect("the patch is valid"), 11)
 });
 
-/// A state that is restored is saved as the same bytes, and the simulation goes on from it or refuses to.
+/// Asserts that a restored state is saved as the same bytes, and that the simulation continues from
+/// the state or returns an error.
 pub fn state(bytes: &[u8]) {
     let Ok(mut simulation) = CpuSimulation::restore(PLAN.clone(), 1, bytes) else { return };
     assert!(simulation.save() == bytes, "another state was restored");

@@ -1,8 +1,10 @@
-//! Growth: edges are split at their midpoint, both halves with half the rest length, so that the contour is
-//! unchanged; rest-length growth then buckles it (paper, section 3: "the number of particles also increases").
+//! Growth: edges are split at their midpoint. Both halves get half of the rest length, so the
+//! contour is unchanged; the growth of the rest lengths then buckles it (paper, section 3: "the
+//! number of particles also increases").
 //!
-//! Stratified tournaments decide which edges are split: the loop is divided into as many runs as there are splits to make, of equal
-//! length or, with variety around the wall, of equal weight, and each run has one winner. No edge wins twice.
+//! Stratified tournaments decide which edges are split. The loop is divided into as many runs as
+//! there are splits to make. The runs have equal length or, with variety around the wall, equal
+//! weight. Each run has one winner, and no edge wins twice.
 
 use super::variety::Around;
 use crate::random::{self, Stream};
@@ -10,13 +12,15 @@ use crate::sim::layout::StepRow;
 use crate::sim::plan::Plan;
 use crate::sim::state::{InnerLoop, OuterLoop, contortion_sign};
 
-/// A split is deferred if the clearance is below this many times the guard's least clearance.
+/// Minimum clearance for a split, in units of the minimum clearance of the guard. A split without
+/// this clearance is deferred.
 pub(super) const ROOM: f32 = 40.0;
-/// Span of particles over which the curvature of a fold tip is taken.
+/// Span of the curvature at a fold tip, in particles.
 pub(super) const SPAN: usize = 3;
 
-/// Splits edges of the inner loop up to the row's target. `clearance` holds the clearance of each particle at the last
-/// step (empty: unknown). Returns the number of deferred splits.
+/// Splits edges of the inner loop up to the target of the row. `clearance` contains the clearance
+/// of each particle at the last step; an empty slice means unknown. Returns the number of deferred
+/// splits.
 pub(super) fn grow_inner(plan: &Plan, time: i64, row: &StepRow, s: &mut InnerLoop, clearance: &[f32]) -> u32 {
     let n = s.len();
     let wanted = (row.inner_target as usize).saturating_sub(n).min(n);
@@ -46,11 +50,11 @@ pub(super) fn grow_inner(plan: &Plan, time: i64, row: &StepRow, s: &mut InnerLoo
     (wanted - winners.len()) as u32
 }
 
-/// Runs of edges with equal shares of the growth.
+/// Runs of edges with equal parts of the growth.
 struct Runs {
     count: usize,
     edges: usize,
-    /// The weight of the edges before each; empty if all weigh the same.
+    /// Sum of the weights of the edges before each edge; empty if all edges have the same weight.
     before: Vec<u32>,
     /// Sum of all weights.
     total: usize,
@@ -69,7 +73,8 @@ impl Runs {
         Self { count, edges, before, total }
     }
 
-    /// The first edge of a run, or the number of edges after the last. A run without edges begins where the next one does.
+    /// Index of the first edge of a run, or the number of edges for the end of the last run. A run
+    /// without edges begins where the next run does.
     fn first(&self, run: usize) -> usize {
         let bound = run * self.total / self.count;
         if self.before.is_empty() {
@@ -112,53 +117,28 @@ fn score(row: &StepRow, s: &InnerLoop, edge: usize) -> f32 {
     length(a, b) / row.edge + row.tip_weight * tip
 }
 
-/// Splits the edges `winners` (ascending).
+/// Splits the edges `winners`, in ascending order.
 fn split(plan: &Plan, time: i64, row: &StepRow, s: &mut InnerLoop, winners: &[usize]) {
     let (n, region) = (s.len(), plan.region(time));
-    let mut next_id = s.next_id;
-    let mut grown = InnerLoop::default();
+    let mut grown = InnerLoop { next_id: s.next_id, ..InnerLoop::default() };
     let mut winners = winners.iter().peekable();
     for i in 0..n {
-        let splits = winners.next_if(|&&w| w == i).is_some();
-        let rest = if splits { 0.5 * s.rest[i] } else { s.rest[i] };
-        push(&mut grown, s, i, rest);
-        if splits {
-            let j = (i + 1) % n;
-            let middle = |v: &[f32]| 0.5 * (v[i] + v[j]);
-            let p = [middle(&s.x), middle(&s.y)];
-            let anchor = region.nearest(p, row);
-            grown.id.push(next_id);
-            grown.x.push(p[0]);
-            grown.y.push(p[1]);
-            grown.vx.push(middle(&s.vx));
-            grown.vy.push(middle(&s.vy));
-            grown.rest.push(rest);
-            grown.anchor_x.push(anchor[0]);
-            grown.anchor_y.push(anchor[1]);
-            grown.sign.push(contortion_sign(plan, next_id));
-            grown.scale.push(middle(&s.scale));
-            next_id += 1;
+        grown.push(s.id[i], s.fields().map(|field| field[i]));
+        if winners.next_if(|&&winner| winner == i).is_some() {
+            let (old, new, j) = (grown.len() - 1, grown.len(), (i + 1) % n);
+            grown.push(grown.next_id, s.fields().map(|field| 0.5 * (field[i] + field[j])));
+            let anchor = region.nearest([grown.x[new], grown.y[new]], row);
+            (grown.rest[old], grown.rest[new]) = (0.5 * s.rest[i], 0.5 * s.rest[i]);
+            (grown.anchor_x[new], grown.anchor_y[new]) = (anchor[0], anchor[1]);
+            grown.sign[new] = contortion_sign(plan, grown.next_id);
+            grown.next_id += 1;
         }
     }
-    grown.next_id = next_id;
     *s = grown;
 }
 
-fn push(to: &mut InnerLoop, from: &InnerLoop, i: usize, rest: f32) {
-    to.id.push(from.id[i]);
-    to.x.push(from.x[i]);
-    to.y.push(from.y[i]);
-    to.vx.push(from.vx[i]);
-    to.vy.push(from.vy[i]);
-    to.rest.push(rest);
-    to.anchor_x.push(from.anchor_x[i]);
-    to.anchor_y.push(from.anchor_y[i]);
-    to.sign.push(from.sign[i]);
-    to.scale.push(from.scale[i]);
-}
-
-/// Splits edges of the outer loop up to the row's target: the loop is divided into as many equal runs as particles are
-/// missing, and the longest edge of each run is split.
+/// Splits edges of the outer loop up to the target of the row. The loop is divided into as many
+/// equal runs as particles are missing, and the longest edge of each run is split.
 pub(super) fn grow_outer(row: &StepRow, s: &mut OuterLoop) {
     let n = s.len();
     let wanted = (row.outer_target as usize).saturating_sub(n).min(n);

@@ -1,14 +1,17 @@
-//! Time integration (paper, section 3: Runge–Kutta of fourth order, or Euler) and the guard that keeps walls apart.
+//! Time integration (paper, section 3: Runge–Kutta of fourth order, or Euler) and the guard that
+//! keeps walls apart.
 //!
-//! Guard: with clear_i the least distance over all vertex–segment pairs that touch vertex i or one of its two edges,
-//! a move is limited to 0.45·(clear_i − g_min). In the plane, first contact is always a vertex on a segment; the two
-//! sides together close less than their distance, so the straight path from step to step is free of contact.
+//! Guard: clear_i is the minimum distance over all pairs of a vertex and a segment that contain
+//! vertex i or one of its two edges. A move is limited to 0.45·(clear_i − g_min). In the plane, the
+//! first contact of two walls is always a vertex on a segment. The two sides together use less than
+//! their whole distance, so the straight paths from step to step never meet.
 //!
-//! An evaluation of the forces is one pass over the parts of the loop, in parallel: each part computes the forces on its particles
-//! from the chain of this evaluation, and places them in the chain of the next one. The last pass of a step moves the particles.
+//! An evaluation of the forces is one pass over the parts of the loop, in parallel. Each part
+//! computes the forces on its particles from the chain of this evaluation and places the particles
+//! in the chain of the next one. The last pass of a step moves the particles.
 
 use super::chain::{Chain, Stretch, take};
-use super::neighbours::{Neighbours, Own, Part, Update, each};
+use super::neighbours::{LoopPart, Neighbours, OwnSegments, Update, each};
 use super::pairs::{CLEARANCE_CAP, Group, Kernel, Sums};
 use super::{local, scalar, sway};
 use crate::sim::layout::StepRow;
@@ -20,12 +23,13 @@ use crate::spec::Integrator;
 use crate::vectorize::{Lanes, Simd, Vectors, WithSimd};
 use std::ops::Range;
 
-/// Fraction of the free distance that one side may close in a step.
+/// Fraction of the free distance that one side may use in a step.
 pub(super) const SHARE: f32 = 0.45;
-/// Least and greatest limit of a move, µm.
+/// Bounds of the limit of a move, µm.
 pub(super) const LIMITS: [f32; 2] = [1e-5, 5.0];
 
-/// Of each stage of Runge–Kutta: its weight, and where the next one lies as a fraction of the step.
+/// Runge–Kutta stages: weight of the stage in the final sum, and offset of the next stage as a
+/// fraction of the step.
 const STAGES: [(f32, f32); 4] = [(1.0, 0.5), (2.0, 0.5), (2.0, 1.0), (1.0, 0.0)];
 
 /// Buffers of a step.
@@ -34,12 +38,13 @@ pub(super) struct Work {
     /// Arithmetic of the pair forces.
     kernel: Kernel,
     vectors: Vectors,
-    /// The chain of this evaluation, and that of the next one.
+    /// Chain of this evaluation, and chain of the next one.
     chains: [Chain; 2],
-    /// Whether the first chain is that of the state.
+    /// True if the first chain is the chain of the state.
     loaded: bool,
     parts: Vec<Buffers>,
-    /// For each part, the least squared distance of each segment of the loop to its particles at the start of the step.
+    /// For each part, the minimum squared distance of each segment of the loop to the particles of
+    /// the part at the start of the step.
     near: Vec<Vec<f32>>,
     /// Clearance of each particle at the start of the last step, µm.
     clearance: Vec<f32>,
@@ -53,22 +58,22 @@ struct Buffers {
     /// Weighted sums of the velocities and of the accelerations of the stages.
     sum_v: [Vec<f32>; 2],
     sum_a: [Vec<f32>; 2],
-    /// Force of the sway, the same in all stages; empty if there is none.
+    /// Force of the sway, the same in all stages; empty without sway.
     sway: [Vec<f32>; 2],
-    /// Rest lengths and pulls of the edges, first of that before the first particle.
+    /// Rest lengths and pulls of the edges, beginning with the edge before the first particle.
     rest: Vec<f32>,
     pull: [Vec<f32>; 2],
-    /// Least squared distance of each particle at the start of the step.
+    /// Minimum squared distance of each particle at the start of the step.
     near: Vec<f32>,
-    outcome: Outcome,
+    result: StepResult,
 }
 
-/// What came of a step.
+/// Result of one integration step.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Outcome {
-    /// Moves that the guard shortened.
+pub(super) struct StepResult {
+    /// Number of moves that the guard shortened.
     pub(super) shortened: u32,
-    /// Whether a position is not a finite number.
+    /// True if a position is not a finite number.
     pub(super) not_finite: bool,
 }
 
@@ -91,13 +96,13 @@ impl Work {
         &self.clearance
     }
 
-    /// Notes that the loop has changed.
+    /// Discards the loaded chain, because the loop has changed.
     pub(super) fn invalidate(&mut self) {
         self.loaded = false;
     }
 
-    /// Takes over a loop that has changed, divided into `parts`.
-    fn load(&mut self, s: &InnerLoop, parts: &[Part]) {
+    /// Loads a changed loop, divided into `parts`.
+    fn load(&mut self, s: &InnerLoop, parts: &[LoopPart]) {
         let n = s.len();
         self.chains[0].load(s);
         self.chains[1].resize(n);
@@ -121,7 +126,7 @@ impl Buffers {
     }
 }
 
-/// What is the same for all particles in a step.
+/// Parameters of a step that are the same for all particles.
 #[derive(Clone, Copy, Debug)]
 struct Common<'a> {
     plan: &'a Plan,
@@ -140,7 +145,7 @@ pub(super) fn step(
     s: &mut InnerLoop,
     neighbours: &mut Neighbours,
     work: &mut Work,
-) -> Outcome {
+) -> StepResult {
     if !work.loaded {
         neighbours.divide(s.len());
         work.load(s, &neighbours.parts);
@@ -156,43 +161,43 @@ pub(super) fn step(
         let [chain, next] = &mut work.chains;
         let chain = &*chain;
         let (parts, lists) = neighbours.prepare(chain, &s.scale, row);
-        let mut shares = shares(s, next, parts, &mut work.parts, &mut work.clearance);
+        let mut steps = part_steps(s, next, parts, &mut work.parts, &mut work.clearance);
         if stage == 0 {
-            each(shares.iter_mut().zip(&mut work.near), |(share, near)| {
-                share.begin(common);
-                share.evaluate(common, modifier, chain, &lists, Some(near));
+            each(steps.iter_mut().zip(&mut work.near), |(step, near)| {
+                step.begin(common);
+                step.evaluate(common, modifier, chain, &lists, Some(near));
                 if plan.integrator == Integrator::Rk4 {
-                    share.advance(common, stage, chain);
+                    step.advance(common, stage, chain);
                 }
             });
         } else {
             let near = &work.near;
-            each(shares.iter_mut(), |share| {
-                share.evaluate(common, modifier, chain, &lists, None);
+            each(steps.iter_mut(), |step| {
+                step.evaluate(common, modifier, chain, &lists, None);
                 if stage + 1 < STAGES.len() {
-                    share.advance(common, stage, chain);
+                    step.advance(common, stage, chain);
                 } else {
-                    share.conclude(common, chain, near);
+                    step.conclude(common, chain, near);
                 }
             });
         }
         if plan.integrator == Integrator::Euler {
             // The clearances are complete only after all parts.
             let near = &work.near;
-            each(shares.iter_mut(), |share| share.conclude(common, chain, near));
+            each(steps.iter_mut(), |step| step.conclude(common, chain, near));
         }
         work.chains.swap(0, 1);
         work.chains[0].join(neighbours.parts.iter().map(|part| part.particles.clone()));
     }
-    work.parts.iter().fold(Outcome::default(), |all, part| Outcome {
-        shortened: all.shortened + part.outcome.shortened,
-        not_finite: all.not_finite || part.outcome.not_finite,
+    work.parts.iter().fold(StepResult::default(), |all, part| StepResult {
+        shortened: all.shortened + part.result.shortened,
+        not_finite: all.not_finite || part.result.not_finite,
     })
 }
 
-/// The particles of a part in an evaluation.
-struct Share<'a> {
-    part: &'a mut Part,
+/// Particles of a part in an evaluation.
+struct PartStep<'a> {
+    part: &'a mut LoopPart,
     buffers: &'a mut Buffers,
     next: Stretch<'a>,
     x: &'a mut [f32],
@@ -208,13 +213,13 @@ struct Share<'a> {
     clearance: &'a mut [f32],
 }
 
-fn shares<'a>(
+fn part_steps<'a>(
     s: &'a mut InnerLoop,
     next: &'a mut Chain,
-    parts: &'a mut [Part],
+    parts: &'a mut [LoopPart],
     buffers: &'a mut [Buffers],
     mut clearance: &'a mut [f32],
-) -> Vec<Share<'a>> {
+) -> Vec<PartStep<'a>> {
     let n = s.len();
     let ranges: Vec<Range<usize>> = parts.iter().map(|part| part.particles.clone()).collect();
     let before: Vec<f32> = ranges.iter().map(|own| s.rest[(own.start + n - 1) % n]).collect();
@@ -224,7 +229,7 @@ fn shares<'a>(
     let mut all = Vec::with_capacity(parts.len());
     for (((part, buffers), next), rest_before) in parts.iter_mut().zip(buffers).zip(stretches).zip(before) {
         let (own, count) = (part.particles.clone(), part.particles.len());
-        all.push(Share {
+        all.push(PartStep {
             part,
             buffers,
             next,
@@ -243,16 +248,16 @@ fn shares<'a>(
     all
 }
 
-impl Share<'_> {
-    /// Computes what is the same in all evaluations of a step.
+impl PartStep<'_> {
+    /// Computes the values that are the same in all evaluations of a step.
     fn begin(&mut self, c: Common<'_>) {
         self.buffers.rest[0] = self.rest_before;
         self.buffers.rest[1..].copy_from_slice(self.rest);
         sway::update(c.plan, c.time, c.row, c.region, c.vectors, [self.x, self.y], &mut self.buffers.sway);
     }
 
-    /// Brings the lists up to date, and computes the accelerations from all forces; with `near` also the least distances of
-    /// vertices and segments.
+    /// Updates the lists and computes the accelerations from all forces. With `near`, also computes
+    /// the minimum distances of vertices and segments.
     fn evaluate(
         &mut self,
         c: Common<'_>,
@@ -262,11 +267,11 @@ impl Share<'_> {
         near: Option<&mut Vec<f32>>,
     ) {
         lists.apply(self.part, self.scale);
-        let step = local::Step { row: c.row, region: c.region, modifier };
+        let step = local::LocalStep { row: c.row, region: c.region, modifier };
         let Self { part, buffers, scale, .. } = self;
         let particles = part.particles.clone();
         let Buffers { a: [ax, ay], near: vertex_near, pull, sway, rest, .. } = &mut **buffers;
-        let own = local::Own { rest, anchor: self.anchor, sign: self.sign };
+        let own = local::OwnParticles { rest, anchor: self.anchor, sign: self.sign };
         let (ax, ay, vertex_near) = (&mut ax[..], &mut ay[..], &mut vertex_near[..]);
         let mut near = near.map(|near| &mut near[..]);
         if let Some(near) = &mut near {
@@ -298,8 +303,8 @@ impl Share<'_> {
         );
     }
 
-    /// Adds the stage to the sums, and moves to the next one: positions by the velocities of this one, velocities by its
-    /// accelerations.
+    /// Adds the stage to the sums and moves to the next stage: positions by the velocities of this
+    /// stage, velocities by its accelerations.
     fn advance(&mut self, c: Common<'_>, stage: usize, chain: &Chain) {
         let (weight, ahead) = STAGES[stage];
         let places = self.part.particles.start + 1..self.part.particles.end + 1;
@@ -318,7 +323,7 @@ impl Share<'_> {
         self.place(c);
     }
 
-    /// Derives what follows from the positions in the next chain.
+    /// Derives blocks and normals in the next chain.
     fn place(&mut self, c: Common<'_>) {
         let (part, next) = (&mut *self.part, &mut self.next);
         c.vectors.run(
@@ -335,11 +340,11 @@ impl Share<'_> {
         self.clear(c, chain.len(), near);
         let places = self.part.particles.start + 1..self.part.particles.end + 1;
         let (own_vx, own_vy) = (&chain.vx[places.clone()], &chain.vy[places]);
-        let Buffers { a: [ax, ay], sum_v: [sum_vx, sum_vy], sum_a: [sum_ax, sum_ay], outcome, .. } = &mut *self.buffers;
+        let Buffers { a: [ax, ay], sum_v: [sum_vx, sum_vy], sum_a: [sum_ax, sum_ay], result, .. } = &mut *self.buffers;
         let rk4 = c.plan.integrator == Integrator::Rk4;
         let (x, y, vx, vy) = (&mut *self.x, &mut *self.y, &mut *self.vx, &mut *self.vy);
         let (rest, clearance) = (&mut *self.rest, &*self.clearance);
-        *outcome = c.vectors.run(
+        *result = c.vectors.run(
             #[inline(always)]
             || {
                 if rk4 {
@@ -349,11 +354,11 @@ impl Share<'_> {
                     accelerate(vx, ax, sum_vx);
                     accelerate(vy, ay, sum_vy);
                 }
-                let outcome = guard(c.plan.clearance, [x, y], [vx, vy], [sum_vx, sum_vy], clearance);
+                let result = guard(c.plan.clearance, [x, y], [vx, vy], [sum_vx, sum_vy], clearance);
                 for rest in rest.iter_mut() {
                     *rest += c.row.relaxation * (c.row.edge - *rest);
                 }
-                outcome
+                result
             },
         );
         for (to, from) in [(&mut self.next.x, &self.x), (&mut self.next.y, &self.y)] {
@@ -393,7 +398,8 @@ impl Share<'_> {
     }
 }
 
-/// Positions of the next stage: displaced at most as far as a particle can move in a step.
+/// Computes the positions of the next stage. A particle moves at most as far as a whole step may
+/// move it.
 #[inline(always)]
 fn lead(ahead: f32, [x, y]: [&[f32]; 2], [vx, vy]: [&[f32]; 2], [next_x, next_y]: [&mut [f32]; 2]) {
     let n = x.len();
@@ -407,7 +413,7 @@ fn lead(ahead: f32, [x, y]: [&[f32]; 2], [vx, vy]: [&[f32]; 2], [next_x, next_y]
     }
 }
 
-/// One axis of [`Share::advance`]: velocities of the next stage, and the sums.
+/// One axis of [`PartStep::advance`]: velocities of the next stage, and the sums.
 #[inline(always)]
 #[expect(clippy::too_many_arguments, reason = "one axis of a structure of arrays")]
 fn advance(
@@ -449,7 +455,7 @@ fn conclude(v0: &mut [f32], v: &[f32], a: &[f32], sum_v: &mut [f32], sum_a: &[f3
     }
 }
 
-/// The same for Euler.
+/// One axis of the end of an Euler step.
 #[inline(always)]
 fn accelerate(v0: &mut [f32], a: &[f32], sum_v: &mut [f32]) {
     let n = v0.len();
@@ -460,7 +466,7 @@ fn accelerate(v0: &mut [f32], a: &[f32], sum_v: &mut [f32]) {
     sum_v.copy_from_slice(v0);
 }
 
-/// Moves every particle, shortened to what its clearance allows.
+/// Moves every particle as far as its clearance allows.
 #[inline(always)]
 fn guard(
     least: f32,
@@ -468,7 +474,7 @@ fn guard(
     [vx, vy]: [&mut [f32]; 2],
     [sx, sy]: [&[f32]; 2],
     clearance: &[f32],
-) -> Outcome {
+) -> StepResult {
     let n = x.len();
     let (y, vx, vy) = (&mut y[..n], &mut vx[..n], &mut vy[..n]);
     let (sx, sy, clearance) = (&sx[..n], &sy[..n], &clearance[..n]);
@@ -486,16 +492,16 @@ fn guard(
         let zero = 0.0 * x[i] + 0.0 * y[i];
         not_finite |= u32::from(zero != 0.0);
     }
-    Outcome { shortened, not_finite: not_finite != 0 }
+    StepResult { shortened, not_finite: not_finite != 0 }
 }
 
-/// Sums the pair forces on the particles of a part; with `segment_near` also the least squared distances of vertices (`near`) and
-/// segments.
+/// Sums the pair forces on the particles of a part. With `segment_near`, also computes the minimum
+/// squared distances of vertices (`near`) and segments.
 struct Gather<'a> {
     chain: &'a Chain,
     scale: &'a [f32],
     row: &'a StepRow,
-    part: &'a Part,
+    part: &'a LoopPart,
     fx: &'a mut [f32],
     fy: &'a mut [f32],
     near: &'a mut [f32],
@@ -527,7 +533,7 @@ impl Gather<'_> {
             let mut sums = Sums::new(simd);
             part.groups.visit(
                 number,
-                &Own::of(&particles, n),
+                &OwnSegments::new(&particles, n),
                 n,
                 #[inline(always)]
                 |j, is_own| {

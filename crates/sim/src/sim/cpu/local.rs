@@ -1,5 +1,5 @@
-//! The forces on a particle from its neighbours in the chain and from the containment region: spring, friction,
-//! bending, containment, regulatory, contortion (paper, section 3).
+//! Forces on a particle from its neighbours in the chain and from the containment region: spring,
+//! friction, bending, containment, regulatory, contortion (paper, section 3).
 
 use super::chain::Chain;
 use crate::sim::layout::StepRow;
@@ -7,30 +7,31 @@ use crate::sim::maths::{max, min};
 use crate::sim::region::Region;
 use std::ops::Range;
 
-/// The step, for the local forces.
+/// Parameters of the local forces in a step.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Step<'a> {
+pub(super) struct LocalStep<'a> {
     pub(super) row: &'a StepRow,
     pub(super) region: &'a Region,
     /// m·c(t) of the contortion at this evaluation.
     pub(super) modifier: f32,
 }
 
-/// What the local forces read of the particles that they act on.
+/// Properties of the particles that the local forces read.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Own<'a> {
-    /// Rest lengths of the edges, first of that before the first particle.
+pub(super) struct OwnParticles<'a> {
+    /// Rest lengths of the edges, beginning with the edge before the first particle.
     pub(super) rest: &'a [f32],
     pub(super) anchor: [&'a [f32]; 2],
     pub(super) sign: &'a [f32],
 }
 
-/// Adds the local forces on the particles `range` to `fx`, `fy`. `pull` has room for one entry more than there are particles.
+/// Adds the local forces on the particles `range` to `fx`, `fy`. `pull` has room for one more entry
+/// than there are particles.
 #[inline(always)]
 pub(super) fn add(
     chain: &Chain,
-    own: Own<'_>,
-    step: Step<'_>,
+    own: OwnParticles<'_>,
+    step: LocalStep<'_>,
     range: Range<usize>,
     pull: &mut [Vec<f32>; 2],
     fx: &mut [f32],
@@ -49,9 +50,10 @@ pub(super) fn add(
     }
 }
 
-/// The pull of each edge on its first particle: entry 0 belongs to the edge before the first particle.
+/// Computes the pull of each edge on its first particle. Entry 0 belongs to the edge before the
+/// first particle.
 #[inline(always)]
-fn pulls(chain: &Chain, own: Own<'_>, row: &StepRow, range: &Range<usize>, pull: &mut [Vec<f32>; 2]) {
+fn pulls(chain: &Chain, own: OwnParticles<'_>, row: &StepRow, range: &Range<usize>, pull: &mut [Vec<f32>; 2]) {
     let edges = range.len() + 1;
     let ends = range.start..range.end + 2;
     let (x, y) = (&chain.x[ends.clone()][..edges + 1], &chain.y[ends.clone()][..edges + 1]);
@@ -59,7 +61,7 @@ fn pulls(chain: &Chain, own: Own<'_>, row: &StepRow, range: &Range<usize>, pull:
     let rest = &own.rest[..edges];
     let [px, py] = pull;
     let (px, py) = (&mut px[..edges], &mut py[..edges]);
-    // A loop to an inclusive end would not be compiled for vectors.
+    // The compiler would not vectorize a loop with an inclusive end.
     for i in 0..edges {
         let (dx, dy) = (x[i + 1] - x[i], y[i + 1] - y[i]);
         let length = (dx * dx + dy * dy + 1e-12).sqrt();
@@ -72,13 +74,14 @@ fn pulls(chain: &Chain, own: Own<'_>, row: &StepRow, range: &Range<usize>, pull:
     }
 }
 
-/// `gauge` is that of a point of the flattened plane, `boundary` the distance of the boundary from the axis in a direction.
+/// `gauge` returns the gauge of a point of the flattened plane, `boundary` the distance of the
+/// boundary from the axis in a direction.
 #[inline(always)]
 #[expect(clippy::too_many_arguments, reason = "the arguments of `add` and the two functions of the region")]
 fn add_within(
     chain: &Chain,
-    own: Own<'_>,
-    Step { row, modifier, .. }: Step<'_>,
+    own: OwnParticles<'_>,
+    LocalStep { row, modifier, .. }: LocalStep<'_>,
     range: Range<usize>,
     pull: [&[f32]; 2],
     fx: &mut [f32],

@@ -1,8 +1,9 @@
-//! The simulation on the CPU; its results do not depend on the number of threads.
+//! The simulation on the CPU. Its results do not depend on the number of threads.
 //!
-//! Each particle adds the forces of segments one by one, in ascending order; segments out of range add exact zeros. A vector holds
-//! consecutive particles, not segments. Therefore neither the number of threads, nor the neighbour search, nor the
-//! width of the vectors changes a bit. Fused multiply-add is never used.
+//! Each particle adds the forces of segments one by one, in ascending order; segments out of range
+//! add exact zeros. A vector holds consecutive particles, not segments. Therefore neither the
+//! number of threads, nor the neighbour search, nor the width of the vectors changes any bit. The
+//! code never uses fused multiply-add.
 
 mod chain;
 #[cfg(feature = "fuzzing")]
@@ -23,8 +24,8 @@ mod variety;
 use super::layout::StepRow;
 use super::maths;
 use super::plan::Plan;
-use super::state::{Checkpoint, InnerLoop, OuterLoop};
-use super::{SimError, Simulator, Statistics};
+use super::state::{Checkpoint, InnerLoop, OuterLoop, section};
+use super::{SimError, Statistics};
 use crate::model::Section;
 use crate::spec::Search;
 use crate::vectorize::Vectors;
@@ -33,7 +34,7 @@ pub use pairs::{Kernel, PairTerms, reference_force};
 pub use saved::StateError;
 pub(super) use variety::coefficients;
 
-/// Constants of the model that every backend must share, by their names in the shaders.
+/// Constants that every backend must share, by their names in the shaders.
 pub const CONSTANTS: [(&str, f32); 20] = [
     ("SHARE", integrate::SHARE),
     ("LEAST_MOVE", integrate::LIMITS[0]),
@@ -73,40 +74,41 @@ impl CpuSimulation {
     /// The state before the first burn-in step. The work is divided for `threads` threads.
     #[must_use]
     pub fn new(plan: Plan, threads: usize) -> Self {
-        let inner = InnerLoop::start(&plan);
-        let outer = outer::start(&plan, -i64::from(plan.burn_in));
-        let vectors = Vectors::best();
-        let neighbours = Neighbours::new(plan.search, vectors, threads);
-        let mut simulation = Self {
-            time: -i64::from(plan.burn_in),
-            plan,
-            inner,
-            outer,
-            neighbours,
-            work: integrate::Work::new(Kernel::default(), vectors, Vec::new()),
-            statistics: Statistics::default(),
-        };
-        thickness::update(&simulation.plan, simulation.time, &mut simulation.inner);
-        simulation
+        let time = -i64::from(plan.burn_in);
+        let (mut inner, outer) = (InnerLoop::start(&plan), outer::start(&plan, time));
+        thickness::update(&plan, time, &mut inner);
+        Self::resume(plan, &Checkpoint { time, inner, outer, clearance: Vec::new() }, threads)
     }
 
-    /// A copy that continues with another search and arithmetic, divided for `threads` threads: for benchmarks.
+    /// A simulation that continues from `checkpoint`; `threads` as for [`CpuSimulation::new`].
+    #[must_use]
+    pub fn resume(plan: Plan, checkpoint: &Checkpoint, threads: usize) -> Self {
+        Self::with(plan, checkpoint.clone(), Kernel::default(), Vectors::best(), threads)
+    }
+
+    fn with(plan: Plan, from: Checkpoint, kernel: Kernel, vectors: Vectors, threads: usize) -> Self {
+        let Checkpoint { time, inner, outer, clearance } = from;
+        Self {
+            neighbours: Neighbours::new(plan.search, vectors, threads),
+            work: integrate::Work::new(kernel, vectors, clearance),
+            plan,
+            time,
+            inner,
+            outer,
+            statistics: Statistics::default(),
+        }
+    }
+
+    /// A copy that continues with another search and arithmetic, divided for `threads` threads: for
+    /// benchmarks.
     #[must_use]
     pub fn fork(&self, search: Search, kernel: Kernel, threads: usize) -> Self {
         self.fork_with(search, kernel, Vectors::best(), threads)
     }
 
-    /// The same with given vectors.
     fn fork_with(&self, search: Search, kernel: Kernel, vectors: Vectors, threads: usize) -> Self {
-        Self {
-            plan: Plan { search, ..self.plan.clone() },
-            time: self.time,
-            inner: self.inner.clone(),
-            outer: self.outer.clone(),
-            neighbours: Neighbours::new(search, vectors, threads),
-            work: integrate::Work::new(kernel, vectors, self.work.clearance().to_vec()),
-            statistics: self.statistics,
-        }
+        let plan = Plan { search, ..self.plan.clone() };
+        Self { statistics: self.statistics, ..Self::with(plan, self.checkpoint(), kernel, vectors, threads) }
     }
 
     /// The current inner loop.
@@ -126,21 +128,21 @@ impl CpuSimulation {
         }
     }
 
-    /// A simulation that continues from `checkpoint`; `threads` as for [`CpuSimulation::new`].
-    #[must_use]
-    pub fn resume(plan: Plan, checkpoint: &Checkpoint, threads: usize) -> Self {
-        let vectors = Vectors::best();
-        let neighbours = Neighbours::new(plan.search, vectors, threads);
-        let work = integrate::Work::new(Kernel::default(), vectors, checkpoint.clearance.clone());
-        Self {
-            time: checkpoint.time,
-            plan,
-            inner: checkpoint.inner.clone(),
-            outer: checkpoint.outer.clone(),
-            neighbours,
-            work,
-            statistics: Statistics::default(),
+    /// Advances one step; burn-in steps come first.
+    ///
+    /// # Errors
+    /// [`SimError`] if the new state is not valid.
+    pub fn step(&mut self) -> Result<(), SimError> {
+        let row = *self.plan.at(self.time);
+        if self.plan.grows_at(self.time) {
+            self.grow(&row);
         }
+        let result =
+            integrate::step(&self.plan, self.time, &row, &mut self.inner, &mut self.neighbours, &mut self.work);
+        self.statistics.moves_shortened += u64::from(result.shortened);
+        outer::step(&self.plan, self.time, &row, &self.inner, &mut self.outer);
+        self.time += 1;
+        if result.not_finite { Err(SimError::NotFinite { step: self.time }) } else { Ok(()) }
     }
 
     fn grow(&mut self, row: &StepRow) {
@@ -150,48 +152,30 @@ impl CpuSimulation {
         thickness::update(&self.plan, self.time, &mut self.inner);
         self.work.invalidate();
     }
-}
 
-impl Simulator for CpuSimulation {
-    fn step(&mut self) -> Result<(), SimError> {
-        let row = *self.plan.at(self.time);
-        if self.plan.grows_at(self.time) {
-            self.grow(&row);
-        }
-        let outcome =
-            integrate::step(&self.plan, self.time, &row, &mut self.inner, &mut self.neighbours, &mut self.work);
-        self.statistics.moves_shortened += u64::from(outcome.shortened);
-        outer::step(&self.plan, self.time, &row, &self.inner, &mut self.outer);
-        self.time += 1;
-        if outcome.not_finite { Err(SimError::NotFinite { step: self.time }) } else { Ok(()) }
-    }
-
-    fn time(&self) -> i64 {
+    /// The current step; negative during burn-in, 0 at the isthmus end.
+    #[must_use]
+    pub fn time(&self) -> i64 {
         self.time
     }
 
-    fn section(&self) -> Section {
-        let at = self.time.clamp(0, i64::from(self.plan.steps)) as usize;
-        Section {
-            step: at as f64,
-            z_um: self.plan.z_um[at],
-            added: false,
-            inner: self.inner.ring(self.plan.scale),
-            outer: self.outer.ring(self.plan.scale),
-        }
+    /// The cross section at the current step.
+    #[must_use]
+    pub fn section(&self) -> Section {
+        section(&self.plan, self.time, &self.inner, &self.outer)
     }
 
-    fn particles(&self) -> u32 {
+    /// Number of particles of both loops.
+    #[must_use]
+    pub fn particles(&self) -> u32 {
         (self.inner.len() + self.outer.len()) as u32
     }
 
-    fn statistics(&self) -> Statistics {
-        let [inner, outer] = {
-            let last = self.plan.at(i64::from(self.plan.steps));
-            [last.inner_target, last.outer_target]
-        };
+    /// Counts so far.
+    #[must_use]
+    pub fn statistics(&self) -> Statistics {
         Statistics {
-            splits_missing: u64::from((inner + outer).saturating_sub(self.particles())),
+            splits_missing: self.plan.missing_splits(self.particles()),
             list_builds: self.neighbours.builds(),
             ..self.statistics
         }

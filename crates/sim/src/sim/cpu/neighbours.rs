@@ -1,15 +1,19 @@
-//! Neighbour search: for each group of consecutive particles the segments that one of them may interact with, ascending.
+//! Neighbour search: for each group of consecutive particles, the segments that a particle of the
+//! group may interact with, in ascending order.
 //!
-//! Invariant: the list of a group contains every segment within the range of one of its particles; other segments in it add
-//! zeros. So all searches and all sizes of groups give the same bytes.
+//! Invariant: the list of a group contains every segment within the range of one of its particles.
+//! Other segments in the list add zeros. Therefore all searches and all sizes of groups produce the
+//! same bytes.
 //!
-//! A particle sees farther through tissue than across a gap (D of [`super::pairs`]), so its lists hold what lies within D plus a
-//! skin. They are kept until motion may have used up the skin (the two-step search suggested in the paper, section 4). With q from
-//! a point of a segment to the particle, the slack |q| − D changes by at most [`lists::SLOPE`] times a change of q, and by half of
-//! the difference of the two ranges times a change of the normal.
+//! A particle sees farther through tissue than across a gap (D of [`super::pairs`]), so the lists
+//! contain the segments within D plus a skin. Lists are kept until motion may have used up the skin
+//! (the two-step search suggested in section 4 of the paper). Let q be the vector from a point of a
+//! segment to the particle. The slack |q| − D changes by at most [`lists::SLOPE`] times the change
+//! of q, plus half of the difference of the two ranges times the change of the normal.
 //!
-//! Of many particles a few may be restless: pressed against another wall, they move and turn in the stages of a step and are held
-//! back at its end. Then lists are made anew only for the groups with these particles and those that see their segments.
+//! In a large loop a few particles may be restless: pressed against another wall, they move and
+//! turn in the stages of a step, and the guard holds them back at its end. In this case, only the
+//! lists of their groups, and of groups that see their segments, are rebuilt.
 
 mod grid;
 mod lists;
@@ -20,41 +24,44 @@ use crate::sim::maths::{greatest, max, min};
 use crate::spec::Search;
 use crate::vectorize::{Simd, Vectors, WithSimd};
 use grid::Grid;
-pub(super) use lists::Own;
+pub(super) use lists::OwnSegments;
 use lists::{Groups, Lists, Restless, SLOPE, Sight, Tables};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// With a skin s, lists grow in proportion to s and last for s/v evaluations if slack is used up at the rate v: the sum of both costs is
-/// least at √(`THRIFT`·v), µm. Measured with the presets `paper` and `pig`.
+/// Factor of the skin, µm. With a skin s, the length of lists grows in proportion to s, and lists
+/// last for s/v evaluations if motion uses up slack at the rate v. The sum of both costs is minimal
+/// at √(`THRIFT`·v). Measured with the presets `paper` and `pig`.
 const THRIFT: f32 = 60.0;
-/// Least and greatest skin, µm, and the first one.
+/// Bounds of the skin, and the first skin, µm.
 const SKINS: [f32; 2] = [5.0, 30.0];
 const FIRST_SKIN: f32 = 10.0;
-/// Room for rounding in the skin, µm.
+/// Part of the skin reserved for rounding, µm.
 const ROUNDING: f32 = 0.01;
-/// At most one particle in so many is restless, and one cell of segments in so many is near them, or else all lists are made anew.
+/// Limits of a partial rebuild: one particle in `RESTLESS` may be restless, and one cell of
+/// segments in `NEAR` may be near a restless particle. Above either limit, all lists are rebuilt.
 const RESTLESS: usize = 64;
 const NEAR: usize = 3;
-/// Shares of the skin that the motion of two particles and the turn of one may use up if they are not restless.
+/// Parts of the skin that the motion of two particles, and the turn of one, may use up while the
+/// particles count as calm.
 const CALM: [f32; 2] = [0.55, 0.45];
-/// Parts begin at multiples of this number of particles: of any group.
+/// Parts begin at multiples of this number of particles, the maximum size of a group.
 const GRAIN: usize = 16;
 
 /// A run of particles processed by one thread, with the list of each group.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Part {
+pub(super) struct LoopPart {
     pub(super) particles: Range<usize>,
     pub(super) groups: Groups,
-    /// Positions and normals when the lists were built.
+    /// Positions and normals at the time when the lists were built.
     built: [Vec<f32>; 4],
-    /// Squares of the greatest displacement, and of the greatest change of a normal, since then.
+    /// Squares of the maximum displacement, and of the maximum change of a normal, since then.
     moved: f32,
     turned: f32,
 }
 
-impl Part {
-    /// Notes the positions and normals with which its lists were built.
+impl LoopPart {
+    /// Records the positions and normals with which the lists were built.
     fn note(&mut self, chain: &Chain) {
         let own = self.particles.clone();
         let places = own.start + 1..own.end + 1;
@@ -66,7 +73,7 @@ impl Part {
         (self.moved, self.turned) = (0.0, 0.0);
     }
 
-    /// Notes how far the particles have moved to `next`.
+    /// Records how far the particles have moved to `next`.
     #[inline(always)]
     pub(super) fn follow(&mut self, next: &Stretch<'_>) {
         let n = self.particles.len();
@@ -92,12 +99,13 @@ pub(super) struct Neighbours {
     search: Search,
     vectors: Vectors,
     threads: usize,
-    pub(super) parts: Vec<Part>,
+    pub(super) parts: Vec<LoopPart>,
     tables: Tables,
     built: Sight,
-    /// Greatest scale of a particle.
+    /// Maximum scale of a particle.
     widest: f32,
-    /// Distance by which lists reach beyond the ranges, µm, how much of it may have been used up, and by how many evaluations.
+    /// Distance by which lists extend beyond the ranges, µm; how much of it may be used up; and the
+    /// number of evaluations that used it.
     skin: f32,
     used: f32,
     evaluations: u32,
@@ -123,9 +131,9 @@ impl Neighbours {
         }
     }
 
-    /// Starts the count of builds at `builds`.
-    pub(super) fn counted_from(self, builds: u64) -> Self {
-        Self { builds, ..self }
+    /// Continues the count of builds from `builds`.
+    pub(super) fn count_from(&mut self, builds: u64) {
+        self.builds = builds;
     }
 
     pub(super) fn builds(&self) -> u64 {
@@ -137,7 +145,7 @@ impl Neighbours {
         // Several parts per thread, because folds make the work per particle uneven.
         let grains = n.div_ceil(GRAIN);
         let count = if self.threads == 1 { 1 } else { (self.threads * 4).min(grains) };
-        self.parts.resize_with(count, Part::default);
+        self.parts.resize_with(count, LoopPart::default);
         for (k, part) in self.parts.iter_mut().enumerate() {
             let (first, end) = (k * grains / count, (k + 1) * grains / count);
             part.particles = first * GRAIN..(end * GRAIN).min(n);
@@ -145,13 +153,14 @@ impl Neighbours {
         self.valid = false;
     }
 
-    /// Finds out which lists are outdated for `chain`. Returns the parts, and what is to be done to each before it is used.
+    /// Determines which lists are outdated for `chain`. Returns the parts, and the update that each
+    /// part needs before it is used.
     pub(super) fn prepare<'a>(
         &'a mut self,
         chain: &'a Chain,
         scale: &[f32],
         row: &StepRow,
-    ) -> (&'a mut [Part], Update<'a>) {
+    ) -> (&'a mut [LoopPart], Update<'a>) {
         let sight = Sight::at(row);
         let vectors = self.vectors;
         let mut restless = None;
@@ -203,7 +212,7 @@ impl Neighbours {
         }
     }
 
-    /// Begins lists of all groups; returns their skin.
+    /// Begins new lists for all groups. Returns their skin; `None` if the search uses no lists.
     fn renew(&mut self, scale: &[f32], sight: Sight) -> Option<f32> {
         self.builds += 1;
         self.valid = true;
@@ -217,7 +226,8 @@ impl Neighbours {
         (self.search != Search::AllPairs).then_some(self.skin)
     }
 
-    /// By how much the slack between a particle and a segment may have shrunk since the lists were built.
+    /// Upper bound of the decrease of the slack between a particle and a segment since the lists
+    /// were built.
     fn used_up(&self, chain: &Chain, row: &StepRow) -> f32 {
         let (mut moved, mut turned) = (0.0, 0.0);
         for part in &self.parts {
@@ -233,7 +243,8 @@ impl Neighbours {
         SLOPE * 2.0 * moved.sqrt() + by_turning * turned.sqrt() + widened
     }
 
-    /// By how much ranges may have grown since the lists were built, and slack over a change of a normal.
+    /// Upper bound of the growth of ranges since the lists were built, and change of slack per
+    /// change of a normal.
     fn changes(&self, row: &StepRow) -> (f32, f32) {
         let (built, now) = (self.built, Sight::at(row));
         let wider = max(max(now.tissue - built.tissue, now.gap - built.gap), 0.0);
@@ -241,7 +252,8 @@ impl Neighbours {
         (max(wider * self.widest, now.least - built.least), 0.5 * (tissue - gap).abs())
     }
 
-    /// The particles that have moved or turned so much that lists may not hold; none if they are too many.
+    /// Particles that have moved or turned so much that their lists may be outdated; `None` if they
+    /// are too many.
     fn restless(&self, chain: &Chain, row: &StepRow) -> Option<Vec<usize>> {
         let most = chain.len() / RESTLESS;
         let (widened, by_turning) = self.changes(row);
@@ -268,37 +280,38 @@ impl Neighbours {
     }
 }
 
-/// Which lists are outdated.
+/// Outdated lists.
 enum Outdated {
     None,
-    /// Those of groups near these particles.
+    /// Lists of groups near these particles.
     Some(Vec<usize>),
     All,
 }
 
-/// What is to be done to the parts before their lists are used.
+/// Update of the lists of all parts.
 pub(super) struct Update<'a> {
     vectors: Vectors,
-    /// The lists to be made: all, or those near the restless particles.
+    /// Lists to rebuild: all, or only those near the restless particles; `None` if all lists are
+    /// valid.
     lists: Option<(Lists<'a>, Option<Restless>)>,
 }
 
 impl Update<'_> {
-    /// Makes lists of a part, whose particles have these scales.
-    pub(super) fn apply(&self, part: &mut Part, scale: &[f32]) {
+    /// Rebuilds lists of a part, whose particles have these scales.
+    pub(super) fn apply(&self, part: &mut LoopPart, scale: &[f32]) {
         let Some((lists, restless)) = &self.lists else {
             return;
         };
-        let Part { particles, groups, .. } = part;
-        self.vectors.run_in_lanes(Making { lists, restless: restless.as_ref(), particles, scale, groups });
+        let LoopPart { particles, groups, .. } = part;
+        self.vectors.run_in_lanes(ListUpdate { lists, restless: restless.as_ref(), particles, scale, groups });
         if restless.is_none() {
             part.note(lists.chain);
         }
     }
 }
 
-/// Makes lists of a part: all, or those near the restless particles.
-struct Making<'a> {
+/// Rebuild of lists of a part: of all lists, or of those near the restless particles.
+struct ListUpdate<'a> {
     lists: &'a Lists<'a>,
     restless: Option<&'a Restless>,
     particles: &'a Range<usize>,
@@ -306,7 +319,7 @@ struct Making<'a> {
     groups: &'a mut Groups,
 }
 
-impl WithSimd for Making<'_> {
+impl WithSimd for ListUpdate<'_> {
     type Output = ();
 
     #[inline(always)]

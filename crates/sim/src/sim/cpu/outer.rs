@@ -1,16 +1,19 @@
-//! The outer loop: spring, containment to its own lobed ellipse, friction (paper, section 3: "a simplification of
-//! the same technique is used to approximate the external structure").
+//! The outer loop: spring, containment to a lobed ellipse, friction (paper, section 3: "a
+//! simplification of the same technique is used to approximate the external structure").
 //!
-//! Invariants, which hold for any forces and at every point of the straight paths from step to step:
+//! Invariants, which hold for any forces and at every point of the straight paths from step to
+//! step:
 //!
-//! - The loop is star-shaped around the origin, so it cannot cross itself: the directions of its particles increase
-//!   counter-clockwise. A particle may use less than half of the angle to each neighbour in a step ([`Fan::hold`]), so two
-//!   neighbours never exchange their order, and no angle between neighbours grows to a half turn.
-//! - Every particle and every edge stays outside the enlarged region that just contains the inner loop, so the two loops never
-//!   meet: particles are pushed out until their edges clear it ([`floor`], [`clear`], [`clear_outline`]).
+//! - The loop is star-shaped around the origin, so it cannot intersect itself: the directions of
+//!   its particles increase counter-clockwise. A particle may use less than half of the angle to
+//!   each neighbour in a step ([`Fan::hold`]). Therefore two neighbours never exchange their order,
+//!   and no angle between neighbours reaches a half turn.
+//! - Every particle and every edge stays outside the enlarged region that just contains the inner
+//!   loop, so the two loops never intersect. Particles are pushed out until their edges clear this
+//!   region ([`floor`], [`clear`], [`clear_outline`]).
 //!
-//! Both are enforced in the flattened plane, in which the containment ellipse is a circle: (x, y/squash). A linear map
-//! preserves the order of directions and straight lines.
+//! Both invariants are enforced in the flattened plane (x, y/squash), in which the containment
+//! ellipse is a circle. A linear map preserves the order of directions and straight lines.
 
 use crate::sim::layout::StepRow;
 use crate::sim::maths::{greatest, max, min};
@@ -18,19 +21,22 @@ use crate::sim::plan::Plan;
 use crate::sim::region::{Gauge, Region};
 use crate::sim::state::{InnerLoop, OuterLoop};
 
-/// Greatest move in a step along each axis, µm, unless the inner loop forces a greater one.
+/// Maximum move in a step along each axis, µm, unless the inner loop forces a larger move.
 pub(super) const MOVE: f32 = 5.0;
-/// Rest length of the edges over their mean length. Below 1, so that the wall is under tension.
+/// Rest length of the edges divided by their mean length. A value below 1 keeps the wall under
+/// tension.
 pub(super) const TAUT: f32 = 0.8;
 /// Pull toward the target per µm of distance.
 pub(super) const PULL: f32 = 0.1;
-/// Share of the angle between two neighbours that each of them may close in a step: below a half.
+/// Fraction of the angle between two neighbours that each of them may close in a step; below one
+/// half.
 pub(super) const CLOSING: f32 = 0.45;
-/// Share of what remains up to [`WIDEST`] by which each of two neighbours may widen the angle between them in a step.
+/// Fraction of the remaining angle up to [`WIDEST`] by which each of two neighbours may widen the
+/// angle between them in a step.
 pub(super) const WIDENING: f32 = 0.25;
-/// Greatest chord between the directions (unit vectors) of two neighbours: an angle of 106°.
+/// Maximum chord between the directions (unit vectors) of two neighbours: an angle of 106°.
 pub(super) const WIDEST: f32 = 1.6;
-/// Least chord between the directions of two neighbours over the mean one.
+/// Minimum chord between the directions of two neighbours divided by the mean chord.
 pub(super) const NARROWEST: f32 = 0.1;
 
 /// The loop at step `time`, at rest on its target, at equal angles.
@@ -55,7 +61,7 @@ pub(super) fn start(plan: &Plan, time: i64) -> OuterLoop {
     s
 }
 
-/// Advances the outer loop one step; `inner` is the inner loop after its step.
+/// Advances the outer loop one step. `inner` is the inner loop after its step.
 pub(super) fn step(plan: &Plan, time: i64, row: &StepRow, inner: &InnerLoop, s: &mut OuterLoop) {
     let n = s.len();
     let next = plan.at(time + 1);
@@ -114,7 +120,8 @@ pub(super) fn step(plan: &Plan, time: i64, row: &StepRow, inner: &InnerLoop, s: 
     }
 }
 
-/// The greatest gauge of the inner loop, edges included: they may leave a region that is not convex.
+/// Maximum gauge of the inner loop, including its edges, which may leave a region that is not
+/// convex.
 fn reach(region: &Region, inner: &InnerLoop, unsquash: f32) -> f32 {
     let flat = |i: usize| [inner.x[i], inner.y[i] * unsquash];
     let n = inner.len();
@@ -128,10 +135,10 @@ fn reach(region: &Region, inner: &InnerLoop, unsquash: f32) -> f32 {
     }
 }
 
-/// The directions of the particles before a step, in the flattened plane.
+/// Directions of the particles before a step, in the flattened plane.
 struct Fan {
     directions: Vec<[f32; 2]>,
-    /// Least chord that neighbours may close to.
+    /// Minimum chord to which neighbours may close.
     narrowest: f32,
 }
 
@@ -142,8 +149,8 @@ impl Fan {
         Self { directions: points, narrowest }
     }
 
-    /// Where particle `i`, which would move to `q`, may go instead: to the same radius in the last direction that is
-    /// allowed. `None` if `q` is allowed.
+    /// Returns the place for particle `i` if it may not move to `q`: at the same radius, in the
+    /// last direction that is allowed. `None` if `q` is allowed.
     fn hold(&self, i: usize, q: [f32; 2]) -> Option<[f32; 2]> {
         let n = self.directions.len();
         let (before, own, after) = (self.directions[(i + n - 1) % n], self.directions[i], self.directions[(i + 1) % n]);
@@ -169,8 +176,9 @@ impl Fan {
     }
 }
 
-/// Pushes particles out whose edges would come nearer to the origin than `least` in the flattened plane. An edge between
-/// two directions at the angle α stays outside the circle of radius `least` if both ends are at `least`/cos(α/2) or more.
+/// Pushes out particles whose edges would come nearer to the origin than `least` in the flattened
+/// plane. An edge between two directions at the angle α stays outside the circle of radius `least`
+/// if both ends are at least at `least`/cos(α/2).
 fn clear(least: f32, unsquash: f32, points: &mut [[f32; 2]]) {
     let n = points.len();
     let flat: Vec<[f32; 2]> = points.iter().map(|&[x, y]| [x, y * unsquash]).collect();
@@ -187,8 +195,9 @@ fn clear(least: f32, unsquash: f32, points: &mut [[f32; 2]]) {
     }
 }
 
-/// Pushes particles out whose edges would come below the gauge `least`. If both ends of an edge move away from the axis by the
-/// same factor, so does each of its points, and a further move of one end takes none of them nearer.
+/// Pushes out particles whose edges would come below the gauge `least`. If both ends of an edge
+/// move away from the axis by the same factor, so does each of its points. A further move of one
+/// end brings no point of the edge nearer.
 fn clear_outline(gauge: &Gauge, least: f32, unsquash: f32, points: &mut [[f32; 2]]) {
     let n = points.len();
     let flat = |i: usize| [points[i % n][0], points[i % n][1] * unsquash];
@@ -199,9 +208,10 @@ fn clear_outline(gauge: &Gauge, least: f32, unsquash: f32, points: &mut [[f32; 2
     }
 }
 
-/// Least elliptic radius of the particles of a wall around an inner loop that reaches out to `reach`. An edge between two
-/// particles at elliptic radius r and equal spacing comes as near as r·cos(π/n); 2π/n allows for spacing twice as wide.
-/// [`clear`] handles wider angles. For other outlines it is a gauge.
+/// Minimum elliptic radius of the particles of a wall around an inner loop that extends to `reach`;
+/// for other outlines, a gauge. An edge between two particles at elliptic radius r and equal
+/// spacing comes as near as r·cos(π/n); 2π/n allows for twice the spacing. [`clear`] handles wider
+/// angles.
 fn floor(reach: f32, margin: f32, n: usize) -> f32 {
     let sagitta = 1.0 - libm::cosf(std::f32::consts::TAU / n as f32);
     (reach + margin) / (1.0 - sagitta).max(0.5)
@@ -242,7 +252,7 @@ fn unit(a: [f32; 2]) -> [f32; 2] {
     [a[0] / length, a[1] / length]
 }
 
-/// Positive if `b` lies counter-clockwise of `a`.
+/// Cross product, positive if `b` lies counter-clockwise of `a`.
 fn cross(a: [f32; 2], b: [f32; 2]) -> f32 {
     a[0] * b[1] - a[1] * b[0]
 }

@@ -1,8 +1,10 @@
-//! The self-intersection force with side-dependent range, the barrier, and the clearance (paper, section 3).
+//! The self-intersection force with side-dependent range, the barrier and the clearance (paper,
+//! section 3).
 //!
-//! For a particle p with lumen normal n against the closest point of a segment at distance d: the other strand
-//! lies in direction −q/d, so D = mean + half·cos α with cos α = −n·q/d; force
-//! `kr·(ref/D)·(1 − d/D)` for d < D, plus `fb·(b/d − 1)` for d < b, both along q/d.
+//! For a particle with lumen normal n and the closest point of a segment, let q be the vector from
+//! this point to the particle, and d its length. The other strand lies in the direction −q/d, so
+//! the range is D = mean + half·cos α with cos α = −n·q/d. The force is `kr·(ref/D)·(1 − d/D)` for
+//! d < D, plus `fb·(b/d − 1)` for d < b, both along q/d.
 
 use super::chain::{BLOCK, Block, Chain};
 use crate::sim::layout::StepRow;
@@ -11,20 +13,22 @@ use crate::vectorize::{Lanes, Simd};
 /// Arithmetic of the pair forces.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Kernel {
-    /// Consecutive particles at a time, with the widest vectors of the processor. All models are made with it.
+    /// One vector of consecutive particles at a time, with the widest vectors of the processor. All
+    /// models are grown with it.
     #[default]
     Vector,
-    /// One segment after another, without vectors, as in the paper: for benchmarks. Results differ in rounding.
+    /// One segment after another, without vectors, as in the paper; for benchmarks. Results differ
+    /// in rounding.
     Scalar,
 }
 
-/// Clearances are capped at this value, µm; the guard does not act above it.
+/// Maximum clearance, µm. The guard does not act above it.
 pub(super) const CLEARANCE_CAP: f32 = 12.0;
 
-/// Least squared distance; smaller ones are raised to it.
+/// Minimum squared distance; smaller ones are raised to it.
 pub(super) const TINY: f32 = 1e-12;
 
-/// Inputs of the force on one particle besides the segments.
+/// Inputs of the force on one particle, except the segments.
 #[derive(Clone, Copy, Debug)]
 pub struct PairTerms {
     /// Position.
@@ -58,20 +62,20 @@ impl PairTerms {
     }
 }
 
-/// Coordinates of particles that pad the last group: far from all others.
+/// Coordinate of particles that pad the last group: far from all others.
 pub(super) const FAR: f32 = 1e9;
 
-/// A distance beyond all ranges, µm.
+/// Distance beyond all ranges, µm.
 const DISTANT: f32 = 1e6;
 
-/// Most particles in a group.
+/// Maximum number of particles in a group.
 pub(super) const MOST: usize = 16;
 
-/// The terms of a group of consecutive particles, one per lane.
+/// Terms of a group of consecutive particles, one per lane.
 #[derive(Clone, Copy)]
 pub(super) struct Group<S: Simd> {
     simd: S,
-    /// Number of the first particle, and of all.
+    /// Index of the first particle, and number of all particles.
     first: usize,
     n: usize,
     x: Lanes<S>,
@@ -85,7 +89,8 @@ pub(super) struct Group<S: Simd> {
 }
 
 impl<S: Simd> Group<S> {
-    /// The particles from `first` on, which have these scales; at the end of the loop there may be fewer than lanes.
+    /// Gathers the particles from `first` on, which have these scales. At the end of the loop there
+    /// may be fewer particles than lanes.
     #[inline(always)]
     pub(super) fn new(simd: S, row: &StepRow, chain: &Chain, scale: &[f32], first: usize) -> Self {
         let (mut x, mut y, mut mean) = ([FAR; MOST], [FAR; MOST], [row.range_mean; MOST]);
@@ -111,9 +116,10 @@ impl<S: Simd> Group<S> {
         }
     }
 
-    /// Where the particles are to segment `j`. With `OWN` its ends are taken for distant.
+    /// Places the particles relative to segment `j`. With `OWN`, the particles at the ends of the
+    /// segment count as distant.
     #[inline(always)]
-    pub(super) fn place<const OWN: bool>(&self, blocks: &[Block], j: usize) -> Placed<S> {
+    pub(super) fn place<const OWN: bool>(&self, blocks: &[Block], j: usize) -> SegmentPlacement<S> {
         let all = |number| Lanes::all(self.simd, number);
         let (block, at) = (&blocks[j / BLOCK], j % BLOCK);
         let (rx, ry) = (self.x - all(block.x[at]), self.y - all(block.y[at]));
@@ -123,10 +129,11 @@ impl<S: Simd> Group<S> {
         if OWN {
             square = square.max(self.distant_ends(j));
         }
-        Placed { qx, qy, square, distance: square.sqrt() }
+        SegmentPlacement { qx, qy, square, distance: square.sqrt() }
     }
 
-    /// The square of a distance beyond all ranges in the lanes of the ends of segment `j`, and 0 in others.
+    /// The square of a distance beyond all ranges in the lanes of the ends of segment `j`, 0 in
+    /// other lanes.
     #[inline(always)]
     fn distant_ends(&self, j: usize) -> Lanes<S> {
         let lane = |particle: usize| (particle as u32).wrapping_sub(self.first as u32);
@@ -138,12 +145,13 @@ impl<S: Simd> Group<S> {
         Lanes::of(self.simd, &squares)
     }
 
-    /// The forces of a segment.
+    /// Computes the forces of a segment.
     #[inline(always)]
-    fn pull(&self, to: &Placed<S>) -> Pull<S> {
+    fn pull(&self, to: &SegmentPlacement<S>) -> Pull<S> {
         let zero = Lanes::all(self.simd, 0.0);
-        let Placed { qx, qy, square, distance } = *to;
-        // With D the range and d the distance, Dd, so that one division serves both forces.
+        let SegmentPlacement { qx, qy, square, distance } = *to;
+        // Both terms are multiplied by D (range) and d (distance), so that one division serves both
+        // forces.
         let reach = self.mean * distance + (self.side_x * qx + self.side_y * qy);
         let reach_square = reach * reach;
         let soft = (reach - square).max(zero) * (self.repulsion * square);
@@ -152,36 +160,37 @@ impl<S: Simd> Group<S> {
     }
 }
 
-/// Where the particles of a group are to a segment.
+/// Places of the particles of a group relative to a segment.
 #[derive(Clone, Copy)]
-pub(super) struct Placed<S: Simd> {
-    /// From the closest point of the segment to the particle.
+pub(super) struct SegmentPlacement<S: Simd> {
+    /// Vector from the closest point of the segment to the particle.
     qx: Lanes<S>,
     qy: Lanes<S>,
     square: Lanes<S>,
     distance: Lanes<S>,
 }
 
-/// The forces of a segment on the particles of a group.
+/// Forces of a segment on the particles of a group.
 #[derive(Clone, Copy)]
 struct Pull<S: Simd> {
     qx: Lanes<S>,
     qy: Lanes<S>,
-    /// Over the distance.
+    /// Force divided by the distance.
     force: Lanes<S>,
 }
 
-/// The sums of the forces on the particles of a group.
+/// Sums of the forces on the particles of a group.
 ///
-/// A force takes a root and then a division, each of which waits for the one before. So that the processor need not hold what waits,
-/// a segment is placed while the force of the one before it is computed, and that of the one before that is added.
+/// A force takes a square root and then a division, and each waits for the operation before it. To
+/// hide this latency, three segments are in progress: the current one is placed while the force of
+/// the previous one is computed and that of the one before is added.
 #[derive(Clone, Copy)]
 pub(super) struct Sums<S: Simd> {
-    placed: Placed<S>,
+    placed: SegmentPlacement<S>,
     pull: Pull<S>,
     fx: Lanes<S>,
     fy: Lanes<S>,
-    /// Least squared distances.
+    /// Minimum squared distances.
     near: Lanes<S>,
 }
 
@@ -191,7 +200,7 @@ impl<S: Simd> Sums<S> {
         let all = |number| Lanes::all(simd, number);
         let zero = all(0.0);
         Self {
-            placed: Placed { qx: zero, qy: zero, square: all(DISTANT * DISTANT), distance: all(DISTANT) },
+            placed: SegmentPlacement { qx: zero, qy: zero, square: all(DISTANT * DISTANT), distance: all(DISTANT) },
             pull: Pull { qx: zero, qy: zero, force: zero },
             fx: zero,
             fy: zero,
@@ -199,9 +208,9 @@ impl<S: Simd> Sums<S> {
         }
     }
 
-    /// Takes the next segment.
+    /// Adds the next segment.
     #[inline(always)]
-    pub(super) fn take(&mut self, group: &Group<S>, placed: Placed<S>) {
+    pub(super) fn take(&mut self, group: &Group<S>, placed: SegmentPlacement<S>) {
         self.add(self.pull);
         self.pull = group.pull(&self.placed);
         self.placed = placed;
@@ -213,15 +222,16 @@ impl<S: Simd> Sums<S> {
         self.fy = self.fy + force * qy;
     }
 
-    /// Keeps the least squared distances. Returns that of the segment if it is less than the square of the cap.
+    /// Updates the minimum squared distances. Returns the minimum squared distance of the segment
+    /// if it is less than the square of the cap.
     #[inline(always)]
-    pub(super) fn approach(&mut self, group: &Group<S>, placed: &Placed<S>) -> Option<f32> {
+    pub(super) fn approach(&mut self, group: &Group<S>, placed: &SegmentPlacement<S>) -> Option<f32> {
         self.near = self.near.min(placed.square);
         let cap = Lanes::all(group.simd, CLEARANCE_CAP * CLEARANCE_CAP);
         placed.square.any_less(cap).then(|| placed.square.least())
     }
 
-    /// The sums and the least squared distances after the last segment.
+    /// Sums and minimum squared distances after the last segment.
     #[inline(always)]
     pub(super) fn finish(mut self, group: &Group<S>) -> [Lanes<S>; 3] {
         self.add(self.pull);
@@ -230,8 +240,8 @@ impl<S: Simd> Sums<S> {
     }
 }
 
-/// The same force from one segment `a`–`b` in scalar arithmetic: the reference for tests
-/// and the kernel of the paper's single-core version in benchmarks. Returns the force and 1/d.
+/// Force from one segment `a`–`b` in scalar arithmetic, and 1/d: the reference for tests, and the
+/// kernel of the single-core version of the paper in benchmarks.
 #[must_use]
 pub fn reference_force(t: &PairTerms, a: [f32; 2], b: [f32; 2]) -> ([f32; 2], f32) {
     let d = [b[0] - a[0], b[1] - a[1]];
@@ -344,7 +354,8 @@ mod tests {
     #[test]
     fn range_depends_on_the_side() {
         let row = row();
-        // Lumen upwards: a strand above is across the gap (range 40), one below across tissue (range 100).
+        // The lumen is above: a strand above is across the gap (range 40), a strand below across
+        // tissue (range 100).
         let terms = PairTerms::new(&row, [0.0, 0.0], [0.0, 1.0], 1.0);
         let above = reference_force(&terms, [-5.0, 60.0], [5.0, 60.0]).0;
         let below = reference_force(&terms, [-5.0, -60.0], [5.0, -60.0]).0;

@@ -1,29 +1,29 @@
-//! The state of a simulation as bytes, so that another process can continue it.
+//! State of a simulation as bytes, so that another process can continue it.
 //!
-//! It holds what later steps depend on: both loops, the clearances that the next growth event reads, and the
-//! counts. Neighbour lists are rebuilt. Extra blocks in a list add zeros, so a restored
-//! simulation gives the same bits as an uninterrupted one.
+//! The state contains everything that later steps depend on: both loops, the clearances that the
+//! next growth event reads, and the counts. Neighbour lists are rebuilt. Additional segments in a
+//! list add zeros, so a restored simulation produces the same bits as an uninterrupted one.
 //!
-//! All numbers are little-endian: version, time, next id, three counts (u64 each), then each vector with its length
-//! (u32) before it.
+//! All numbers are little-endian: version, time, next id and three counts (u64 each), then each
+//! vector, preceded by its length (u32).
 
-use super::{CpuSimulation, Kernel, Neighbours, Plan, Statistics, Vectors, integrate};
-use crate::sim::state::{InnerLoop, OuterLoop};
+use super::{CpuSimulation, Plan, Statistics};
+use crate::sim::state::{Checkpoint, InnerLoop, OuterLoop};
 
 /// Version of the format.
 const VERSION: u64 = 1;
-/// Words before the vectors.
+/// Number of words before the vectors.
 const WORDS: usize = 6;
-/// Greatest coordinate that is restored, µm: above that of any model.
+/// Maximum coordinate that is restored, µm; beyond that of any model.
 const FARTHEST: f32 = 1e7;
 
-/// The bytes are not a state of this simulation.
+/// Error: the bytes are not a state of this simulation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the stored state of the simulation cannot be used: {0}")]
 pub struct StateError(&'static str);
 
 impl CpuSimulation {
-    /// The state between two steps.
+    /// Saves the state between two steps.
     #[must_use]
     pub fn save(&self) -> Vec<u8> {
         let (inner, outer) = (&self.inner, &self.outer);
@@ -37,7 +37,7 @@ impl CpuSimulation {
         ];
         let mut bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
         push(&mut bytes, inner.id.iter().copied());
-        for v in fields(inner) {
+        for v in inner.fields() {
             push(&mut bytes, v.iter().map(|x| x.to_bits()));
         }
         push(&mut bytes, outer.id.iter().copied());
@@ -51,8 +51,8 @@ impl CpuSimulation {
     /// Restores a state written by [`CpuSimulation::save`] with the same plan.
     ///
     /// # Errors
-    /// [`StateError`] if the bytes are of another version, incomplete, or no state that a simulation can have. Whether they
-    /// belong to the plan is not checked.
+    /// [`StateError`] if the bytes have another version, are incomplete, or describe no state that
+    /// a simulation can have. The function does not check whether they belong to the plan.
     pub fn restore(plan: Plan, threads: usize, bytes: &[u8]) -> Result<Self, StateError> {
         let mut reader = Reader(bytes);
         if reader.word()? != VERSION {
@@ -65,7 +65,7 @@ impl CpuSimulation {
         let builds = reader.count()?;
         let mut inner = InnerLoop { id: reader.numbers()?, next_id, ..InnerLoop::default() };
         let n = inner.len();
-        for v in fields_mut(&mut inner) {
+        for v in inner.fields_mut() {
             *v = reader.floats(n)?;
         }
         let mut outer = OuterLoop { id: reader.numbers()?, ..OuterLoop::default() };
@@ -73,12 +73,13 @@ impl CpuSimulation {
         for v in [&mut outer.p, &mut outer.v] {
             *v = reader.floats(2 * m)?.as_chunks::<2>().0.to_vec();
         }
-        // Before the first step there are no clearances; after a growth event they are those of fewer particles.
+        // Before the first step there are no clearances; after a growth event there are fewer than
+        // particles.
         let clearance: Vec<f32> = reader.numbers()?.into_iter().map(f32::from_bits).collect();
         if !reader.0.is_empty() || n < 3 || m < 3 || clearance.len() > n {
             return Err(StateError("its parts are inconsistent"));
         }
-        // Particles are never taken away, so the next id is their number.
+        // Particles are never removed, so the next id is their number.
         if next_id as usize != n {
             return Err(StateError("an id is out of bounds"));
         }
@@ -89,27 +90,11 @@ impl CpuSimulation {
         if !(-i64::from(plan.burn_in)..=i64::from(plan.steps)).contains(&time) {
             return Err(StateError("its time is out of bounds"));
         }
-        let vectors = Vectors::best();
-        let simulation = Self {
-            time,
-            inner,
-            outer,
-            neighbours: Neighbours::new(plan.search, vectors, threads).counted_from(builds),
-            work: integrate::Work::new(Kernel::default(), vectors, clearance),
-            statistics,
-            plan,
-        };
+        let mut simulation = Self::resume(plan, &Checkpoint { time, inner, outer, clearance }, threads);
+        simulation.statistics = statistics;
+        simulation.neighbours.count_from(builds);
         Ok(simulation)
     }
-}
-
-/// The vectors of the inner loop except the ids, in the order of the format.
-fn fields(s: &InnerLoop) -> [&Vec<f32>; 9] {
-    [&s.x, &s.y, &s.vx, &s.vy, &s.rest, &s.anchor_x, &s.anchor_y, &s.sign, &s.scale]
-}
-
-fn fields_mut(s: &mut InnerLoop) -> [&mut Vec<f32>; 9] {
-    [&mut s.x, &mut s.y, &mut s.vx, &mut s.vy, &mut s.rest, &mut s.anchor_x, &mut s.anchor_y, &mut s.sign, &mut s.scale]
 }
 
 fn push(bytes: &mut Vec<u8>, numbers: impl Iterator<Item = u32>) {
@@ -138,7 +123,7 @@ impl Reader<'_> {
         self.take().map(u64::from_le_bytes)
     }
 
-    /// A count, far enough below its greatest value that steps can be added.
+    /// Reads a count. The limit leaves room to add steps.
     fn count(&mut self) -> Result<u64, StateError> {
         Some(self.word()?).filter(|count| *count <= u64::MAX / 2).ok_or(StateError("a count is out of bounds"))
     }
@@ -162,7 +147,6 @@ impl Reader<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sim::Simulator;
     use crate::spec::{ModelSpec, preset};
     use proptest::prelude::*;
     use serde_json::json;

@@ -1,19 +1,21 @@
-//! The pair forces segment by segment in scalar arithmetic, as in the paper's single-core version: for
-//! benchmarks only. Forces are rounded differently from those of the vectors, so no model is made with it.
+//! Pair forces segment by segment in scalar arithmetic, as in the single-core version of the paper,
+//! for benchmarks. The rounding differs from that of the vectors, so no model is grown with this
+//! arithmetic.
 
 use super::chain::Chain;
-use super::neighbours::{Own, Part};
+use super::neighbours::{LoopPart, OwnSegments};
 use super::pairs::{CLEARANCE_CAP, PairTerms, reference_force};
 use crate::sim::layout::StepRow;
 
-/// Sums the pair forces on the particles of a part; the lists are those of groups of `lanes`. With `segment_near` also the least
-/// squared distances of vertices (`near`) and of segments.
+/// Sums the pair forces on the particles of a part, whose lists are those of groups of `lanes`.
+/// With `segment_near`, also computes the minimum squared distances of vertices (`near`) and
+/// segments.
 pub(super) fn gather(
     lanes: usize,
     chain: &Chain,
     scale: &[f32],
     row: &StepRow,
-    part: &Part,
+    part: &LoopPart,
     [fx, fy, near]: [&mut [f32]; 3],
     mut segment_near: Option<&mut [f32]>,
 ) {
@@ -38,7 +40,7 @@ pub(super) fn gather(
         };
         let group = k - k % lanes;
         let particles = part.particles.start + group..(part.particles.start + group + lanes).min(part.particles.end);
-        part.groups.visit(group / lanes, &Own::of(&particles, n), n, visit);
+        part.groups.visit(group / lanes, &OwnSegments::new(&particles, n), n, visit);
         (fx[k], fy[k]) = (sum[0], sum[1]);
         near[k] = nearest;
     }

@@ -1,5 +1,5 @@
-//! The sway: a smooth random flow that moves slowly with time and carries the fronds sideways. It is the curl of a sum of
-//! cosines, so that it neither gathers nor thins tissue.
+//! Sway: a smooth random flow that changes slowly with time and carries the fronds sideways. The
+//! flow is the curl of a sum of cosines, so it neither compresses nor stretches tissue.
 
 use crate::sim::layout::StepRow;
 use crate::sim::maths::{cos_turns, fraction, max, min};
@@ -7,12 +7,13 @@ use crate::sim::plan::Plan;
 use crate::sim::region::Region;
 use crate::vectorize::Vectors;
 
-/// Gauge of the region, in units of `R_in`, up to which the flow has its full strength, and from which on there is none.
+/// Gauge, in units of `R_in`, up to which the flow has its full strength.
 pub(super) const SWAYS: f32 = 0.55;
-/// See [`SWAYS`].
+/// Gauge, in units of `R_in`, from which on there is no flow.
 pub(super) const STILL: f32 = 0.95;
 
-/// The force on particles at `x`, `y` in a step: friction times the velocity of the flow. Empty if there is none.
+/// Computes the force on particles at `x`, `y` in a step: friction times the velocity of the flow.
+/// The result is empty without sway.
 pub(super) fn update(
     plan: &Plan,
     time: i64,

@@ -1,4 +1,4 @@
-//! Whole runs of the simulation: growth, bytes that do not depend on threads or search, and guards.
+//! Tests of whole simulations: growth, bytes that do not depend on threads or search, and guards.
 
 use super::*;
 use crate::geometry::polygon::{check_contour, check_nested};
@@ -55,8 +55,8 @@ fn without_barrier_and_with_a_weak_force_the_guard_alone_keeps_walls_apart() {
     assert!(sim.statistics().moves_shortened > 0, "the guard had nothing to do: the test shows nothing");
 }
 
-/// The outer loop is always integrated by Euler steps: values that are stable with Runge–Kutta only must not make it
-/// oscillate.
+/// Values that are stable only with Runge–Kutta must not make the outer loop oscillate, which is
+/// always integrated by Euler steps.
 #[test]
 fn the_wall_comes_to_rest_where_only_runge_kutta_is_stable() {
     for patch in [
@@ -88,8 +88,9 @@ fn a_coarse_wall_holds_the_first_section_too() {
     run(&mut sim, |s| assert_sound(&s.section()));
 }
 
-/// Particles of the wall start close together at the tips of a flat ellipse, where their edges push against each other.
-/// Lobes, springs that do not resist, and an ellipse that swings from flat to high make it worse.
+/// Particles of the wall start close together at the tips of a flat ellipse, where their edges push
+/// against each other. Lobes, springs that do not resist, and an ellipse that swings from flat to
+/// high increase the effect.
 #[test]
 fn the_outer_wall_never_crosses_itself_or_the_inner_loop() {
     let flat = json!({
@@ -128,7 +129,8 @@ fn the_outer_wall_never_crosses_itself_or_the_inner_loop() {
     }
 }
 
-/// Outlines with corners and notches, and folds that pass by, as fast as they may and with a wall that follows or does not.
+/// Outlines with corners and notches, and folds that pass by at their maximum speed, with a wall
+/// that follows the folds or does not.
 #[test]
 fn walls_never_cross_in_any_outline() {
     let notched: Vec<[f64; 2]> = (0..24)
@@ -164,7 +166,7 @@ fn walls_never_cross_in_any_outline() {
     }
 }
 
-/// The mucosa of a tube that has no more of it than its wall is long keeps to the outline.
+/// The mucosa follows the outline if it is no longer than the wall.
 #[test]
 fn the_mucosa_follows_the_outline() {
     let square = [[1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]];
@@ -186,7 +188,7 @@ fn the_mucosa_follows_the_outline() {
     assert!(sides > 40 && corners > 40, "{sides} {corners}");
 }
 
-/// A scaled model is the same, enlarged.
+/// A scaled model is the enlarged model.
 #[test]
 fn a_scaled_section_is_the_same_enlarged() {
     let [one, four] = [1, 4].map(|scale| {
@@ -243,7 +245,8 @@ fn threads_searches_and_vectors_give_the_same_state() {
         ((sim.inner, sim.outer, sim.work.clearance().to_vec()), builds)
     };
     let (one, builds) = end(Search::Lists, Vectors::best(), 1);
-    // Groups of 16 are tested on all processors: without AVX-512 they are compiled for the baseline.
+    // Groups of 16 are tested on all processors: without AVX-512 they are compiled for the
+    // baseline.
     let all = [Vectors::Baseline, Vectors::Avx2, Vectors::Avx512];
     for (vectors, threads) in all.into_iter().flat_map(|vectors| [1, 2, 3].map(|threads| (vectors, threads))) {
         let (state, built) = end(Search::Lists, vectors, threads);
@@ -260,7 +263,7 @@ fn threads_searches_and_vectors_give_the_same_state() {
     }
 }
 
-/// Ranges that differ much by the side, and by the particle, and strands that turn fast: lists leave nothing out.
+/// Lists miss no segment if ranges differ strongly by side and by particle, and strands turn fast.
 #[test]
 fn lists_hold_whatever_is_in_range() {
     for (seed, patch) in [
@@ -282,7 +285,8 @@ fn lists_hold_whatever_is_in_range() {
     }
 }
 
-/// Two straight strands 40 µm apart that come within the range of a barrier which was off when the lists were built.
+/// Two straight strands 40 µm apart that come within the range of a barrier that was off when the
+/// lists were built.
 #[test]
 fn lists_follow_a_barrier_that_grows_between_growth_events() {
     let patch = json!({
@@ -312,8 +316,8 @@ fn lists_follow_a_barrier_that_grows_between_growth_events() {
     assert!(lists.inner.vy.iter().any(|v| v.abs() < 1.0999), "the barrier had nothing to do: the test shows nothing");
 }
 
-/// Two strands out of each other's range, and a particle that flies from one to the other: of so many particles, only the lists
-/// near it are made anew.
+/// Two strands beyond each other's range, and a particle that flies from one to the other. Only the
+/// lists near this particle are rebuilt.
 #[test]
 fn lists_near_restless_particles_are_mended() {
     let patch = json!({
@@ -331,7 +335,7 @@ fn lists_near_restless_particles_are_mended() {
         sim.inner.x[i] = 8.0 * (k as f32 - 0.5 * half as f32);
         sim.inner.y[i] = 25.0 * side;
     }
-    // The guard slows it down to 5 µm a step.
+    // The guard slows the particle down to 5 µm per step.
     sim.inner.vy[half / 3] = 80.0;
     let mut grid = sim.fork(Search::Grid, Kernel::Vector, 1);
     let mut lists = sim.fork(Search::Lists, Kernel::Vector, 2);
@@ -393,7 +397,7 @@ fn growth_leaves_the_contour_and_its_rest_length_unchanged() {
     assert!((area(&sim.inner) / before - 1.0).abs() < 1e-5);
 }
 
-/// The specification of a simulation in which nothing differs around the wall but what `of` says.
+/// Specification of a simulation without variety around the wall, except for the members of `of`.
 fn with_variety(of: &Value) -> Value {
     let mut variety = json!({ "asymmetry": 0, "height": 0, "thickness": 0, "shift": 0, "waves": 6, "drift": 0 });
     json_patch::merge(&mut variety, of);
@@ -412,7 +416,8 @@ fn asymmetry_makes_the_mucosa_longer_on_one_side() {
     let ([x, y], none) = mean_anchor(0.0);
     assert!(none.is_none() && x.hypot(y) < 0.05, "{x} {y}");
     let ([x, y], phase) = mean_anchor(0.6);
-    // cos(θ + phase) is greatest at −phase. A density of particles that grows by exp(0.6 cos θ) gives 0.36 when there are four times as many.
+    // The maximum of cos(θ + phase) is at −phase. A density of particles that grows by exp(0.6 cos
+    // θ) results in 0.36 when there are four times as many.
     let along = x * phase.unwrap().cos() - y * phase.unwrap().sin();
     assert!(along > 0.2 && along < 0.45 && along / x.hypot(y) > 0.95, "{x} {y} {along}");
 }
@@ -448,7 +453,8 @@ fn a_shift_acts_only_where_the_schedules_change() {
         spreads.push((sim.time(), high / low));
     });
     let at = |time: i64| spreads.iter().find(|of| of.0 == time).unwrap().1;
-    // The last event was at step 70. Half of the change from 60 µm at step 60 to 40 µm at step 80 is 0.2 for each standard deviation.
+    // The last event was at step 70. Half of the change from 60 µm at step 60 to 40 µm at step 80
+    // is 0.2 per standard deviation.
     assert!(at(75) > 1.3 && at(75) < 2.5, "{}", at(75));
     for constant in [20, 130] {
         assert!((at(constant) - 1.0).abs() < 1e-6, "{}", at(constant));
@@ -468,7 +474,7 @@ fn splits_wait_where_there_is_no_room() {
 
 #[test]
 fn a_free_loop_comes_to_rest() {
-    // No growth, no contortion, no sway, no variety: friction takes all motion out.
+    // Without growth, contortion, sway and variety, friction removes all motion.
     let mut patch = with_variety(&json!({}));
     json_patch::merge(
         &mut patch,

@@ -1,12 +1,13 @@
-//! The thickness field: a smooth random field that scales the force ranges by exp(a·z). It removes the first limitation
-//! that the paper names (uniform thickness and gaps).
+//! The thickness field: a smooth random field z that scales the force ranges by exp(a·z). It
+//! removes the first limitation that the paper names, uniform thickness and gaps.
 
 use super::variety::Around;
 use crate::sim::maths::{CUT, cos_turns, fraction};
 use crate::sim::plan::Plan;
 use crate::sim::state::InnerLoop;
 
-/// Scales of all particles: the field, and the variety around the wall. Called at the start and at growth events; the field drifts slowly.
+/// Computes the scales of all particles from the field and the variety around the wall. Called at
+/// the start and at growth events only, because the field drifts slowly.
 pub(super) fn update(plan: &Plan, time: i64, state: &mut InnerLoop) {
     varied(plan, time, state);
     if let Some(around) = Around::new(plan, time) {
@@ -17,7 +18,7 @@ pub(super) fn update(plan: &Plan, time: i64, state: &mut InnerLoop) {
     }
 }
 
-/// The field alone.
+/// Computes the scales from the field alone.
 fn varied(plan: &Plan, time: i64, state: &mut InnerLoop) {
     let amplitude = plan.at(time).variation;
     if amplitude == 0.0 {

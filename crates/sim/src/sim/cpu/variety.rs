@@ -1,23 +1,24 @@
-//! The variety around the wall: folds grow at different rates and have different ranges, by the angle of their anchors.
+//! Variety around the wall: folds grow at different rates and have different force ranges,
+//! depending on the angle of their anchors.
 
 use crate::sim::layout::StepRow;
 use crate::sim::maths::CUT;
 use crate::sim::plan::Plan;
 use std::f64::consts::TAU;
 
-/// Weight of an edge in growth without variety; weights are whole numbers, so that their sums are exact.
+/// Weight of an edge in growth without variety. Weights are integers, so their sums are exact.
 pub(super) const WEIGHT: f32 = 16.0;
-/// Greatest weight.
+/// Maximum weight.
 pub(super) const HEAVIEST: f32 = 255.0;
 
-/// The variety at a step.
+/// Variety at a step.
 pub(super) struct Around<'a> {
     row: &'a StepRow,
-    /// For each number of maxima, cosine and sine coefficients of heights, thickness and shift.
+    /// For each number of maxima, the cosine and sine coefficients of heights, thickness and shift.
     coefficients: Vec<[[f32; 2]; 3]>,
 }
 
-/// The fields at an angle.
+/// Values of the fields at an angle.
 struct Fields {
     side: f32,
     height: f32,
@@ -26,7 +27,7 @@ struct Fields {
 }
 
 impl<'a> Around<'a> {
-    /// None if there is no variety.
+    /// Variety at step `time`; `None` without variety.
     pub(super) fn new(plan: &'a Plan, time: i64) -> Option<Self> {
         let row = plan.at(time);
         let strengths = [row.asymmetry, row.height, row.thickness, row.shift[0], row.shift[1]];

@@ -1,5 +1,5 @@
-//! The adapters of this machine. Software adapters (Mesa's llvmpipe, WARP) are listed only on request: a default request of
-//! wgpu would return one silently.
+//! Adapters of this machine. Software adapters (llvmpipe of Mesa, WARP) are listed only on request,
+//! because a default request of wgpu would return one silently.
 
 use super::error::GpuError;
 use std::future::Future;
@@ -7,21 +7,22 @@ use std::pin::pin;
 use std::task::{Context, Poll, Waker};
 use std::time::Duration;
 
-/// Which adapters may be used.
+/// Selection of adapters, and limits of their use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GpuOptions {
-    /// Whether adapters that compute on the CPU may be used (tests, machines without a GPU).
+    /// True if adapters that compute on the CPU may be used: in tests, or on machines without a
+    /// GPU.
     pub allow_software: bool,
-    /// Most bytes of device memory of all batches together, for a GPU shared with other programs; `None`: no limit but that
-    /// of the driver.
+    /// Maximum device memory of all batches together, bytes, for a GPU that other programs use as
+    /// well. With `None`, only the limit of the driver applies.
     pub memory_bytes: Option<u64>,
-    /// Time without a completed submission after which a device counts as lost. A submission takes about 50 ms, or one
-    /// step of the batch if that takes longer.
+    /// Time without a completed submission after which a device counts as lost. A submission takes
+    /// about 50 ms, or one step of the batch if a step takes longer.
     pub stall: Duration,
 }
 
 impl GpuOptions {
-    /// Hardware only, no bound on memory, lost after 30 s without progress.
+    /// Hardware only, no memory limit, lost after 30 s without progress.
     pub const DEFAULT: Self = Self { allow_software: false, memory_bytes: None, stall: Duration::from_secs(30) };
 }
 
@@ -31,7 +32,7 @@ impl Default for GpuOptions {
     }
 }
 
-/// What kind of hardware an adapter is.
+/// Kind of hardware.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum AdapterKind {
     /// A separate card with its own memory.
@@ -45,7 +46,7 @@ pub enum AdapterKind {
 }
 
 impl AdapterKind {
-    /// The name of the kind in lower case.
+    /// Name of the kind in lower case.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -57,45 +58,45 @@ impl AdapterKind {
     }
 }
 
-/// An adapter that may be opened.
+/// Adapter that may be opened.
 #[derive(Clone, Debug)]
 pub struct Adapter {
     /// Name of the hardware.
     pub name: String,
-    /// Its kind.
+    /// Kind of hardware.
     pub kind: AdapterKind,
     /// `vulkan`, `metal` or `dx12`.
     pub backend: String,
     /// Name and version of the driver.
     pub driver: String,
-    /// The largest storage binding of a shader, bytes.
+    /// Maximum size of a storage binding of a shader, bytes.
     pub max_binding_bytes: u64,
-    /// The largest single buffer, bytes.
+    /// Maximum size of a buffer, bytes.
     pub max_buffer_bytes: u64,
-    /// Whether the device has timestamp queries.
-    pub timestamps: bool,
     /// Vendor and device identifiers.
     hardware: (u32, u32),
     pub(super) handle: wgpu::Adapter,
 }
 
-/// Which of (hardware, backend) to keep if several backends list the same hardware, as Vulkan and DX12 do: the entries of
-/// the first of these backends. Two equal cards stay two entries.
+/// Returns for each pair (hardware, backend) whether to list it. Several backends may list the same
+/// hardware, as Vulkan and DX12 do; only the entries of the first of them are listed. Two equal
+/// cards stay two entries.
 fn shown_first(found: &[((u32, u32), &str)]) -> Vec<bool> {
     let first = |hardware| found.iter().find(|(other, _)| *other == hardware).map(|(_, backend)| *backend);
     found.iter().map(|&(hardware, backend)| first(hardware) == Some(backend)).collect()
 }
 
-/// The adapters that `options` allow, best first (discrete, integrated, virtual, software).
+/// Adapters that `options` allow, best first: discrete, integrated, virtual, software.
 ///
 /// # Errors
-/// [`GpuError::NoLoader`] if no graphics interface is installed, [`GpuError::NoAdapter`] if no allowed adapter exists.
+/// [`GpuError::NoLoader`] if no graphics interface is installed, [`GpuError::NoAdapter`] if no
+/// allowed adapter exists.
 pub fn adapters(options: &GpuOptions) -> Result<Vec<Adapter>, GpuError> {
     let mut description = wgpu::InstanceDescriptor::new_without_display_handle();
     description.backends = wgpu::Backends::PRIMARY;
     // WGPU_VALIDATION=1 and WGPU_DEBUG=1 turn the driver's checks on.
     description.flags = wgpu::InstanceFlags::empty().with_env();
-    // An allocation beyond this share of the memory is refused instead of exhausting the machine.
+    // An allocation beyond this percentage of the memory fails instead of exhausting the machine.
     description.memory_budget_thresholds.for_resource_creation = Some(95);
     let instance = wgpu::Instance::new(description);
     let handles = ready(instance.enumerate_adapters(wgpu::Backends::PRIMARY)).unwrap_or_default();
@@ -117,7 +118,7 @@ pub fn adapters(options: &GpuOptions) -> Result<Vec<Adapter>, GpuError> {
     Err(GpuError::NoAdapter { software: found > 0 })
 }
 
-/// Whether any graphics interface was loaded; called only if no adapter was found.
+/// True if a graphics interface was loaded. Called only if no adapter was found.
 fn has_interface(instance: &wgpu::Instance) -> bool {
     let options = wgpu::RequestAdapterOptions::default();
     match ready(instance.request_adapter(&options)) {
@@ -145,12 +146,12 @@ fn describe(handle: wgpu::Adapter) -> Option<Adapter> {
         max_binding_bytes: limits.max_storage_buffer_binding_size,
         max_buffer_bytes: limits.max_buffer_size,
         hardware: (info.vendor, info.device),
-        timestamps: handle.features().contains(wgpu::Features::TIMESTAMP_QUERY),
         handle,
     })
 }
 
-/// The value of a future that is ready at once, as those of native backends are; none otherwise.
+/// Value of a future that is ready immediately, as the futures of native backends are; otherwise
+/// `None`.
 pub(super) fn ready<F: Future>(future: F) -> Option<F::Output> {
     match pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
         Poll::Ready(value) => Some(value),

@@ -1,15 +1,16 @@
 //! Runs a batch of simulations of similar size together: each dispatch covers all members.
 //!
-//! Only recorded sections are read back, as checkpoints. Few slabs need the steps between two sections; for these,
-//! [`replay`] repeats the steps from the checkpoint below with identical bits (results depend neither on the other members
-//! nor on when neighbour lists were built).
+//! The host reads only recorded sections, as checkpoints. Few slabs need the steps between two
+//! sections; for these, [`replay`] repeats the steps from the checkpoint below the slab. The replay
+//! produces the same bits, because results depend neither on the other members nor on the time when
+//! neighbour lists were built.
 
 use super::course::Course;
 use super::device::GpuDevice;
 use super::error::GpuError;
 use super::memory::Memory;
-use super::pace::{FIRST_STEPS, Pace, Patience};
-use super::record::Arrival;
+use super::pace::{FIRST_STEPS, Patience, SubmissionSizer};
+use super::record::MemberRecord;
 use super::ring::Ring;
 use super::sizes::Sizes;
 use crate::clock::Stopwatch;
@@ -21,50 +22,57 @@ use std::mem::{offset_of, size_of};
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-/// What a batch did.
+/// Counts and times of a batch.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BatchReport {
-    /// Dispatches submitted.
+    /// Number of dispatches.
     pub dispatches: u64,
-    /// Submissions to the queue.
+    /// Number of submissions to the queue.
     pub submissions: u64,
-    /// Bytes read back.
+    /// Bytes that the host read.
     pub bytes_back: u64,
-    /// Seconds in compute passes by the device's timestamps; `None` if it has none.
-    pub device_seconds: Option<f64>,
-    /// Seconds that the host spent reading records and passing them to the sink. The device computes meanwhile, as far as
-    /// the ring of staging buffers has room.
+    /// Seconds that the host spent reading records and passing them to the sink. The device
+    /// computes in the meantime, as long as the ring of staging buffers has room.
     pub host_seconds: f64,
     /// Seconds from the first submission to the last section.
     pub seconds: f64,
 }
 
-/// Receives the results of a batch. All methods are called on the thread of [`run_batch`]. While one of them runs, the
-/// device executes what is queued, and idles once the ring of staging buffers is full.
-pub trait BatchSink {
-    /// The next recorded section of a member, in order: at step 0, at each multiple of `record_every` and at the
-    /// last step. `checkpoint` is the state at that section. If the slab up to the *next* section cannot be lofted
-    /// directly, [`replay`] from this checkpoint gives the sections of all steps in between. Keep a checkpoint until the
-    /// slab above it is accepted.
-    fn section(&mut self, member: usize, section: Section, checkpoint: Checkpoint);
-    /// The step that a member has reached; called after each submission (about 50 ms of work).
+/// Receiver of the results of a batch. `M` is the state of a simulation at a section.
+///
+/// All methods are called on the thread of [`run_batch`]. While one of them runs, the device
+/// executes the queued commands, and idles once the ring of staging buffers is full.
+pub trait BatchSink<M = Checkpoint> {
+    /// Receives the next recorded section of a member, in order: at step 0, at each multiple of
+    /// `record_every`, and at the last step.
+    ///
+    /// `checkpoint` is the state at that section. If the slab up to the *next* section cannot be
+    /// lofted directly, [`replay`] computes the sections of all steps in between from this
+    /// checkpoint. Keep a checkpoint until the slab above it is accepted.
+    fn section(&mut self, member: usize, section: Section, checkpoint: M);
+    /// Receives the current step of a member. Called after each submission, about every 50 ms.
     fn progress(&mut self, member: usize, step: i64, particles: u32);
-    /// Whether a member is to stop; called at least every 0.2 s unless the sink itself takes longer. The other members
-    /// continue; no further call concerns this one.
+    /// Returns true if a member shall stop. Called at least every 0.2 s unless another method takes
+    /// longer. The other members continue, and no further call concerns the stopped member.
     fn cancelled(&mut self, member: usize) -> bool;
-    /// A member cannot continue; the others do.
+    /// Reports that a member cannot continue. The other members do.
     fn failed(&mut self, member: usize, error: SimError);
-    /// A member reached its last step, after the call for its last section.
+    /// Reports that a member has reached its last step. Called after its last section.
     fn finished(&mut self, member: usize, statistics: Statistics);
 }
 
-/// Runs `plans` together to their ends. Sections of a member do not depend on what else is in the batch.
+/// Runs `plans` together to their ends. The sections of a member do not depend on the other
+/// members.
 ///
 /// # Errors
-/// [`GpuError::Unfit`], and [`GpuError::OutOfMemory`] if the memory of the batch cannot be allocated, before any call of the
-/// sink; nothing stays allocated, so a smaller batch may succeed. [`GpuError::Lost`] (also after [`super::GpuOptions::stall`]
-/// without a completed submission) and [`GpuError::Refused`] at any time: members without a call of `finished` or `failed`
-/// must then be run elsewhere from their beginning. The memory of the batch is freed in every case.
+/// - [`GpuError::Unfit`], and [`GpuError::OutOfMemory`] if the memory of the batch cannot be
+///   allocated, before any call of the sink. Nothing stays allocated, so a smaller batch may
+///   succeed.
+/// - [`GpuError::Lost`], also after [`super::GpuOptions::stall`] without a completed submission,
+///   and [`GpuError::Refused`] at any time. Members without a call of `finished` or `failed` must
+///   then be run elsewhere from their beginning.
+///
+/// The memory of the batch is freed in every case.
 pub fn run_batch(device: &GpuDevice, plans: &[Plan], sink: &mut dyn BatchSink) -> Result<BatchReport, GpuError> {
     device.fits(&plans.iter().collect::<Vec<_>>())?;
     let starts = device.each(plans, |_, plan| CpuSimulation::new(plan.clone(), 1).checkpoint());
@@ -73,25 +81,25 @@ pub fn run_batch(device: &GpuDevice, plans: &[Plan], sink: &mut dyn BatchSink) -
     run(device, plans, &starts, course, None, sink)
 }
 
-/// Sections of every step after `checkpoint` up to and including the next recorded one, which is the last of them:
-/// the history that `mesh::Lofter::advance` takes. On the same device the bits are those of the batch. Other batches
-/// may run meanwhile.
+/// Computes the sections of every step after `checkpoint` up to and including the next recorded
+/// one: the history that `mesh::Lofter::advance` takes. On the same device, the bits are those of
+/// the batch. Other batches may run at the same time.
 ///
 /// # Errors
-/// As [`run_batch`]; [`GpuError::Unfit`] also for a checkpoint with no recorded section after it.
+/// As [`run_batch`]; [`GpuError::Unfit`] also for a checkpoint without a recorded section after it.
 pub fn replay(device: &GpuDevice, plan: &Plan, checkpoint: &Checkpoint) -> Result<Vec<Section>, GpuError> {
     let last = (checkpoint.time + 1..=i64::from(plan.steps)).find(|&t| plan.records_at(t));
     let last = last.ok_or_else(|| GpuError::Unfit { detail: "the checkpoint is at the end".to_owned() })?;
     let mut sections = Vec::new();
     let (plans, checkpoints) = (std::slice::from_ref(plan), std::slice::from_ref(checkpoint));
-    // States are dropped at once: a slab may have many steps.
-    let mut keep = Every(|_: usize, section: Section, _: Checkpoint| sections.push(section));
+    // States are dropped immediately, because a slab may have many steps.
+    let mut keep = RecordEveryStep(|_: usize, section: Section, _: Checkpoint| sections.push(section));
     repeat(device, plans, checkpoints, last, &mut keep)?;
     Ok(sections)
 }
 
-/// Advances the members from their checkpoints, which must be at the same step, to step `last`. Returns the states after
-/// every step, one per member.
+/// Advances the members from their checkpoints, which must be at the same step, to step `last`.
+/// Returns the states after every step, one per member.
 ///
 /// # Errors
 /// As [`run_batch`].
@@ -110,7 +118,7 @@ pub fn advance(
             states.push(checkpoint);
         }
     };
-    repeat(device, plans, checkpoints, last, &mut Every(keep))?;
+    repeat(device, plans, checkpoints, last, &mut RecordEveryStep(keep))?;
     Ok(states)
 }
 
@@ -132,7 +140,7 @@ fn repeat(
     run(device, plans, checkpoints, course, Some(steps), sink).map(drop)
 }
 
-/// Follows `course`; `replayed`: how many steps, if every one is recorded.
+/// Executes `course`. `replayed` is the number of steps if every step is recorded.
 fn run(
     device: &GpuDevice,
     plans: &[Plan],
@@ -145,15 +153,31 @@ fn run(
     let sizes = Sizes::new(&plans.iter().collect::<Vec<_>>(), plans.len());
     let sizes = replayed.map_or(sizes, |steps| sizes.replaying(steps));
     let memory = Memory::new(device, &sizes)?;
-    let ring = Ring::new(device, &sizes, &memory)?;
+    let ring = Ring::new(&sizes, &memory);
     memory.fill(device, &sizes, plans, starts)?;
-    Run::new(device, plans, starts, course, memory, ring).drive(sink)
+    // A step of few members is no faster than a step of many.
+    let first = if course.replays() { device.steps.load(Ordering::Relaxed) } else { FIRST_STEPS };
+    let run = Run {
+        device,
+        plans,
+        course,
+        memory,
+        ring,
+        running: vec![true; plans.len()],
+        particles: starts.iter().map(|s| (s.inner.len() + s.outer.len()) as u32).collect(),
+        in_flight: VecDeque::new(),
+        pace: SubmissionSizer::new(first),
+        patience: Patience::new(device.stall()),
+        watch: Stopwatch::start(),
+        report: BatchReport::default(),
+    };
+    run.drive(sink)
 }
 
-/// Passes on every section and state.
-struct Every<F>(F);
+/// Sink of a run that records every step: passes every section and state to a closure.
+struct RecordEveryStep<F>(F);
 
-impl<F: FnMut(usize, Section, Checkpoint)> BatchSink for Every<F> {
+impl<F: FnMut(usize, Section, Checkpoint)> BatchSink for RecordEveryStep<F> {
     fn section(&mut self, member: usize, section: Section, checkpoint: Checkpoint) {
         (self.0)(member, section, checkpoint);
     }
@@ -165,9 +189,9 @@ impl<F: FnMut(usize, Section, Checkpoint)> BatchSink for Every<F> {
     fn finished(&mut self, _: usize, _: Statistics) {}
 }
 
-/// Chunks in flight at most: one runs while the next is prepared.
+/// Maximum number of chunks in flight: one runs while the next is prepared.
 const IN_FLIGHT: usize = 2;
-/// Longest wait before the sink is asked again which members to cancel.
+/// Maximum wait before the sink is asked again which members to cancel.
 const ASK: Duration = Duration::from_millis(100);
 
 /// A running batch.
@@ -177,11 +201,11 @@ struct Run<'a> {
     course: Course,
     memory: Memory,
     ring: Ring,
-    /// Members that still run, and the last known number of particles of each.
+    /// Running members, and the last known number of particles of each member.
     running: Vec<bool>,
     particles: Vec<u32>,
     in_flight: VecDeque<Chunk>,
-    pace: Pace,
+    pace: SubmissionSizer,
     patience: Patience,
     watch: Stopwatch,
     report: BatchReport,
@@ -190,49 +214,22 @@ struct Run<'a> {
 /// The steps of one submission.
 struct Chunk {
     submission: wgpu::SubmissionIndex,
-    /// The step that it reaches, and its number of steps.
+    /// Last step of the chunk, and its number of steps.
     time: i64,
     steps: i64,
     submitted: f64,
-    /// Records that it copies.
+    /// Number of records that the chunk copies.
     records: usize,
 }
 
 impl Drop for Run<'_> {
     fn drop(&mut self) {
         self.memory.free();
-        self.ring.free();
         self.device.tidy();
     }
 }
 
-impl<'a> Run<'a> {
-    fn new(
-        device: &'a GpuDevice,
-        plans: &'a [Plan],
-        starts: &[Checkpoint],
-        course: Course,
-        memory: Memory,
-        ring: Ring,
-    ) -> Self {
-        // A step of few members takes no longer than one of many.
-        let first = if course.replays() { device.steps.load(Ordering::Relaxed) } else { FIRST_STEPS };
-        Self {
-            device,
-            plans,
-            course,
-            memory,
-            ring,
-            running: vec![true; plans.len()],
-            particles: starts.iter().map(|s| (s.inner.len() + s.outer.len()) as u32).collect(),
-            in_flight: VecDeque::new(),
-            pace: Pace::new(first),
-            patience: Patience::new(device.stall()),
-            watch: Stopwatch::start(),
-            report: BatchReport::default(),
-        }
-    }
-
+impl Run<'_> {
     fn drive(mut self, sink: &mut dyn BatchSink) -> Result<BatchReport, GpuError> {
         loop {
             self.ask(sink);
@@ -254,12 +251,11 @@ impl<'a> Run<'a> {
                 if !self.course.replays() {
                     self.device.steps.store(self.pace.steps(), Ordering::Relaxed);
                 }
-                self.ring.collect();
                 let begun = self.watch.seconds();
                 for _ in 0..chunk.records {
                     let (device, plans, running) = (self.device, self.plans, &self.running);
                     let (time, bytes, arrivals) = self.ring.take(|record| {
-                        let arrivals = device.each(plans, |m, plan| running[m].then(|| record.arrival(m, plan)));
+                        let arrivals = device.each(plans, |m, plan| running[m].then(|| record.member(m, plan)));
                         (record.time, 4 * record.words.len() as u64, arrivals)
                     })?;
                     self.report.bytes_back += bytes;
@@ -274,7 +270,6 @@ impl<'a> Run<'a> {
             }
         }
         self.report.seconds = self.watch.seconds();
-        self.report.device_seconds = self.ring.device_seconds();
         Ok(self.report)
     }
 
@@ -294,30 +289,27 @@ impl<'a> Run<'a> {
         self.device.queue.write_buffer(&self.memory.states, at as u64, bytemuck::bytes_of(&1u32));
     }
 
-    /// Submits the next chunk; `false` if no steps are left or no staging buffer is free.
+    /// Submits the next chunk. Returns false if no steps are left or no staging buffer is free.
     fn submit(&mut self) -> Result<bool, GpuError> {
         let begin = self.course.time();
         let mut encoder = self.device.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let (mut records, mut stretches) = (0, 0);
         let end = begin + self.pace.steps();
         while let Some((next, recorded)) = self.course.next_stretch(end) {
-            if recorded && !self.ring.is_free() || self.ring.passes_left() == 0 {
+            if recorded && !self.ring.is_free() {
                 break;
             }
             stretches += 1;
-            let writes = self.ring.timestamps();
             self.report.dispatches +=
-                self.course.encode(&mut encoder, &self.device.pipelines, &self.memory.group, writes, next, recorded);
+                self.course.encode(&mut encoder, &self.device.pipelines, &self.memory.group, next, recorded);
             if recorded {
                 records += 1;
-                let (extent, outer_extent) = self.course.extents();
-                self.ring.copy(&mut encoder, &self.memory.record, next, extent, outer_extent);
+                self.ring.copy(&mut encoder, &self.memory.record, next, self.course.extents());
             }
         }
         if stretches == 0 {
             return Ok(false);
         }
-        self.ring.resolve(&mut encoder);
         let submission = self.device.queue.submit([encoder.finish()]);
         self.ring.map();
         self.device.check()?;
@@ -328,10 +320,10 @@ impl<'a> Run<'a> {
         Ok(true)
     }
 
-    fn deliver(&mut self, time: i64, arrivals: Vec<Option<Result<Arrival, SimError>>>, sink: &mut dyn BatchSink) {
+    fn deliver(&mut self, time: i64, arrivals: Vec<Option<Result<MemberRecord, SimError>>>, sink: &mut dyn BatchSink) {
         for (member, arrival) in arrivals.into_iter().enumerate() {
             let Some(arrival) = arrival else { continue };
-            let Arrival { particles, section, checkpoint, statistics } = match arrival {
+            let MemberRecord { particles, section, checkpoint, statistics } = match arrival {
                 Ok(arrival) => arrival,
                 Err(error) => {
                     self.stop(member);

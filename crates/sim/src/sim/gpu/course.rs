@@ -1,4 +1,5 @@
-//! The sequence of dispatches of a batch: those of each step, their order and their workgroups.
+//! Sequence of dispatches of a batch: the dispatches of each step, their order and their
+//! workgroups.
 
 use super::layout::{Now, THREADS};
 use super::pipelines::Pipelines;
@@ -6,7 +7,7 @@ use crate::sim::layout::LANES;
 use crate::sim::{Checkpoint, Plan};
 use crate::spec::Integrator;
 
-/// The step that a batch has reached, and the dispatches that follow.
+/// Current step of a batch, and the dispatches that follow.
 #[derive(Debug)]
 pub(super) struct Course {
     members: u32,
@@ -14,25 +15,26 @@ pub(super) struct Course {
     grow_every: i64,
     record_every: i64,
     integrator: Integrator,
-    /// Greatest numbers of particles of a member after the growth event of each row.
+    /// Maximum numbers of particles of a member after the growth event of each row.
     most: Vec<[u32; 2]>,
-    /// The same at the start.
+    /// Maximum numbers of particles of a member at the start.
     most_at_start: [u32; 2],
     time: i64,
     last: i64,
-    /// Whether every step is recorded.
+    /// True if every step is recorded.
     every_step: bool,
-    /// Whether the record of the start is still to be made.
+    /// True until the start is recorded.
     opening: bool,
     copy: u32,
     rest: u32,
-    /// Whether the outer loop is one step behind: its step runs in the same dispatch as the next step of the inner loop.
+    /// True if the outer loop is one step behind: its step then runs in the same dispatch as the
+    /// next step of the inner loop.
     outer_due: bool,
 }
 
 impl Course {
-    /// The course from `starts` (all at the same step) to step `last`. With `every_step`, every state after the first is
-    /// recorded.
+    /// The course from `starts`, which are all at the same step, to step `last`. With `every_step`,
+    /// every state after the first one is recorded.
     pub(super) fn new(plans: &[Plan], starts: &[Checkpoint], last: i64, every_step: bool) -> Self {
         let (plan, start) = (&plans[0], &starts[0]);
         let most_at_start = starts
@@ -68,28 +70,27 @@ impl Course {
         }
     }
 
-    /// The step reached by the dispatches encoded so far.
+    /// Step after the dispatches encoded so far.
     pub(super) fn time(&self) -> i64 {
         self.time
     }
 
-    /// The last step.
+    /// Last step.
     pub(super) fn last(&self) -> i64 {
         self.last
     }
 
-    /// Whether every step is recorded.
+    /// True if every step is recorded.
     pub(super) fn replays(&self) -> bool {
         self.every_step
     }
 
-    /// Particles of both loops for which a record of the current step has room.
-    pub(super) fn extents(&self) -> (u32, u32) {
-        let [inner, outer] = self.most_before(self.time);
-        (inner, outer)
+    /// Numbers of particles of both loops for which a record of the current step has room.
+    pub(super) fn extents(&self) -> [u32; 2] {
+        self.most_before(self.time)
     }
 
-    /// Greatest numbers of particles before the growth event of step `time`.
+    /// Maximum numbers of particles before the growth event of step `time`.
     fn most_before(&self, time: i64) -> [u32; 2] {
         let row = time + self.burn_in - 1;
         if row < 0 { self.most_at_start } else { self.most[(row as usize).min(self.most.len() - 1)] }
@@ -99,7 +100,8 @@ impl Course {
         self.every_step || time >= 0 && (time % self.record_every == 0 || time == self.last)
     }
 
-    /// The end of the next stretch of steps without a record inside, at most `end`, and whether a record follows it.
+    /// End of the next stretch of steps without a record inside, at most `end`, and whether a
+    /// record follows the stretch.
     pub(super) fn next_stretch(&self, end: i64) -> Option<(i64, bool)> {
         if self.opening {
             return Some((self.time, true));
@@ -112,18 +114,18 @@ impl Course {
         Some((recorded.unwrap_or(end), recorded.is_some()))
     }
 
-    /// Encodes the steps up to `next` as one pass, followed by a record if `recorded`. Returns the number of dispatches.
+    /// Encodes the steps up to `next` as one pass, followed by a record if `recorded`. Returns the
+    /// number of dispatches.
     pub(super) fn encode(
         &mut self,
         encoder: &mut wgpu::CommandEncoder,
         pipelines: &Pipelines,
         group: &wgpu::BindGroup,
-        timestamp_writes: Option<wgpu::ComputePassTimestampWrites<'_>>,
         next: i64,
         recorded: bool,
     ) -> u64 {
-        let descriptor = wgpu::ComputePassDescriptor { label: None, timestamp_writes };
-        let mut pass = Pass { pass: encoder.begin_compute_pass(&descriptor), dispatches: 0 };
+        let mut pass =
+            Pass { pass: encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default()), dispatches: 0 };
         pass.pass.set_bind_group(0, group, &[]);
         while self.time < next {
             self.step(&mut pass, pipelines);
@@ -131,7 +133,7 @@ impl Course {
         if recorded {
             self.opening = false;
             self.finish_outer(&mut pass, pipelines);
-            let (extent, outer_extent) = self.extents();
+            let [extent, outer_extent] = self.extents();
             let now = Now { extent, outer_extent, ..self.now() };
             let groups = extent.max(outer_extent).div_ceil(THREADS);
             pass.dispatch(&pipelines.record, &now, groups, self.members);
@@ -167,15 +169,16 @@ impl Course {
         self.time += 1;
     }
 
-    /// Advances the outer loop by the step that it is behind, before growth or a record. Uses the pipeline of the other steps:
-    /// a driver might compile another pipeline to code with other rounding.
+    /// Advances the outer loop by the step that it is behind, before growth or a record. Uses the
+    /// pipeline of the other steps, because a driver might compile another pipeline to code with
+    /// different rounding.
     fn finish_outer(&mut self, pass: &mut Pass<'_>, pipelines: &Pipelines) {
         if std::mem::take(&mut self.outer_due) {
             pass.dispatch(self.stages(pipelines).0, &Now { outer: 1, ..self.now() }, 1, self.members);
         }
     }
 
-    /// The pipelines of the evaluations of a step: the first, and the others.
+    /// Pipelines of the evaluations of a step: the first, and the others.
     fn stages<'a>(&self, pipelines: &'a Pipelines) -> (&'a wgpu::ComputePipeline, &'a [wgpu::ComputePipeline]) {
         let (first, others) = match self.integrator {
             Integrator::Euler => pipelines.euler.split_at(1),

@@ -1,4 +1,4 @@
-//! An open device: its compiled pipelines, its limits, and whether it is lost.
+//! Open device: its compiled pipelines, its limits, and whether it is lost.
 
 use super::adapter::{Adapter, GpuOptions, ready};
 use super::error::GpuError;
@@ -15,31 +15,32 @@ use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::thread::available_parallelism;
 use std::time::Duration;
 
-/// Most members of a batch; more would not raise the throughput.
+/// Maximum number of members of a batch. More members would not raise the throughput.
 const MAX_BATCH: usize = 256;
-/// Most threads that prepare and read batches.
+/// Maximum number of threads that prepare and read batches.
 const THREADS: usize = 4;
-/// Polls that panic one after another until the device counts as lost.
+/// Number of consecutive panics of a poll after which the device counts as lost.
 const POLLS: usize = 3;
-/// Longest wait at the end of a batch for its submissions.
+/// Maximum wait at the end of a batch for its submissions.
 const TIDY: Duration = Duration::from_secs(5);
 
-/// An open device. Cheap to clone; may be used from several threads.
+/// Open device. Cheap to clone; several threads may use it.
 #[derive(Clone, Debug)]
 pub struct GpuDevice {
     adapter: Arc<Adapter>,
     pub(super) device: wgpu::Device,
     pub(super) queue: wgpu::Queue,
     pub(super) pipelines: Arc<Pipelines>,
-    /// Threads that prepare and read batches: others may be busy with surfaces for seconds, while the device would wait.
+    /// Threads that prepare and read batches. Other threads may be busy with surfaces for seconds
+    /// while the device would wait.
     threads: Arc<ThreadPool>,
-    /// Steps of a submission of about 50 ms, by the last batch.
+    /// Number of steps of a submission of about 50 ms, from the last batch.
     pub(super) steps: Arc<AtomicI64>,
     health: Arc<Health>,
     options: GpuOptions,
 }
 
-/// What the driver reported outside of calls.
+/// Errors that the driver reported outside of calls.
 #[derive(Debug, Default)]
 struct Health {
     lost: AtomicBool,
@@ -49,7 +50,7 @@ struct Health {
 }
 
 impl Health {
-    /// Stores the first error; a loss replaces any other.
+    /// Records the first error; a loss replaces any other error.
     fn note(&self, error: GpuError) {
         let mut told = self.told.lock();
         if matches!(error, GpuError::Lost { .. }) {
@@ -66,19 +67,16 @@ impl GpuDevice {
     /// Opens an adapter and compiles the pipelines.
     ///
     /// # Errors
-    /// [`GpuError::NoAdapter`] for a software adapter that `options` do not allow, [`GpuError::NotOpened`].
+    /// [`GpuError::NoAdapter`] for a software adapter that `options` do not allow,
+    /// [`GpuError::NotOpened`] if the driver or the compilation fails.
     pub fn open(adapter: &Adapter, options: &GpuOptions) -> Result<Self, GpuError> {
         if adapter.kind == super::AdapterKind::Software && !options.allow_software {
             return Err(GpuError::NoAdapter { software: true });
         }
         let not_opened = |detail: String| GpuError::NotOpened { adapter: adapter.name.clone(), detail };
-        let mut features = wgpu::Features::IMMEDIATES;
-        if adapter.timestamps {
-            features |= wgpu::Features::TIMESTAMP_QUERY;
-        }
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("oviduct"),
-            required_features: features,
+            required_features: wgpu::Features::IMMEDIATES,
             required_limits: adapter.handle.limits(),
             memory_hints: wgpu::MemoryHints::MemoryUsage,
             ..Default::default()
@@ -119,25 +117,26 @@ impl GpuDevice {
         &self.adapter.name
     }
 
-    /// The adapter that was opened.
+    /// Adapter of the device.
     #[must_use]
     pub fn adapter(&self) -> &Adapter {
         &self.adapter
     }
 
-    /// Whether the device is lost. It stays lost: open a new one.
+    /// True if the device is lost. It stays lost: open a new one.
     #[must_use]
     pub fn is_lost(&self) -> bool {
         self.health.lost.load(Ordering::SeqCst)
     }
 
-    /// Destroys the device, as if it had been lost; batches that run on it end with [`GpuError::Lost`].
+    /// Destroys the device, as if the driver had lost it. Batches that run on the device end with
+    /// [`GpuError::Lost`].
     pub fn lose(&self) {
         self.device.destroy();
         self.health.note(GpuError::Lost { detail: "the device was destroyed".to_owned() });
     }
 
-    /// From now on no submission completes, as on a device that hangs; for tests.
+    /// Simulates a hanging device in tests: no later submission completes.
     pub fn hang(&self) {
         self.health.hung.store(true, Ordering::SeqCst);
     }
@@ -147,20 +146,21 @@ impl GpuDevice {
         self.options.stall
     }
 
-    /// Counts the device as lost because it completes nothing; returns the error.
+    /// Marks the device as lost because it completes nothing. Returns the error.
     pub(super) fn abandon(&self) -> GpuError {
         let seconds = self.options.stall.as_secs_f64();
         let error = GpuError::Lost { detail: format!("nothing was completed for {seconds} s; the device hangs") };
         if !self.is_lost() {
             self.health.note(error.clone());
-            // Dropping the last handle of a queue waits without limit for its submissions; this handle is never dropped.
+            // Dropping the last handle of a queue waits for its submissions without limit, so this
+            // handle is never dropped.
             std::mem::forget(self.clone());
         }
         error
     }
 
-    /// Whether `plans` can run together as one batch: they must agree on `steps`, `burn_in`, `grow_every`,
-    /// `record_every` and the integrator, and fit the limits of the device.
+    /// Checks that `plans` can run together as one batch: they must have the same `steps`,
+    /// `burn_in`, `grow_every`, `record_every` and integrator, and fit the limits of the device.
     ///
     /// # Errors
     /// [`GpuError::Unfit`] with the reason.
@@ -175,8 +175,9 @@ impl GpuDevice {
         Sizes::new(plans, plans.len()).check(&self.device.limits())
     }
 
-    /// How many simulations like `plan` one batch can hold within the limits of the device (0: none). The free memory is not
-    /// known beforehand: a batch of this size may still fail with [`GpuError::OutOfMemory`].
+    /// Maximum number of simulations like `plan` in one batch within the limits of the device; 0 if
+    /// none fits. The free memory is not known in advance, so a batch of this size may still fail
+    /// with [`GpuError::OutOfMemory`].
     #[must_use]
     pub fn max_batch(&self, plan: &Plan) -> usize {
         let limits = self.device.limits();
@@ -194,19 +195,20 @@ impl GpuDevice {
         low
     }
 
-    /// Bytes of device memory of a batch of `members` simulations like `plan`, including staging buffers.
+    /// Bytes of device memory of a batch of `members` simulations like `plan`, including staging
+    /// buffers.
     #[must_use]
     pub fn batch_bytes(plan: &Plan, members: usize) -> u64 {
         Sizes::new(&[plan], members).total_bytes()
     }
 
-    /// Bytes of device memory that are allocated now; `None` if the backend does not report it.
+    /// Bytes of allocated device memory; `None` if the backend does not report them.
     #[must_use]
     pub fn memory_in_use(&self) -> Option<u64> {
         self.device.generate_allocator_report().map(|report| report.total_allocated_bytes)
     }
 
-    /// Fails if `bytes` more would exceed [`GpuOptions::memory_bytes`].
+    /// Fails if another `bytes` would exceed [`GpuOptions::memory_bytes`].
     pub(super) fn room_for(&self, bytes: u64) -> Result<(), GpuError> {
         match self.options.memory_bytes {
             Some(most) if self.memory_in_use().unwrap_or(0) + bytes > most => Err(GpuError::OutOfMemory),
@@ -214,8 +216,8 @@ impl GpuDevice {
         }
     }
 
-    /// Does something for each member of a batch, in parallel; for a single one here, as a thread of another pool that waits
-    /// takes up other work, such as a whole surface.
+    /// Calls `of` for each member of a batch, in parallel. A single member is processed on this
+    /// thread: a waiting thread of another pool would take up other work, such as a whole surface.
     pub(super) fn each<T: Send>(&self, plans: &[Plan], of: impl Fn(usize, &Plan) -> T + Sync) -> Vec<T> {
         match plans {
             [plan] => vec![of(0, plan)],
@@ -223,22 +225,23 @@ impl GpuDevice {
         }
     }
 
-    /// Runs `what` on the device; fails with an error that it caused, or if the device is lost.
+    /// Runs `what` on the device. Fails with an error that `what` caused, or if the device is lost.
     pub(super) fn attempt<R>(&self, what: impl FnOnce(&wgpu::Device) -> R) -> Result<R, GpuError> {
         let result = attempt(&self.device, what)?;
         self.check()?;
         Ok(result)
     }
 
-    /// Fails with the error that the driver reported outside of calls since the last check, if any.
+    /// Fails with the error that the driver reported outside of calls since the last check, if
+    /// there is one.
     pub(super) fn check(&self) -> Result<(), GpuError> {
         let mut told = self.health.told.lock();
-        // A loss stays.
+        // A loss is permanent.
         let error = if self.is_lost() { told.clone() } else { told.take() };
         error.map_or(Ok(()), Err)
     }
 
-    /// Waits at most `timeout` for a submission to complete. Returns whether it did.
+    /// Waits at most `timeout` for a submission to complete. Returns true if it did.
     pub(super) fn wait(&self, submission: &wgpu::SubmissionIndex, timeout: Duration) -> Result<bool, GpuError> {
         if self.health.hung.load(Ordering::SeqCst) {
             std::thread::sleep(timeout);
@@ -254,7 +257,8 @@ impl GpuDevice {
         }
     }
 
-    /// Lets the device clean up once all submissions and later writes are complete: only then is their memory freed.
+    /// Waits until all submissions and later writes are complete, because only then the device
+    /// frees their memory.
     pub(super) fn tidy(&self) {
         if self.is_lost() {
             return;
@@ -265,8 +269,9 @@ impl GpuDevice {
     }
 
     fn poll(&self, poll: &wgpu::PollType) -> Result<Result<wgpu::PollStatus, wgpu::PollError>, GpuError> {
-        // wgpu panics if the driver reports the loss during a poll, and now and then if another thread empties the queue
-        // while this one has just timed out (an assertion in `Device::maintain`), after which a poll works again.
+        // wgpu panics if the driver reports the loss during a poll. It also panics occasionally if
+        // another thread empties the queue just after this poll timed out (an assertion in
+        // `Device::maintain`); another poll then succeeds.
         for _ in 0..POLLS {
             if let Ok(result) = catch_unwind(AssertUnwindSafe(|| self.device.poll(poll.clone()))) {
                 return Ok(result);
@@ -278,7 +283,7 @@ impl GpuDevice {
     }
 }
 
-/// Whether two plans give the same sequence of dispatches.
+/// True if two plans result in the same sequence of dispatches.
 fn alike(a: &Plan, b: &Plan) -> bool {
     let course = |p: &Plan| (p.steps, p.burn_in, p.grow_every, p.record_every, p.integrator);
     course(a) == course(b)

@@ -1,4 +1,4 @@
-//! The buffers of a batch, and their contents at the start.
+//! Buffers of a batch, and their contents at the start.
 
 use super::device::GpuDevice;
 use super::error::GpuError;
@@ -13,23 +13,23 @@ use crate::sim::{Checkpoint, Plan, StepRow};
 use std::f64::consts::TAU;
 use std::mem::size_of;
 
-/// Clearance of a particle for which none is known, µm; permits every move.
+/// Clearance of a particle whose clearance is unknown, µm; permits every move.
 const UNKNOWN_CLEARANCE: f32 = 1e9;
 
-/// The buffers of a batch.
+/// Buffers of a batch.
 #[derive(Debug)]
 pub(super) struct Memory {
     pub(super) states: wgpu::Buffer,
     pub(super) record: wgpu::Buffer,
     pub(super) staging: Vec<wgpu::Buffer>,
     pub(super) group: wgpu::BindGroup,
-    /// The storage buffers in the order of their bindings, and the constants of the batch.
+    /// Storage buffers in the order of their bindings, then the constants of the batch.
     buffers: Vec<wgpu::Buffer>,
 }
 
 impl Memory {
-    /// Allocates the buffers. Nothing is written yet: the queue holds a written buffer until the next submission, and a
-    /// batch of half the size would not get the memory of a failed one.
+    /// Allocates the buffers without writing to them. The queue holds a written buffer until the
+    /// next submission, so a batch of half the size would not get the memory of a failed one.
     ///
     /// # Errors
     /// [`GpuError::OutOfMemory`]; nothing stays allocated.
@@ -83,7 +83,7 @@ impl Memory {
             device.queue.write_buffer(buffer, 4 * word, bytemuck::cast_slice(data));
         };
         write(&buffers[11], 0, bytemuck::cast_slice(&[sizes.batch]));
-        // The device is idle meanwhile.
+        // The device is idle during this, so all threads prepare the tables.
         let tables = device.each(plans, |_, plan| tables(plan, &sizes.batch));
         for (m, ((plan, start), tables)) in plans.iter().zip(starts).zip(&tables).enumerate() {
             let m = m as u64;
@@ -162,7 +162,7 @@ fn inner_vectors(start: &Checkpoint, capacity: usize) -> Vec<[f32; 2]> {
     vectors
 }
 
-/// One clearance per particle; unknown ones permit every move.
+/// One clearance per particle; an unknown clearance permits every move.
 fn clearances(start: &Checkpoint) -> Vec<f32> {
     let mut known = start.clearance.clone();
     known.resize(start.inner.len(), UNKNOWN_CLEARANCE);
@@ -181,9 +181,13 @@ fn outer_fields(start: &Checkpoint, capacity: usize) -> Vec<u32> {
     words
 }
 
-/// Wave vectors, phases of each event and wave; orders and weights of the lobes, phases of each row and lobe; wave vectors and
-/// directions of the sway, phases of each row and flow; coefficients of the variety of each event and mode; the directions of the
-/// outline.
+/// Tables of a member, in this order:
+///
+/// - wave vectors, and phases of each event and wave;
+/// - orders and weights of the lobes, and phases of each row and lobe;
+/// - wave vectors and directions of the sway, and phases of each row and flow;
+/// - coefficients of the variety of each event and mode;
+/// - directions of the outline.
 fn tables(plan: &Plan, batch: &Batch) -> Vec<f32> {
     let [waves, lobes, flows] = [batch.waves, batch.lobes, batch.flows].map(|count| count as usize);
     let mut words = vec![0.0f32; batch.tables as usize];

@@ -1,6 +1,8 @@
-//! The simulation on a GPU (Vulkan, Metal, DX12 through wgpu): the counterpart of [`super::cpu`] for batches of models.
+//! The simulation on a GPU (Vulkan, Metal or DX12 through wgpu): the counterpart of [`super::cpu`]
+//! for batches of models.
 //!
-//! Shaders are in `shaders/`, one file per stage, named like the stage on the CPU. Only this module names wgpu.
+//! The shaders are in `shaders/`, one file per stage, named like the stage on the CPU. Only this
+//! module names wgpu.
 
 mod adapter;
 mod batch;

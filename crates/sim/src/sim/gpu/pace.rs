@@ -1,55 +1,58 @@
-//! How many steps a submission has: as many as take about 50 ms on the device, so that no watchdog of the driver resets it,
-//! and progress and cancellation take less than a second. And how long to wait for a device that completes nothing.
+//! Number of steps per submission: as many as take about 50 ms on the device. Then no watchdog of
+//! the driver resets the device, and progress and cancellation take less than a second. Also the
+//! maximum wait for a device that completes nothing.
 
 use std::time::Duration;
 
 /// Intended duration of a chunk, seconds.
 const CHUNK_SECONDS: f64 = 0.05;
-/// Most steps of a chunk.
+/// Maximum number of steps of a chunk.
 const MOST_STEPS: i64 = 512;
-/// Steps of the first chunks, before any was measured.
+/// Number of steps of the first chunks, which no measurement precedes.
 pub(super) const FIRST_STEPS: i64 = 2;
 
 /// Sets the number of steps of the next chunks from the duration of the last one.
 #[derive(Debug)]
-pub(super) struct Pace {
+pub(super) struct SubmissionSizer {
     steps: i64,
-    /// When the end of the last chunk was observed.
+    /// Time at which the end of the last chunk was observed.
     ended: f64,
-    /// Seconds that the host was busy since.
+    /// Seconds for which the host has been busy since then.
     busy: f64,
 }
 
-impl Pace {
-    /// Begins with chunks of `steps`.
+impl SubmissionSizer {
+    /// A sizer that begins with chunks of `steps`.
     pub(super) fn new(steps: i64) -> Self {
         Self { steps, ended: 0.0, busy: 0.0 }
     }
 
-    /// Steps of the next chunk, at least 1.
+    /// Number of steps of the next chunk, at least 1.
     pub(super) fn steps(&self) -> i64 {
         self.steps
     }
 
-    /// Notes that the host was busy for `seconds`.
+    /// Records that the host was busy for `seconds`.
     pub(super) fn busy(&mut self, seconds: f64) {
         self.busy = seconds;
     }
 
-    /// Notes that a chunk of `steps`, submitted at `submitted`, was observed to end `now`. Chunks run one after another.
+    /// Records that a chunk of `steps`, submitted at `submitted`, was observed to end at `now`.
+    /// Chunks run one after another.
     pub(super) fn chunk(&mut self, steps: i64, submitted: f64, now: f64) {
         let seconds = (now - submitted.max(self.ended)).max(1e-6);
         self.ended = now;
-        // If the host was busy most of the time, the end was observed too late to measure the device.
+        // If the host was busy for most of the time, it observed the end too late to measure the
+        // device.
         if steps > 0 && self.busy < 0.5 * seconds.max(CHUNK_SECONDS) {
             let wanted = steps as f64 * CHUNK_SECONDS / seconds;
-            // Grows at most twofold: the next steps may take longer.
+            // At most doubles, because the next steps may take longer.
             self.steps = (wanted as i64).clamp(1, (2 * self.steps).min(MOST_STEPS));
         }
     }
 }
 
-/// How long to wait for a device that completes nothing.
+/// Limit of the time without a completed submission.
 #[derive(Debug)]
 pub(super) struct Patience {
     stall: Duration,
@@ -66,13 +69,14 @@ impl Patience {
         most.min(self.stall.saturating_sub(self.waited))
     }
 
-    /// A submission was completed.
+    /// Records that a submission was completed.
     pub(super) fn progress(&mut self) {
         self.waited = Duration::ZERO;
     }
 
-    /// Notes that a wait of `waited` ended without a completion; returns whether the limit is reached. Only the waits are
-    /// summed, not the time that passed, as the process may have been stopped meanwhile.
+    /// Records that a wait of `waited` ended without a completion. Returns true if the limit is
+    /// reached. Only the waits are summed, not the elapsed time, because the process may have been
+    /// stopped in the meantime.
     pub(super) fn exhausted_by(&mut self, waited: Duration) -> bool {
         self.waited += waited;
         self.waited >= self.stall
@@ -84,9 +88,10 @@ mod tests {
     use super::*;
     use std::collections::VecDeque;
 
-    /// Steps and seconds of each chunk on a device whose step `i` takes `cost(i)` seconds, with two chunks in flight.
+    /// Steps and seconds of each chunk on a device whose step `i` takes `cost(i)` seconds, with two
+    /// chunks in flight.
     fn chunks(steps: i64, cost: impl Fn(i64) -> f64) -> Vec<(i64, f64)> {
-        let (mut pace, mut now, mut next) = (Pace::new(FIRST_STEPS), 0.0, 0);
+        let (mut pace, mut now, mut next) = (SubmissionSizer::new(FIRST_STEPS), 0.0, 0);
         let mut in_flight: VecDeque<(i64, i64, f64)> = VecDeque::new();
         let mut taken = Vec::new();
         loop {
@@ -118,7 +123,8 @@ mod tests {
 
     #[test]
     fn chunks_stay_short_while_steps_take_longer() {
-        // Steps take a hundred times as long at the end as at the start; every tenth takes five times as long.
+        // Steps take a hundred times as long at the end as at the start, and every tenth step takes
+        // five times as long.
         for cheapest in [1e-5, 1e-3] {
             let cost = |i: i64| cheapest * 100f64.powf(i as f64 / 2300.0) * if i % 10 == 0 { 5.0 } else { 1.0 };
             for (steps, seconds) in chunks(2300, cost) {
@@ -140,7 +146,7 @@ mod tests {
 
     #[test]
     fn a_chunk_is_not_measured_while_the_host_is_busy() {
-        let mut pace = Pace::new(FIRST_STEPS);
+        let mut pace = SubmissionSizer::new(FIRST_STEPS);
         pace.busy(2.0);
         pace.chunk(2, 0.0, 2.1);
         assert_eq!(pace.steps(), FIRST_STEPS);

@@ -1,21 +1,21 @@
-//! The compiled stages of a device.
+//! Compiled stages of a device.
 
 use super::layout::Now;
 use super::shaders::{self, Shader};
 use std::mem::size_of;
 
-/// Storage buffers of a stage.
+/// Number of storage buffers of a stage.
 pub(super) const STORAGE_BUFFERS: u32 = 11;
 /// Bytes of the immediates.
 pub(super) const IMMEDIATES: u32 = size_of::<Now>() as u32;
 
-/// One pipeline per stage, or per stage and evaluation.
+/// Pipelines: one per stage, or one per stage and evaluation.
 #[derive(Debug)]
 pub(super) struct Pipelines {
     pub(super) layout: wgpu::BindGroupLayout,
     /// Evaluations 1 to 4 of Runge–Kutta.
     pub(super) integrate: [wgpu::ComputePipeline; 4],
-    /// The one evaluation of Euler, and its guard.
+    /// The evaluation of an Euler step, and its guard.
     pub(super) euler: [wgpu::ComputePipeline; 2],
     pub(super) growth: wgpu::ComputePipeline,
     pub(super) split: wgpu::ComputePipeline,

@@ -1,4 +1,4 @@
-//! Reads a record as packed by `record.wgsl`.
+//! Reads records, whose layout `record.wgsl` defines.
 
 use super::layout::{HEADER, NONE, RECORDED_INNER, RECORDED_OUTER};
 use crate::model::Section;
@@ -8,85 +8,43 @@ use crate::sim::{Checkpoint, InnerLoop, OuterLoop, Plan, SimError, Statistics};
 #[derive(Debug)]
 pub(super) struct Record<'a> {
     pub(super) time: i64,
-    /// Particles of each loop for which it has room.
-    pub(super) extent: u32,
-    pub(super) outer_extent: u32,
+    /// Numbers of inner and outer particles per member for which the record has room.
+    pub(super) extents: [u32; 2],
     pub(super) words: &'a [u32],
 }
 
-/// What a record holds of a member, copied.
+/// Copy of the part of a record that belongs to one member.
 #[derive(Debug)]
-pub(super) struct Arrival {
+pub(super) struct MemberRecord {
     pub(super) particles: u32,
     pub(super) section: Section,
     pub(super) checkpoint: Checkpoint,
     pub(super) statistics: Statistics,
 }
 
-/// The part of a record for one member.
-struct Entry<'a> {
-    time: i64,
-    header: &'a [u32],
-    inner: &'a [u32],
-    outer: &'a [u32],
-    extent: usize,
-    outer_extent: usize,
-}
-
-impl<'a> Record<'a> {
-    /// Copies the part of a member; the error is that of one with a position that is not finite.
-    pub(super) fn arrival(&self, member: usize, plan: &Plan) -> Result<Arrival, SimError> {
-        let entry = self.member(member);
-        if let Some(error) = entry.fault(plan) {
-            return Err(error);
-        }
-        let checkpoint = entry.checkpoint();
-        let section = checkpoint.section(plan);
-        Ok(Arrival { particles: entry.particles(), section, checkpoint, statistics: entry.statistics(plan) })
-    }
-
-    fn member(&self, member: usize) -> Entry<'a> {
-        let (extent, outer_extent) = (self.extent as usize, self.outer_extent as usize);
-        let inner = RECORDED_INNER as usize * extent;
-        let stride = HEADER as usize + inner + RECORDED_OUTER as usize * outer_extent;
+impl Record<'_> {
+    /// Copies the part of a member.
+    ///
+    /// # Errors
+    /// [`SimError::NotFinite`] if a position of the member is not finite.
+    pub(super) fn member(&self, member: usize, plan: &Plan) -> Result<MemberRecord, SimError> {
+        let [extent, outer_extent] = self.extents.map(|extent| extent as usize);
+        let inner_words = RECORDED_INNER as usize * extent;
+        let stride = HEADER as usize + inner_words + RECORDED_OUTER as usize * outer_extent;
         let (header, fields) = self.words[member * stride..(member + 1) * stride].split_at(HEADER as usize);
-        let (inner, outer) = fields.split_at(inner);
-        Entry { time: self.time, header, inner, outer, extent, outer_extent }
-    }
-}
-
-impl Entry<'_> {
-    /// Particles of both loops.
-    fn particles(&self) -> u32 {
-        self.header[0] + self.header[1]
-    }
-
-    /// The error of a member with a position that is not finite.
-    fn fault(&self, plan: &Plan) -> Option<SimError> {
-        let row = self.header[6];
-        (row != NONE).then(|| SimError::NotFinite { step: i64::from(row) - i64::from(plan.burn_in) + 1 })
-    }
-
-    fn statistics(&self, plan: &Plan) -> Statistics {
-        let last = plan.at(i64::from(plan.steps));
-        Statistics {
-            splits_deferred: u64::from(self.header[3]),
-            splits_missing: u64::from((last.inner_target + last.outer_target).saturating_sub(self.particles())),
-            moves_shortened: u64::from(self.header[5]),
-            list_builds: u64::from(self.header[4]),
-            full_searches: u64::from(self.header[7]),
+        let [inner, outer, next_id, deferred, builds, shortened, broken, full_searches] =
+            std::array::from_fn(|word| header[word]);
+        if broken != NONE {
+            return Err(SimError::NotFinite { step: i64::from(broken) - i64::from(plan.burn_in) + 1 });
         }
-    }
-
-    fn checkpoint(&self) -> Checkpoint {
-        let (n, outer) = (self.header[0] as usize, self.header[1] as usize);
-        let field = |k: usize| &self.inner[k * self.extent..k * self.extent + n];
-        let real = |k: usize| -> Vec<f32> { field(k).iter().map(|&w| f32::from_bits(w)).collect() };
-        let wall = |k: usize, i: usize| self.outer[k * self.outer_extent + i];
+        let (inner_fields, outer_fields) = fields.split_at(inner_words);
+        let field = |k: usize| &inner_fields[k * extent..k * extent + inner as usize];
+        let real = |k: usize| -> Vec<f32> { field(k).iter().map(|&word| f32::from_bits(word)).collect() };
+        let wall = |k: usize| &outer_fields[k * outer_extent..k * outer_extent + outer as usize];
         let pair = |k: usize| -> Vec<[f32; 2]> {
-            (0..outer).map(|i| [f32::from_bits(wall(k, i)), f32::from_bits(wall(k + 1, i))]).collect()
+            wall(k).iter().zip(wall(k + 1)).map(|(&x, &y)| [f32::from_bits(x), f32::from_bits(y)]).collect()
         };
-        Checkpoint {
+        let checkpoint = Checkpoint {
             time: self.time,
             inner: InnerLoop {
                 id: field(0).to_vec(),
@@ -99,10 +57,18 @@ impl Entry<'_> {
                 anchor_y: real(7),
                 sign: real(8),
                 scale: real(9),
-                next_id: self.header[2],
+                next_id,
             },
-            outer: OuterLoop { id: (0..outer).map(|i| wall(0, i)).collect(), p: pair(1), v: pair(3) },
+            outer: OuterLoop { id: wall(0).to_vec(), p: pair(1), v: pair(3) },
             clearance: real(10),
-        }
+        };
+        let statistics = Statistics {
+            splits_deferred: deferred.into(),
+            splits_missing: plan.missing_splits(inner + outer),
+            moves_shortened: shortened.into(),
+            list_builds: builds.into(),
+            full_searches: full_searches.into(),
+        };
+        Ok(MemberRecord { particles: inner + outer, section: checkpoint.section(plan), checkpoint, statistics })
     }
 }

@@ -1,13 +1,14 @@
-//! The source of the shaders: for each stage the shared files that it needs, followed by its own; there is no preprocessor.
+//! Source of the shaders. The source of a stage consists of the shared files that it needs,
+//! followed by its own file; there is no preprocessor.
 
 /// The shader of a stage.
 #[derive(Clone, Copy, Debug)]
 pub struct Shader {
     /// Name of the stage and of its file.
     pub name: &'static str,
-    /// The complete source.
+    /// Complete source.
     pub source: &'static str,
-    /// Entry points with the threads of their workgroups.
+    /// Entry points, each with the number of threads of its workgroups.
     pub entries: &'static [(&'static str, u32)],
 }
 
@@ -25,7 +26,8 @@ macro_rules! stage {
 
 use super::layout::{BLOCK_THREADS, LOOP_THREADS, THREADS};
 
-/// Time integration with all forces, and the guard; neighbour lists before it, the outer loop beside it.
+/// Time integration with all forces and the guard; neighbour lists before the forces, the outer
+/// loop beside them.
 pub const INTEGRATE: Shader = Shader {
     name: "integrate",
     source: concat!(

@@ -1,4 +1,4 @@
-//! How large the buffers of a batch are, and whether a device can hold them.
+//! Sizes of the buffers of a batch, and the check against the limits of a device.
 
 use super::error::GpuError;
 use super::layout::{
@@ -8,9 +8,9 @@ use crate::sim::layout::LANES;
 use crate::sim::{Plan, StepRow};
 use std::mem::size_of;
 
-/// Bytes of all staging buffers of a batch, unless [`LEAST_RING`] of them take more.
+/// Bytes of all staging buffers of a batch, unless [`LEAST_RING`] buffers take more.
 const RING_BYTES: u64 = 256 << 20;
-/// Least and greatest number of staging buffers.
+/// Minimum and maximum number of staging buffers.
 const LEAST_RING: u64 = 4;
 const GREATEST_RING: u64 = 32;
 
@@ -19,12 +19,12 @@ const GREATEST_RING: u64 = 32;
 pub(super) struct Sizes {
     pub(super) members: usize,
     pub(super) batch: Batch,
-    /// The number of records that one submission may have, if it is not half of the staging buffers.
+    /// Number of records that one submission may have, if it is not half of the staging buffers.
     records: Option<usize>,
 }
 
 impl Sizes {
-    /// The sizes of a batch of `members`, the largest of which are `plans`.
+    /// Sizes of a batch of `members`, the largest of which are `plans`.
     pub(super) fn new(plans: &[&Plan], members: usize) -> Self {
         let most = |of: &dyn Fn(&Plan) -> usize| plans.iter().map(|p| of(p)).max().unwrap_or(0);
         let target = |p: &Plan, loop_: usize| {
@@ -60,13 +60,14 @@ impl Sizes {
         }
     }
 
-    /// The same for a replay of `steps`, each with a record: in one submission if they fit.
+    /// Sizes for a replay of `steps`, each with a record: in one submission if they fit.
     pub(super) fn replaying(self, steps: i64) -> Self {
         Self { records: Some(self.most_staging().min(steps.max(1) as usize)), ..self }
     }
 
-    /// Words of a record with room for `extent` inner and `outer_extent` outer particles per member.
-    pub(super) fn record_words(&self, extent: u32, outer_extent: u32) -> u64 {
+    /// Number of words of a record with room for `extent` inner and `outer_extent` outer particles
+    /// per member.
+    pub(super) fn record_words(&self, [extent, outer_extent]: [u32; 2]) -> u64 {
         let words = HEADER + RECORDED_INNER * extent + RECORDED_OUTER * outer_extent;
         self.members as u64 * u64::from(words)
     }
@@ -76,8 +77,8 @@ impl Sizes {
         self.records.unwrap_or_else(|| self.most_staging())
     }
 
-    /// How many records a submission may have: half of the staging buffers, so that the device can use the other half while
-    /// these are read; a replay may fill them all.
+    /// Number of records that a submission may have: half of the staging buffers, so that the
+    /// device can use the other half while the host reads these. A replay may fill all buffers.
     pub(super) fn records(&self) -> usize {
         self.records.unwrap_or_else(|| self.most_staging() / 2)
     }
@@ -88,7 +89,7 @@ impl Sizes {
 
     /// Bytes of the largest record.
     pub(super) fn record_bytes(&self) -> u64 {
-        4 * self.record_words(self.batch.capacity, self.batch.outer_capacity)
+        4 * self.record_words([self.batch.capacity, self.batch.outer_capacity])
     }
 
     /// Bytes of all buffers together.
@@ -96,7 +97,7 @@ impl Sizes {
         self.bytes().iter().map(|(_, bytes)| bytes).sum::<u64>() + self.ring() as u64 * self.record_bytes()
     }
 
-    /// Bytes of each storage buffer, in the order of their bindings from 1 on.
+    /// Name and bytes of each storage buffer, in the order of the bindings, which begin at 1.
     pub(super) fn bytes(&self) -> [(&'static str, u64); 11] {
         let b = &self.batch;
         let each = |words: u64| 4 * words * self.members as u64;
@@ -116,7 +117,7 @@ impl Sizes {
         ]
     }
 
-    /// Checks the limits of the shaders' indices and of the device.
+    /// Checks the sizes against the limits of the indices of shaders and of the device.
     pub(super) fn check(&self, limits: &wgpu::Limits) -> Result<(), GpuError> {
         let unfit = |detail: String| Err(GpuError::Unfit { detail });
         // The shaders split runs by products of two counts, which must fit 32 bits.

@@ -7,7 +7,7 @@
 use super::*;
 use crate::random::{self, Stream};
 use crate::sim::cpu::CpuSimulation;
-use crate::sim::{Checkpoint, Plan, Simulator};
+use crate::sim::{Checkpoint, Plan};
 use crate::spec::{ModelSpec, preset};
 use proptest::prelude::*;
 use serde_json::{Value, json};

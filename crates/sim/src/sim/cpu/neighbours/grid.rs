@@ -1,8 +1,8 @@
-//! Which cells of segments lie near a box.
+//! Uniform grid that finds the cells of segments near a box.
 
 use crate::sim::maths::{max, min};
 
-/// Bounding box: least x, least y, greatest x, greatest y.
+/// Bounding box: minimum x, minimum y, maximum x, maximum y.
 pub(super) type Bounds = [f32; 4];
 
 pub(super) const NOTHING: Bounds = [f32::INFINITY, f32::INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY];
@@ -26,17 +26,18 @@ pub(super) struct Grid {
     side: f32,
     size: [usize; 2],
     squares: Vec<Vec<u32>>,
-    /// The greatest margin of a segment.
+    /// Maximum margin of a segment.
     margin: f32,
 }
 
 impl Grid {
-    /// Least side of a square, µm.
+    /// Minimum side of a square, µm.
     const SIDE: f32 = 96.0;
-    /// Most squares per cell: strands that lie far apart make squares larger instead of more numerous.
+    /// Maximum number of squares per cell. If strands lie far apart, squares become larger instead
+    /// of more numerous.
     const SPARSE: f32 = 4.0;
 
-    /// Of cells with these boxes and margins.
+    /// A grid over cells with these boxes and margins.
     pub(super) fn new(cells: &[(Bounds, f32)]) -> Self {
         let all = cells.iter().fold(NOTHING, |a, (b, _)| around(around(a, [b[0], b[1]]), [b[2], b[3]]));
         let area = (all[2] - all[0]) * (all[3] - all[1]);
@@ -54,7 +55,7 @@ impl Grid {
         grid
     }
 
-    /// The squares that a box meets.
+    /// Squares that a box intersects.
     fn visited(&self, b: Bounds) -> impl Iterator<Item = usize> + use<> {
         let (origin, side, size) = (self.origin, self.side, self.size);
         let at = move |axis: usize, v: f32| (((v - origin[axis]) / side).max(0.0) as usize).min(size[axis] - 1);
@@ -62,7 +63,7 @@ impl Grid {
             .flat_map(move |row| (at(0, b[0])..=at(0, b[2])).map(move |column| row * size[0] + column))
     }
 
-    /// The cells, ascending, that may be within `reach` of a box.
+    /// Appends the cells that may be within `reach` of a box, in ascending order.
     pub(super) fn cells_within(&self, b: Bounds, reach: f32, cells: &mut Vec<u32>) {
         let reach = reach + self.margin;
         for square in self.visited([b[0] - reach, b[1] - reach, b[2] + reach, b[3] + reach]) {

@@ -1,4 +1,4 @@
-//! The lists of a part: which segments the particles of a group may interact with.
+//! Neighbour lists of a part: segments that the particles of a group may interact with.
 
 use super::grid::{Bounds, Grid, NOTHING, apart, around};
 use crate::sim::cpu::chain::{BLOCK, Chain};
@@ -8,32 +8,41 @@ use crate::sim::maths::max;
 use crate::vectorize::{Lanes, Simd};
 use std::ops::Range;
 
-/// Greatest change of the slack over a change of the distance: arithmetic over geometric mean of the two ranges.
+/// Maximum change of the slack per change of the distance: arithmetic divided by geometric mean of
+/// the two ranges.
 pub(super) const SLOPE: f32 = 1.25;
-/// Least range over the greatest one for which lists are built: the less, the steeper the slack.
+/// Minimum range, in units of the maximum range, for which lists are built. The smaller the
+/// quotient of both, the steeper the slack.
 const LEAST_RANGE: f32 = 0.25;
-/// Segments in a cell of the search: eight blocks.
+/// Number of segments in a cell of the search: eight blocks.
 const CELL: usize = 8 * BLOCK;
-/// Cells in a tract.
+/// Number of cells in a tract.
 const TRACT: usize = 16;
 
-/// The lists of the groups of a part.
+/// Lists of the groups of a part.
 #[derive(Clone, Debug, Default)]
 pub(in crate::sim::cpu) struct Groups {
-    /// Of each group the place in `list` of its first segment, of the first one after its own segments, and the end. Empty if
-    /// all segments are visited.
+    /// For each group, three indices into `list`: of its first segment, of the first segment after
+    /// its own ones, and of the end. Empty if all segments are visited.
     spans: Vec<[u32; 3]>,
     list: Vec<u32>,
-    /// Groups whose lists hold for the present evaluation only, with the spans of their other ones, and where those end.
+    /// Groups whose lists are valid for the present evaluation only, with the spans of their
+    /// previous lists; and the end of the previous lists.
     mended: Vec<(usize, [u32; 3])>,
     end: usize,
 }
 
 impl Groups {
-    /// Visits the segments near a group in ascending order, with whether they are its own ones. Plain loops, since adapters of
-    /// iterators would not be compiled for wide vectors.
+    /// Visits the segments near a group in ascending order, with true for segments of the group.
+    /// Uses plain loops, because the compiler would not vectorize iterator adapters.
     #[inline(always)]
-    pub(in crate::sim::cpu) fn visit(&self, group: usize, own: &Own, n: usize, mut visit: impl FnMut(usize, bool)) {
+    pub(in crate::sim::cpu) fn visit(
+        &self,
+        group: usize,
+        own: &OwnSegments,
+        n: usize,
+        mut visit: impl FnMut(usize, bool),
+    ) {
         if self.spans.is_empty() {
             for j in 0..own.run.start {
                 visit(j, false);
@@ -61,7 +70,7 @@ impl Groups {
         }
     }
 
-    /// Goes back to the lists that all groups were given together.
+    /// Restores the lists that were built for all groups together.
     pub(super) fn settle(&mut self) {
         for (group, span) in self.mended.drain(..) {
             self.spans[group] = span;
@@ -70,17 +79,17 @@ impl Groups {
     }
 }
 
-/// The segments that begin or end at a particle of a group.
+/// Segments that begin or end at a particle of a group.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(in crate::sim::cpu) struct Own {
+pub(in crate::sim::cpu) struct OwnSegments {
     pub(in crate::sim::cpu) run: Range<usize>,
-    /// The last segment of the loop, if it ends at the first particle and does not belong to the run.
+    /// Last segment of the loop, if it ends at the first particle and does not belong to the run.
     pub(in crate::sim::cpu) last: Option<usize>,
 }
 
-impl Own {
+impl OwnSegments {
     #[inline(always)]
-    pub(in crate::sim::cpu) fn of(particles: &Range<usize>, n: usize) -> Self {
+    pub(in crate::sim::cpu) fn new(particles: &Range<usize>, n: usize) -> Self {
         let last = (particles.start == 0 && particles.end < n).then(|| n - 1);
         Self { run: particles.start.saturating_sub(1)..particles.end, last }
     }
@@ -91,8 +100,8 @@ impl Own {
     }
 }
 
-/// How far a particle of scale 1 sees: through tissue, across a gap; and what every particle sees at least, for clearances
-/// and the barrier. All µm.
+/// Ranges of a particle of scale 1, µm: through tissue, across a gap, and the minimum range of
+/// every particle for clearances and the barrier.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Sight {
     pub(super) tissue: f32,
@@ -109,7 +118,8 @@ impl Sight {
         }
     }
 
-    /// Ranges of a particle through tissue and across a gap, at least `least` and [`LEAST_RANGE`].
+    /// Ranges of a particle through tissue and across a gap. Both are at least `least`, and at
+    /// least [`LEAST_RANGE`] of the other.
     #[inline(always)]
     pub(super) fn of(self, scale: f32) -> [f32; 2] {
         let [tissue, gap] = [max(scale * self.tissue, self.least), max(scale * self.gap, self.least)];
@@ -117,24 +127,25 @@ impl Sight {
     }
 }
 
-/// What the search reads of the segments.
+/// Tables of segments for the search.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Tables {
-    /// Middle of each segment, and by how much the slack at its points may be less than there, plus the skin.
+    /// Midpoint of each segment. The margin is the maximum decrease of the slack from the midpoint
+    /// to another point of the segment, plus the skin.
     x: Vec<f32>,
     y: Vec<f32>,
     margin: Vec<f32>,
-    /// The same for blocks of segments.
-    blocks: Vec<Round>,
-    /// Box around the middles of the segments of each cell, and the greatest of their margins.
+    /// Midpoints and margins of blocks of segments.
+    blocks: Vec<Disc>,
+    /// Box around the midpoints of the segments of each cell, and maximum of their margins.
     pub(super) cells: Vec<(Bounds, f32)>,
-    /// The same for tracts of cells.
+    /// Boxes and margins of tracts of cells.
     tracts: Vec<(Bounds, f32)>,
 }
 
-/// A place and the margin around it.
+/// A point and the margin around it.
 #[derive(Clone, Copy, Debug)]
-struct Round {
+struct Disc {
     x: f32,
     y: f32,
     margin: f32,
@@ -169,7 +180,7 @@ impl Tables {
                 let (width, height) = (b[2] - b[0], b[3] - b[1]);
                 let radius = 0.5 * (width * width + height * height).sqrt();
                 let margin = widest + SLOPE * radius;
-                self.blocks.push(Round { x: 0.5 * (b[0] + b[2]), y: 0.5 * (b[1] + b[3]), margin });
+                self.blocks.push(Disc { x: 0.5 * (b[0] + b[2]), y: 0.5 * (b[1] + b[3]), margin });
                 cell = (around(around(cell.0, [b[0], b[1]]), [b[2], b[3]]), max(cell.1, widest));
             }
             self.cells.push(cell);
@@ -184,14 +195,14 @@ impl Tables {
 }
 
 impl Tables {
-    /// Restless particles, of which none is seen from farther than `sight`.
+    /// Restless particles, none of which is seen from farther than `sight`.
     pub(super) fn restless(&self, particles: Vec<usize>, sight: f32) -> Restless {
         let Self { x, y, margin, cells, tracts, .. } = self;
         let n = x.len();
         let ends = particles.iter().flat_map(|&i| [(i + n - 1) % n, i]);
-        let segments: Vec<Round> = ends.map(|j| Round { x: x[j], y: y[j], margin: margin[j] }).collect();
-        let seen_from = |(bounds, margin): &(Bounds, f32), segments: &[Round]| -> Vec<Round> {
-            let is_near = |segment: &&Round| {
+        let segments: Vec<Disc> = ends.map(|j| Disc { x: x[j], y: y[j], margin: margin[j] }).collect();
+        let seen_from = |(bounds, margin): &(Bounds, f32), segments: &[Disc]| -> Vec<Disc> {
+            let is_near = |segment: &&Disc| {
                 let reach = sight + margin + segment.margin;
                 apart(*bounds, around(NOTHING, [segment.x, segment.y])) <= reach * reach
             };
@@ -207,14 +218,14 @@ impl Tables {
 }
 
 impl Restless {
-    /// Whether they may be seen from at most one cell in `share`.
+    /// True if the particles may be seen from at most one cell in `share`.
     pub(super) fn are_few(&self, share: usize) -> bool {
         self.near.iter().filter(|near| !near.is_empty()).count() * share <= self.near.len()
     }
 }
 
-/// How far the particles of a group see.
-struct Seen<S: Simd> {
+/// Ranges of the particles of a group.
+struct GroupSight<S: Simd> {
     simd: S,
     x: Lanes<S>,
     y: Lanes<S>,
@@ -223,10 +234,10 @@ struct Seen<S: Simd> {
     side_y: Lanes<S>,
 }
 
-impl<S: Simd> Seen<S> {
-    /// Whether a place is in sight of one of the particles, or at most `margin` beyond.
+impl<S: Simd> GroupSight<S> {
+    /// True if a disc is in sight of one of the particles.
     #[inline(always)]
-    fn has(&self, place: Round) -> bool {
+    fn has(&self, place: Disc) -> bool {
         let all = |number| Lanes::all(self.simd, number);
         let (qx, qy) = (self.x - all(place.x), self.y - all(place.y));
         let square = qx * qx + qy * qy;
@@ -237,7 +248,7 @@ impl<S: Simd> Seen<S> {
     }
 }
 
-/// The search for the segments that groups may see.
+/// Search for the segments that groups may see.
 pub(super) struct Lists<'a> {
     pub(super) chain: &'a Chain,
     pub(super) sight: Sight,
@@ -245,14 +256,15 @@ pub(super) struct Lists<'a> {
     pub(super) grid: Option<Grid>,
 }
 
-/// Restless particles, ascending, and of each cell the segments that begin or end at one and may be seen from there.
+/// Restless particles in ascending order. For each cell, the segments that begin or end at a
+/// restless particle and may be seen from the cell.
 pub(super) struct Restless {
     particles: Vec<usize>,
-    near: Vec<Vec<Round>>,
+    near: Vec<Vec<Disc>>,
 }
 
 impl Lists<'_> {
-    /// Makes the lists of the groups of `G` of these particles, which have these scales.
+    /// Builds the lists of the groups of these particles, which have these scales.
     #[inline(always)]
     pub(super) fn build<S: Simd>(&self, simd: S, particles: &Range<usize>, scale: &[f32], groups: &mut Groups) {
         groups.spans.clear();
@@ -272,7 +284,7 @@ impl Lists<'_> {
         groups.end = groups.list.len();
     }
 
-    /// Makes the lists anew of the groups that have restless particles or see their segments.
+    /// Rebuilds the lists of groups that have restless particles or see their segments.
     #[inline(always)]
     pub(super) fn mend<S: Simd>(
         &self,
@@ -304,7 +316,7 @@ impl Lists<'_> {
         }
     }
 
-    /// The cells, ascending, in which particles of a run may see something.
+    /// Collects the cells in which particles of a run may see a segment, in ascending order.
     fn near(&self, run: &Range<usize>, scale: &[f32], cells: &mut Vec<u32>) {
         let (mut bounds, mut reach) = (NOTHING, 0.0f32);
         for (i, &scale) in run.clone().zip(scale) {
@@ -333,11 +345,17 @@ impl Lists<'_> {
         }
     }
 
-    /// Appends the list of a group; returns its span.
+    /// Appends the list of a group. Returns its span.
     #[inline(always)]
-    fn list<S: Simd>(&self, seen: &Seen<S>, group: &Range<usize>, cells: &[u32], list: &mut Vec<u32>) -> [u32; 3] {
+    fn list<S: Simd>(
+        &self,
+        seen: &GroupSight<S>,
+        group: &Range<usize>,
+        cells: &[u32],
+        list: &mut Vec<u32>,
+    ) -> [u32; 3] {
         let n = self.chain.len();
-        let own = Own::of(group, n);
+        let own = OwnSegments::new(group, n);
         let Tables { x, y, margin, blocks, .. } = self.tables;
         let (x, y, margin) = (&x[..n], &y[..n], &margin[..n]);
         let start = list.len() as u32;
@@ -349,7 +367,7 @@ impl Lists<'_> {
                     continue;
                 }
                 for j in b * BLOCK..(b * BLOCK + BLOCK).min(n) {
-                    if !own.contains(j) && seen.has(Round { x: x[j], y: y[j], margin: margin[j] }) {
+                    if !own.contains(j) && seen.has(Disc { x: x[j], y: y[j], margin: margin[j] }) {
                         list.push(j as u32);
                         after += u32::from(j < own.run.start);
                     }
@@ -360,7 +378,7 @@ impl Lists<'_> {
     }
 
     #[inline(always)]
-    fn seen<S: Simd>(&self, simd: S, group: &Range<usize>, scale: &[f32]) -> Seen<S> {
+    fn seen<S: Simd>(&self, simd: S, group: &Range<usize>, scale: &[f32]) -> GroupSight<S> {
         let (mut x, mut y, mut mean) = ([FAR; MOST], [FAR; MOST], [0.0; MOST]);
         let (mut side_x, mut side_y) = ([0.0; MOST], [0.0; MOST]);
         for ((l, i), &scale) in group.clone().enumerate().zip(scale) {
@@ -371,6 +389,6 @@ impl Lists<'_> {
             (side_x[l], side_y[l]) = (-half * self.chain.nx[i], -half * self.chain.ny[i]);
         }
         let of = |numbers: [f32; MOST]| Lanes::of(simd, &numbers);
-        Seen { simd, x: of(x), y: of(y), mean: of(mean), side_x: of(side_x), side_y: of(side_y) }
+        GroupSight { simd, x: of(x), y: of(y), mean: of(mean), side_x: of(side_x), side_y: of(side_y) }
     }
 }

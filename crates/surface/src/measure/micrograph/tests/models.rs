@@ -5,8 +5,8 @@ use crate::measure::morphometry::QUANTITIES;
 use crate::model::{Border, Section};
 use oviduct_base::tissue::{Contour, Grid};
 use oviduct_export::render::Slide;
+use oviduct_sim::sim::Plan;
 use oviduct_sim::sim::cpu::CpuSimulation;
-use oviduct_sim::sim::{Plan, Simulator};
 use oviduct_spec::spec::{ModelSpec, preset};
 use serde_json::json;
 
