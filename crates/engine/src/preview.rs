@@ -1,6 +1,8 @@
-//! The surface of a model for a picture, from its stored sections: as much of it as the picture can show.
+//! Surface of a model for a picture, lofted from as many of its stored sections as the picture can
+//! show.
 //!
-//! Every model has `sections.bin`, and its sections are exact; the surface between them is a [`draft`].
+//! Every model has `sections.bin`, whose sections are exact. The surface between them is a
+//! [`draft`].
 
 use crate::export::sections_bin::{SectionEntry, SectionsError, SectionsReader};
 use crate::mesh::bend::bend;
@@ -11,15 +13,17 @@ use crate::spec::ModelSpec;
 use serde_json::Value;
 use std::io::{Read, Seek};
 
-/// Pixels of the longest side of a picture for each section in it: of the whole tube, and of an end, which is seen along the
-/// tube. Neighbouring sections are then about ten pixels apart.
+/// Number of pixels of the longest side of a picture per section: for the whole tube, and for an
+/// end, which is seen along the tube. Neighbouring sections are then about ten pixels apart.
 const PIXELS_PER_SECTION: [u32; 2] = [10, 25];
-/// Fewest sections in a picture, if the model has as many and they have no more than [`MOST_POINTS`].
-const FEWEST_SECTIONS: usize = 40;
-/// Most points of the sections in a picture that has more than two. Bounds its memory and its time.
-const MOST_POINTS: usize = 500_000;
+/// Minimum number of sections in a picture, if the model has as many and they have at most
+/// [`MAX_POINTS`] points.
+const MIN_SECTIONS: usize = 40;
+/// Maximum number of points of all sections in a picture with more than two sections. Bounds the
+/// memory and the time of a picture.
+const MAX_POINTS: usize = 500_000;
 
-/// Why a model could not be drawn.
+/// Reason why a model could not be drawn.
 #[derive(Debug, thiserror::Error)]
 pub enum PreviewError {
     /// The sections could not be read.
@@ -30,10 +34,11 @@ pub enum PreviewError {
     Loft(#[from] LoftError),
 }
 
-/// Lofts those sections of a `sections.bin` that `view` shows, as densely as a picture of `size` pixels needs.
+/// Lofts the sections of a `sections.bin` that `view` shows, as densely as a picture of `size`
+/// pixels needs.
 ///
 /// # Errors
-/// [`PreviewError`] if the sections are damaged or not those of a tube.
+/// [`PreviewError`] if the sections are damaged or do not form a tube.
 pub fn surface(sections_bin: impl Read + Seek, view: NamedView, size: u32) -> Result<Mesh, PreviewError> {
     let mut reader = SectionsReader::open(sections_bin)?;
     let end = end(view, reader.len()).map(|k| reader.section(k)).transpose()?;
@@ -50,7 +55,7 @@ pub fn tube(sections: &[Section], spec: &Value) -> Result<Mesh, LoftError> {
     Ok(bent(draft(sections)?, spec))
 }
 
-/// A straight tube, bent if its stored specification says so.
+/// Bends a straight tube if its stored specification says so.
 #[must_use]
 pub fn bent(straight: Mesh, spec: &Value) -> Mesh {
     match ModelSpec::from_stored(spec).and_then(|spec| spec.centre_line()) {
@@ -59,7 +64,7 @@ pub fn bent(straight: Mesh, spec: &Value) -> Mesh {
     }
 }
 
-/// The section, of `count`, at the end that `view` shows, if it shows one end only.
+/// Index of the section, of `count`, at the end that `view` shows; `None` if it shows both ends.
 #[must_use]
 pub fn end(view: NamedView, count: usize) -> Option<usize> {
     match view {
@@ -69,8 +74,8 @@ pub fn end(view: NamedView, count: usize) -> Option<usize> {
     }
 }
 
-/// The indices of the sections in a picture of `size` pixels, in order: of the whole tube, or of the piece at `end`, up to
-/// the first section beyond it.
+/// Indices of the sections in a picture of `size` pixels, in order: of the whole tube, or of the
+/// piece at `end` up to the first section beyond it.
 #[must_use]
 pub fn chosen(entries: &[SectionEntry], end: Option<&Section>, size: u32) -> Vec<usize> {
     let shown = match end {
@@ -78,7 +83,7 @@ pub fn chosen(entries: &[SectionEntry], end: Option<&Section>, size: u32) -> Vec
         Some(end) => {
             let reach = END_WIDTHS * f64::from(width(&end.outer));
             let is_in_piece = |entry: &&SectionEntry| (entry.z_um - end.z_um).abs() <= reach;
-            // At least two sections make a surface.
+            // A surface needs at least two sections.
             let count = |inside: usize| (inside + 1).clamp(2.min(entries.len()), entries.len());
             if entries.first().is_some_and(|first| first.z_um == end.z_um) {
                 0..count(entries.iter().take_while(is_in_piece).count())
@@ -88,12 +93,12 @@ pub fn chosen(entries: &[SectionEntry], end: Option<&Section>, size: u32) -> Vec
         }
     };
     let points = entries[shown.clone()].iter().map(|entry| entry.inner as usize + entry.outer as usize).max();
-    let affordable = (MOST_POINTS / points.unwrap_or(0).max(1)).max(2);
-    let most = ((size / PIXELS_PER_SECTION[usize::from(end.is_some())]) as usize).max(FEWEST_SECTIONS).min(affordable);
+    let affordable = (MAX_POINTS / points.unwrap_or(0).max(1)).max(2);
+    let most = ((size / PIXELS_PER_SECTION[usize::from(end.is_some())]) as usize).max(MIN_SECTIONS).min(affordable);
     evenly(shown.len(), most).into_iter().map(|k| shown.start + k).collect()
 }
 
-/// At most `most` of `count` indices, evenly spread, with the first and the last.
+/// At most `most` of `count` indices, evenly spread, including the first and the last.
 fn evenly(count: usize, most: usize) -> Vec<usize> {
     if count <= most {
         return (0..count).collect();
@@ -101,7 +106,7 @@ fn evenly(count: usize, most: usize) -> Vec<usize> {
     (0..most).map(|k| k * (count - 1) / (most - 1)).collect()
 }
 
-/// Greatest extent of a ring, micrometres.
+/// Maximum extent of a ring, µm.
 fn width(ring: &Ring) -> f32 {
     let extent = |axis: usize| {
         let of = ring.points.iter().map(|p| p[axis]);
@@ -117,7 +122,7 @@ mod tests {
     use crate::export::sections_bin::write_sections;
     use proptest::prelude::*;
 
-    /// Entries of sections `spacing_um` apart with this many points each.
+    /// Entries of sections `spacing_um` apart with this number of points each.
     fn entries(count: usize, spacing_um: f64, points: u32) -> Vec<SectionEntry> {
         let entry = |k: usize| SectionEntry {
             offset: 0,
@@ -182,7 +187,7 @@ mod tests {
             let all = entries(count, spacing, points);
             let end = [None, Some(0), Some(count - 1)][which as usize].map(|k| section(all[k].z_um));
             let chosen = chosen(&all, end.as_ref(), size);
-            prop_assert!(chosen.len() == 2 || chosen.len() * points as usize <= MOST_POINTS);
+            prop_assert!(chosen.len() == 2 || chosen.len() * points as usize <= MAX_POINTS);
             prop_assert!(chosen.len() >= 2 && chosen.is_sorted_by(|a, b| a < b) && chosen[chosen.len() - 1] < count);
         }
     }

@@ -1,37 +1,26 @@
-//! Why a fit gave no result.
+//! Errors of a fit.
 
-use super::evaluate::Unmeasured;
-
-/// Why a fit gave no result.
+/// Error of a fit.
 #[derive(Debug, thiserror::Error)]
 pub enum FitError {
-    /// It was cancelled.
+    /// The fit was cancelled.
     #[error("cancelled")]
     Cancelled,
-    /// No candidate could be measured.
+    /// A candidate, or every candidate of the search, could not be measured.
     #[error("{detail}")]
     Search {
-        /// What went wrong.
+        /// Reason.
         detail: String,
     },
-    /// Its models need more memory than allowed.
+    /// The models of the fit need more memory than allowed.
     #[error("a model of the fit needs about {needed} bytes of memory; the limit is {limit}")]
     Memory {
-        /// Predicted need of the largest.
+        /// Predicted memory of the largest model, bytes.
         needed: u64,
-        /// The limit.
+        /// Limit, bytes.
         limit: u64,
     },
-    /// A directory for a model could not be made.
+    /// The directory of a model could not be created.
     #[error("{0}")]
     Io(#[from] std::io::Error),
-}
-
-impl From<Unmeasured> for FitError {
-    fn from(unmeasured: Unmeasured) -> Self {
-        match unmeasured {
-            Unmeasured::Cancelled => Self::Cancelled,
-            Unmeasured::Failed(detail) => Self::Search { detail },
-        }
-    }
 }

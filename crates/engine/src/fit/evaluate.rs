@@ -1,49 +1,43 @@
-//! A candidate measured: the simulation alone, up to the last region with a target, and as many of its sections as the means over
-//! the regions need. No surface is made. The search takes Euler steps, its last candidates those of the spec.
+//! Measures of a candidate: only the simulation runs, up to the last region with a target, and as
+//! many of its sections are measured as the means over the regions need. No surface is lofted. The
+//! search uses Euler steps; its last candidates use the integrator of the spec.
 
+use super::error::FitError;
 use super::request::{EARLY_SEEDS, FitSpec};
 use super::target::{Target, loss};
 use crate::generate::CancelToken;
 use crate::measure::morphometry::{Morphometry, Regions, morphometry};
 use crate::model::Section;
-use crate::sim::cpu::CpuSimulation;
 use crate::sim::Plan;
+use crate::sim::cpu::CpuSimulation;
 use crate::spec::ModelSpec;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
-/// Sections that are measured in a region.
+/// Number of sections that are measured in a region.
 const SECTIONS: usize = 12;
 
-/// Where a simulation has cost at most this part of a whole one, in particles times steps, measures are the mean over
-/// [`EARLY_SEEDS`] times the seeds: the isthmus is simulated first, with few particles, and varies most between seeds.
+/// Maximum cost of early measures, as a fraction of the cost of a whole simulation in particles
+/// times steps. Early measures are the mean over [`EARLY_SEEDS`] times the seeds: the isthmus is
+/// simulated first, with few particles, and differs most between seeds.
 const EARLY: f64 = 0.125;
 
-/// Why a candidate has no measures.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Unmeasured {
-    /// The search was cancelled.
-    Cancelled,
-    /// The parameters together are not valid, or the simulation failed.
-    Failed(String),
-}
-
-/// How a candidate is simulated.
+/// Physics of the simulation of a candidate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Physics {
-    /// [`FitSpec::reduced`].
+    /// Reduced physics, [`FitSpec::reduced`].
     Reduced,
-    /// As the spec says.
+    /// Physics of the spec.
     Whole,
 }
 
-/// A candidate: its place between the bounds of each variable, and what its models measure.
+/// A candidate: its place between the bounds of each variable, and the measures of its models.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Candidate {
     pub(super) places: Vec<f64>,
-    /// Mean over the seeds, by target; none if it could not be measured.
+    /// Mean over the seeds, by target; `None` if it could not be measured.
     pub(super) measures: Vec<Option<f64>>,
 }
 
@@ -53,7 +47,7 @@ impl Candidate {
         misfit(targets, &self.measures)
     }
 
-    /// The largest deviation.
+    /// Maximum deviation.
     pub(super) fn worst(&self, targets: &[Target]) -> f64 {
         let deviations = targets.iter().zip(&self.measures).map(|(target, measured)| target.deviation(*measured).abs());
         deviations.fold(0.0, f64::max)
@@ -70,8 +64,8 @@ pub(super) fn misfit(targets: &[Target], measures: &[Option<f64>]) -> f64 {
 pub(super) struct Evaluator<'a> {
     fit: &'a FitSpec,
     cancel: &'a CancelToken,
-    /// The seeds, the same for every candidate, so that differences come from the parameters (common random numbers); and which
-    /// targets are measured with each.
+    /// Seeds, with the targets that are measured with each. They are the same for every candidate,
+    /// so differences come from the parameters (common random numbers).
     seeds: Vec<(u64, Vec<usize>)>,
 }
 
@@ -89,9 +83,10 @@ impl<'a> Evaluator<'a> {
     }
 
     /// Measures a candidate, its seeds in parallel.
-    pub(super) fn measure(&self, places: &[f64], physics: Physics) -> Result<Vec<Option<f64>>, Unmeasured> {
+    pub(super) fn measure(&self, places: &[f64], physics: Physics) -> Result<Vec<Option<f64>>, FitError> {
         let spec = self.fit.at(places).map_err(|faults| {
-            Unmeasured::Failed(faults.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))
+            let detail = faults.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
+            FitError::Search { detail }
         })?;
         let spec = if physics == Physics::Reduced { self.fit.reduced(spec) } else { spec };
         let one = |(seed, targets): &(u64, Vec<usize>)| self.one(&spec, *seed, targets);
@@ -104,7 +99,7 @@ impl<'a> Evaluator<'a> {
     }
 
     /// Measures some of the targets with one seed.
-    fn one(&self, spec: &ModelSpec, seed: u64, targets: &[usize]) -> Result<Vec<Option<f64>>, Unmeasured> {
+    fn one(&self, spec: &ModelSpec, seed: u64, targets: &[usize]) -> Result<Vec<Option<f64>>, FitError> {
         let stations = targets.iter().flat_map(|&t| stations(spec, &self.fit.targets[t])).collect();
         let morphometry = measured(spec, seed, &stations, self.cancel)?;
         let all = self.fit.targets.iter().enumerate();
@@ -112,7 +107,7 @@ impl<'a> Evaluator<'a> {
     }
 }
 
-/// Whether the sections of a target are simulated in a small part of the time of a whole model.
+/// True if the sections of a target are simulated in a small part of the time of a whole model.
 fn is_early(spec: &ModelSpec, target: &Target) -> bool {
     let last = stations(spec, target).last().copied().unwrap_or(spec.steps);
     let particles = |step: u32| spec.particles.total.at(f64::from(step) / f64::from(spec.steps));
@@ -126,7 +121,7 @@ fn measured(
     seed: u64,
     stations: &BTreeSet<u32>,
     cancel: &CancelToken,
-) -> Result<Morphometry, Unmeasured> {
+) -> Result<Morphometry, FitError> {
     // Candidates are measured in parallel, each on one thread.
     let mut simulation = CpuSimulation::new(Plan::new(spec, seed), 1);
     let mut sections: Vec<Section> = Vec::with_capacity(stations.len());
@@ -140,9 +135,9 @@ fn measured(
             break;
         }
         if cancel.is_cancelled() {
-            return Err(Unmeasured::Cancelled);
+            return Err(FitError::Cancelled);
         }
-        simulation.step().map_err(|error| Unmeasured::Failed(error.to_string()))?;
+        simulation.step().map_err(|error| FitError::Search { detail: error.to_string() })?;
     }
     Ok(morphometry(
         &sections,
@@ -155,7 +150,7 @@ fn measured(
     ))
 }
 
-/// The steps whose sections are measured for a target.
+/// Steps whose sections are measured for a target.
 fn stations(spec: &ModelSpec, target: &Target) -> Vec<u32> {
     let all = spec.stations().map(|step| (step, spec.z.at(f64::from(step) / f64::from(spec.steps))));
     let [from, to] = [spec.regions.junction_from, spec.regions.junction_to];
@@ -175,7 +170,7 @@ fn stations(spec: &ModelSpec, target: &Target) -> Vec<u32> {
     spread(&within, most).collect()
 }
 
-/// At most `most` of these, evenly spread, with the first and the last.
+/// At most `most` of the steps, evenly spread, including the first and the last.
 fn spread(steps: &[u32], most: usize) -> impl Iterator<Item = u32> + '_ {
     let count = steps.len().min(most);
     (0..count).map(move |i| if count == 1 { steps[0] } else { steps[i * (steps.len() - 1) / (count - 1)] })

@@ -1,10 +1,10 @@
-//! Target of the fuzzers: the request for a fit.
+//! Fuzz target: the request for a fit.
 
 use super::{FitSpec, read_images};
 use serde_json::Value;
 
-/// What is accepted is accepted again as it was understood, and its models at both ends of the bounds are valid or refused with a
-/// place; a refusal names a place.
+/// Asserts that an accepted request is accepted again in its canonical form, and that its models at
+/// both ends of the bounds are valid or refused with a pointer. A refusal must have a pointer.
 pub fn fit(bytes: &[u8]) {
     let Ok(mut body) = serde_json::from_slice::<Value>(bytes) else { return };
     let images = body.as_object_mut().and_then(|members| members.remove("images"));

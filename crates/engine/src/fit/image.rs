@@ -10,12 +10,13 @@ use serde_json::Value;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 
-/// Most images of a request.
+/// Maximum number of images in a request.
 pub const MOST_IMAGES: usize = 20;
-/// Range that is accepted if none is given: this part of the value to both sides. A single section differs from the mean over
-/// its region.
+/// Half width of the accepted range if the request has none, as a fraction of the value. A single
+/// section differs from the mean over its region.
 pub const IMAGE_TOLERANCE: f64 = 0.1;
-/// Quantities that become targets if none are named: those that pixels do not change noticeably and that a region has throughout.
+/// Quantities that become targets if the request names none: those that pixels change little and
+/// that a region has everywhere.
 pub const IMAGE_QUANTITIES: [&str; 7] = [
     "tissue_area_mm2",
     "lumen_area_mm2",
@@ -29,40 +30,40 @@ pub const IMAGE_QUANTITIES: [&str; 7] = [
 /// An image of a section.
 #[derive(Clone, Debug)]
 pub struct SectionImage {
-    /// Region that the section is from.
+    /// Region of the section.
     pub region: String,
-    /// The image.
+    /// PNG file.
     pub png: Vec<u8>,
-    /// Its pixels.
+    /// Size and meaning of its pixels.
     pub reading: Reading,
-    /// Quantities that become targets; without them, [`IMAGE_QUANTITIES`].
+    /// Quantities that become targets. `None` means [`IMAGE_QUANTITIES`].
     pub quantities: Option<Vec<String>>,
-    /// Accepted range as a part of the value to both sides.
+    /// Half width of the accepted range as a fraction of the value.
     pub tolerance: f64,
 }
 
-/// What is wrong with an image: its index, the member, and a sentence.
+/// Fault of an image: its index, the member, and a sentence.
 pub type ImageFault = (usize, &'static str, String);
 
-/// A quantity in the sections of a region.
+/// Values of a quantity in the sections of a region.
 #[derive(Default)]
-struct Sections {
+struct RegionValues {
     values: Vec<f64>,
-    /// The widest of them.
+    /// Maximum tolerance of the images.
     tolerance: f64,
-    /// The beginnings of their digests.
+    /// Beginnings of the digests of the images.
     images: Vec<String>,
 }
 
-/// Measures sections. Several of one region give its mean; the range then reaches as far as their standard deviation, if that is
-/// farther.
+/// Measures sections. Several sections of a region result in their mean. The range then extends to
+/// their standard deviation if that exceeds the tolerance.
 ///
 /// # Errors
-/// Each image that cannot be measured.
+/// All images that cannot be measured.
 pub fn image_targets(images: &[SectionImage]) -> Result<Vec<Target>, Vec<ImageFault>> {
     let mut faults = Vec::new();
     // By region and quantity.
-    let mut measured: BTreeMap<(String, String), Sections> = BTreeMap::new();
+    let mut measured: BTreeMap<(String, String), RegionValues> = BTreeMap::new();
     for (i, image) in images.iter().enumerate() {
         match values(image) {
             Ok(values) => {
@@ -79,8 +80,8 @@ pub fn image_targets(images: &[SectionImage]) -> Result<Vec<Target>, Vec<ImageFa
     if !faults.is_empty() {
         return Err(faults);
     }
-    let target = |((region, quantity), sections): ((String, String), Sections)| {
-        let Sections { values, tolerance, images } = sections;
+    let target = |((region, quantity), sections): ((String, String), RegionValues)| {
+        let RegionValues { values, tolerance, images } = sections;
         let n = values.len() as f64;
         let value = values.iter().sum::<f64>() / n;
         let squares: f64 = values.iter().map(|x| (x - value).powi(2)).sum();
@@ -92,7 +93,7 @@ pub fn image_targets(images: &[SectionImage]) -> Result<Vec<Target>, Vec<ImageFa
     Ok(measured.into_iter().map(target).collect())
 }
 
-/// The quantities of one section.
+/// Quantities of one section.
 fn values(image: &SectionImage) -> Result<Vec<(String, f64)>, (&'static str, String)> {
     if image.region == "tube" {
         return Err(("region", "an image shows one section of a region, not the tube".into()));
@@ -123,7 +124,8 @@ fn values(image: &SectionImage) -> Result<Vec<(String, f64)>, (&'static str, Str
     for name in wanted {
         match Quantity::named(name).and_then(|quantity| quantity.of(&measures)) {
             Some(value) => found.push((name.to_owned(), value)),
-            // A section without folds has no height of folds; it was not asked for by name.
+            // A section without folds has no height of folds. The request did not name the
+            // quantity.
             None if image.quantities.is_none() => {}
             None => return Err(("quantities", format!("the section has no `{name}`"))),
         }
@@ -131,7 +133,8 @@ fn values(image: &SectionImage) -> Result<Vec<(String, f64)>, (&'static str, Str
     Ok(found)
 }
 
-/// Measures the images of a request, `[{ "region", "png", "pixel_um", "tissue", "quantities", "tolerance" }]`, with `png` as base64.
+/// Measures the images of a request, `[{ "region", "png", "pixel_um", "tissue", "quantities",
+/// "tolerance" }]`, with `png` as base64.
 ///
 /// # Errors
 /// All faults, with pointers that begin with `/images`.
@@ -203,7 +206,7 @@ mod tests {
     use super::*;
     use serde_json::json;
 
-    /// A ring of tissue with four folds, as a mask of one byte a pixel; radii in pixels.
+    /// A ring of tissue with four folds, as a mask of one byte per pixel. Radii are in pixels.
     fn mask(outer: f64) -> Vec<u8> {
         let side = 400_u32;
         let middle = f64::from(side) / 2.0;

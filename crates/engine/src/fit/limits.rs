@@ -1,4 +1,5 @@
-//! Targets that a search did not meet: out of reach, or not together with others, and the bounds that prevent it.
+//! Targets that a search did not meet: out of reach, or not together with others; and the bounds
+//! that prevent it.
 
 use super::error::FitError;
 use super::evaluate::{Candidate, Physics};
@@ -9,14 +10,16 @@ use super::target::Target;
 use crate::spec::End;
 use serde::{Deserialize, Serialize};
 
-/// A variable lies at its bound within this part of the distance of both.
+/// Maximum distance of a variable from its bound, as a fraction of the distance of both bounds, at
+/// which it counts as at the bound.
 const AT_BOUND: f64 = 0.02;
-/// Least change of a deviation from one bound to the other for which a variable counts,
-const LEAST_SLOPE: f64 = 0.5;
-/// or else of the measure itself, as a part of it: where the target is far away, its range is large beside what is measured.
-const LEAST_CHANGE: f64 = 0.05;
-/// Most targets for which corners are tried.
-const MOST_CORNERS: usize = 10;
+/// Minimum change of a deviation between both bounds of a variable for which the variable counts.
+const MIN_SLOPE: f64 = 0.5;
+/// Alternative minimum for targets far away, whose range is large compared with the measure: change
+/// of the measure as a fraction of it.
+const MIN_CHANGE: f64 = 0.05;
+/// Maximum number of targets for which corners are tried.
+const MAX_CORNER_TARGETS: usize = 10;
 
 /// Why a target is not met.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -63,7 +66,8 @@ pub struct Bound {
     pub value: f64,
 }
 
-/// The targets that `best` does not meet, and why. Tries for each the corner of the bounds that favours it.
+/// Targets that `best` does not meet, with reasons. For each of them, tries the corner of the
+/// bounds that favours it.
 pub(super) fn unmet(fit: &FitSpec, archive: &Archive<'_>, best: &Candidate) -> Result<Vec<Unmet>, FitError> {
     let targets = &fit.targets;
     let missed: Vec<usize> = (0..targets.len()).filter(|&t| !targets[t].is_met(best.measures[t])).collect();
@@ -73,19 +77,19 @@ pub(super) fn unmet(fit: &FitSpec, archive: &Archive<'_>, best: &Candidate) -> R
     let before = archive.candidates();
     let model = Linear::around(best, &before, targets);
     let corner = |&t: &usize| model.corner(t, least_slope(&targets[t], best.measures[t]));
-    let corners: Vec<Vec<f64>> = missed.iter().take(MOST_CORNERS).map(corner).collect();
+    let corners: Vec<Vec<f64>> = missed.iter().take(MAX_CORNER_TARGETS).map(corner).collect();
     archive.measure(&corners, Physics::Whole)?;
     let all = archive.candidates();
-    Ok(missed.into_iter().map(|t| of(fit, &model, best, &all, t)).collect())
+    Ok(missed.into_iter().map(|t| unmet_target(fit, &model, best, &all, t)).collect())
 }
 
-fn of(fit: &FitSpec, model: &Linear, best: &Candidate, all: &[Candidate], t: usize) -> Unmet {
+fn unmet_target(fit: &FitSpec, model: &Linear, best: &Candidate, all: &[Candidate], t: usize) -> Unmet {
     let target = &fit.targets[t];
     let meets = |candidate: &Candidate, t: usize| fit.targets[t].is_met(candidate.measures[t]);
     let distance = |candidate: &Candidate| target.deviation(candidate.measures[t]).abs();
     let nearest = all.iter().filter(|c| c.measures[t].is_some()).min_by(|a, b| distance(a).total_cmp(&distance(b)));
     let least = least_slope(target, best.measures[t]);
-    // Without as many other candidates as variables, no slope may be known.
+    // With fewer other candidates than variables, the slopes may be unknown.
     let known = all.iter().filter(|candidate| candidate.places != best.places).count() >= fit.variables.len();
     let sensitive = !known || model.slopes[t].iter().any(|slope| slope.abs() >= least);
     let met: Vec<&Candidate> = all.iter().filter(|candidate| meets(candidate, t)).collect();
@@ -98,7 +102,8 @@ fn of(fit: &FitSpec, model: &Linear, best: &Candidate, all: &[Candidate], t: usi
     if why == Why::Conflict {
         let others = (0..fit.targets.len()).filter(|&s| s != t && all.iter().any(|candidate| meets(candidate, s)));
         let never: Vec<usize> = others.filter(|&s| !met.iter().any(|candidate| meets(candidate, s))).collect();
-        // If each other target is met by some of these, then those that the best of these misses.
+        // If each other target is met by one of the candidates, the conflicts are the targets that
+        // the best of these candidates misses.
         let misfit = |candidate: &&&Candidate| candidate.misfit(&fit.targets);
         let least = met.iter().min_by(|a, b| misfit(a).total_cmp(&misfit(b)));
         let together = || {
@@ -113,14 +118,14 @@ fn of(fit: &FitSpec, model: &Linear, best: &Candidate, all: &[Candidate], t: usi
     Unmet { region, quantity, why, nearest: nearest.and_then(|candidate| candidate.measures[t]), conflicts, bounds }
 }
 
-/// Least slope for which a variable counts.
+/// Minimum slope for which a variable counts.
 fn least_slope(target: &Target, measured: Option<f64>) -> f64 {
-    let changed = measured.filter(|&x| x != 0.0).map(|x| (1.0 + LEAST_CHANGE) * x);
+    let changed = measured.filter(|&x| x != 0.0).map(|x| (1.0 + MIN_CHANGE) * x);
     let change = changed.map(|changed| target.deviation(Some(changed)) - target.deviation(measured));
-    change.map_or(LEAST_SLOPE, |change| change.abs().min(LEAST_SLOPE))
+    change.map_or(MIN_SLOPE, |change| change.abs().min(MIN_SLOPE))
 }
 
-/// The bounds at which a candidate lies, and beyond which the target would come nearer.
+/// Bounds at which a candidate lies and beyond which the target would come nearer.
 fn bounds(fit: &FitSpec, model: &Linear, at: &Candidate, t: usize) -> Vec<Bound> {
     let towards = -fit.targets[t].deviation(at.measures[t]);
     let least = least_slope(&fit.targets[t], at.measures[t]);

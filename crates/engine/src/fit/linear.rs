@@ -1,16 +1,18 @@
-//! A linear model of the deviations near the best candidate: which way each target moves with each variable.
+//! Linear model of the deviations near the best candidate: the change of each target with each
+//! variable.
 
 use super::evaluate::Candidate;
 use super::target::{Target, weight};
 
-/// Damping of slopes: candidates are few at first.
+/// Damping of slopes, because candidates are few at first.
 const RIDGE: f64 = 1e-3;
 /// Damping of steps.
 const DAMPING: f64 = 3e-3;
-/// Sweeps of the descent; far more than problems of this size need.
+/// Number of sweeps of the descent; far more than problems of this size need.
 const SWEEPS: usize = 400;
 
-/// The deviations of all targets as linear functions of the places, from candidates weighted by their nearness to one of them.
+/// Deviations of all targets as linear functions of the places, from candidates weighted by their
+/// distance to the centre.
 #[derive(Clone, Debug)]
 pub(super) struct Linear {
     pub(super) centre: Vec<f64>,
@@ -28,7 +30,8 @@ impl Linear {
             candidates.iter().map(|c| c.places.iter().zip(&centre.places).map(|(x, x0)| x - x0).collect()).collect();
         let mut distances: Vec<f64> = steps.iter().map(|step| square(step)).filter(|&d| d > 0.0).collect();
         distances.sort_unstable_by(f64::total_cmp);
-        // As near as twice as many candidates as there are slopes.
+        // Width of the weights: the distance of the candidate whose rank is twice the number of
+        // variables.
         let width = distances.get((2 * n).min(distances.len().saturating_sub(1))).copied().unwrap_or(1.0);
         let weights: Vec<f64> = steps.iter().map(|step| (-square(step) / width.max(1e-12)).exp()).collect();
         let total: f64 = weights.iter().sum();
@@ -49,17 +52,19 @@ impl Linear {
             .map(|t| {
                 let mut right = vec![0.0; n];
                 for ((step, weight), known) in steps.iter().zip(&weights).zip(&all) {
-                    // Far candidates say little about slopes here, and their deviations may be huge.
+                    // Distant candidates contain little information about the slopes here, and
+                    // their deviations may be very large.
                     let change = (known[t] - deviations[t]).clamp(-50.0, 50.0);
                     right.iter_mut().zip(step).for_each(|(r, s)| *r += weight * s * change);
                 }
-                minimise(&products, &right, &unbounded)
+                minimize(&products, &right, &unbounded)
             })
             .collect();
         Self { centre: centre.places.clone(), deviations, slopes }
     }
 
-    /// The places where the model has the least squares of deviations, no farther than `reach` in any variable.
+    /// Places where the model has the minimum sum of squared deviations, at most `reach` away in
+    /// each variable.
     pub(super) fn step(&self, reach: f64) -> Vec<f64> {
         let n = self.centre.len();
         let mut products = vec![vec![0.0; n]; n];
@@ -78,11 +83,12 @@ impl Linear {
             row[i] += DAMPING * largest.max(1e-9);
         }
         let bounds: Vec<[f64; 2]> = self.centre.iter().map(|x| [(-x).max(-reach), (1.0 - x).min(reach)]).collect();
-        let step = minimise(&products, &right, &bounds);
+        let step = minimize(&products, &right, &bounds);
         self.centre.iter().zip(step).map(|(x, d)| (x + d).clamp(0.0, 1.0)).collect()
     }
 
-    /// The corner of the bounds where the model brings one target nearest to its value; variables that do not change it stay.
+    /// Corner of the bounds where the model brings a target nearest to its value. Variables that do
+    /// not change the target keep their places.
     pub(super) fn corner(&self, target: usize, least: f64) -> Vec<f64> {
         let towards = -self.deviations[target];
         let place = |(x, slope): (&f64, &f64)| match slope * towards {
@@ -102,8 +108,9 @@ fn square(step: &[f64]) -> f64 {
     step.iter().map(|x| x * x).sum()
 }
 
-/// Minimises x·Ax/2 − b·x between bounds, for a symmetric positive definite A, one coordinate after the other.
-fn minimise(a: &[Vec<f64>], b: &[f64], bounds: &[[f64; 2]]) -> Vec<f64> {
+/// Minimizes x·Ax/2 − b·x between bounds, for a symmetric positive definite A, by coordinate
+/// descent.
+fn minimize(a: &[Vec<f64>], b: &[f64], bounds: &[[f64; 2]]) -> Vec<f64> {
     let mut x = vec![0.0; b.len()];
     for _ in 0..SWEEPS {
         for i in 0..x.len() {
@@ -164,9 +171,9 @@ mod tests {
     #[test]
     fn minima_respect_bounds() {
         let a = vec![vec![2.0, 1.0], vec![1.0, 3.0]];
-        let free = minimise(&a, &[1.0, 2.0], &[[f64::NEG_INFINITY, f64::INFINITY]; 2]);
+        let free = minimize(&a, &[1.0, 2.0], &[[f64::NEG_INFINITY, f64::INFINITY]; 2]);
         assert!((free[0] - 0.2).abs() < 1e-9 && (free[1] - 0.6).abs() < 1e-9, "{free:?}");
-        let bound = minimise(&a, &[1.0, 2.0], &[[-1.0, 1.0], [-1.0, 0.3]]);
+        let bound = minimize(&a, &[1.0, 2.0], &[[-1.0, 1.0], [-1.0, 0.3]]);
         assert!((bound[0] - 0.35).abs() < 1e-9 && bound[1] == 0.3, "{bound:?}");
     }
 }

@@ -1,20 +1,22 @@
-//! Fits parameters to measures: from targets, such as those of a micrograph, to a specification whose models have them.
+//! Fits parameters to measures: from targets, such as the measures of a micrograph, to a
+//! specification whose models meet them.
 //!
-//! Candidates are measured on reduced models, with the same seeds for all; the result is verified on models that are grown in full
-//! with other seeds. `docs/fitting.md` describes the method.
+//! The search measures candidates on reduced models, with the same seeds for all candidates. It
+//! verifies the result on models that are grown in full with other seeds. `docs/fitting.md`
+//! describes the method.
 //!
 //! | file | subject |
 //! |---|---|
 //! | `request` | the request as JSON or CSV, valid by construction |
-//! | `target` | a quantity in a region and the accepted range; misfit |
-//! | `variable` | a parameter between two bounds; which parameters targets depend on |
-//! | `error` | why a fit gave no result |
-//! | `evaluate` | a candidate measured on a reduced model |
-//! | `search` | the optimiser, its candidates, checkpoints |
+//! | `target` | a quantity in a region and its accepted range; loss |
+//! | `variable` | a parameter between two bounds; parameters that targets depend on |
+//! | `error` | errors of a fit |
+//! | `evaluate` | measures of a candidate on a reduced model |
+//! | `search` | the optimizer, its candidates, checkpoints |
 //! | `image` | targets from images of sections |
 //! | `linear` | a linear model of the deviations near a candidate |
-//! | `limits` | targets that cannot be met, and by which bounds |
-//! | `result` | what a fit gives |
+//! | `limits` | targets that cannot be met, and the bounds that prevent it |
+//! | `result` | the result of a fit |
 //! | `watch` | progress |
 
 mod error;
@@ -44,15 +46,18 @@ pub use watch::{FitProgress, FitSink, FitStage};
 
 use crate::generate::{Backend, CancelToken, Cost, GenerateError, Outputs, Request, generate};
 use crate::spec::ModelSpec;
-use evaluate::{Candidate, Unmeasured};
+use evaluate::Candidate;
 use rayon::prelude::*;
 use search::{Archive, search};
 use std::path::Path;
 use watch::Watch;
 
-/// Searches for a spec that meets the targets, and verifies it. Uses all threads of the rayon pool in which it is called; the result does
-/// not depend on their number. `dir` takes the files of models, which are removed again. No more models are grown at a time than
-/// the limit of predicted memory allows. A search continues from a `checkpoint` that an earlier one gave to its sink.
+/// Searches for a spec that meets the targets, and verifies it.
+///
+/// Uses all threads of the rayon pool in which it is called; the result does not depend on their
+/// number. `dir` receives the files of models, which are deleted again. The limit of predicted
+/// memory bounds the number of models that are grown at the same time. A search continues from a
+/// `checkpoint` that an earlier search passed to its sink.
 ///
 /// # Errors
 /// [`FitError`].
@@ -70,7 +75,8 @@ pub fn fit(
     let found = search(fit, &archive)?;
     let unmet = limits::unmet(fit, &archive, &found.best)?;
     watch.verify();
-    let spec = fit.at(&found.best.places).map_err(|_| Unmeasured::Failed("the best candidate is invalid".into()))?;
+    let invalid = |_| FitError::Search { detail: "the best candidate is invalid".to_owned() };
+    let spec = fit.at(&found.best.places).map_err(invalid)?;
     let models = models(fit, &spec, dir, memory_limit_bytes, &watch)?;
     Ok(FitResult {
         preset: fit.preset.name.clone(),
@@ -91,7 +97,8 @@ pub fn fit(
     })
 }
 
-/// Refuses a fit whose start, or whose variables at their upper bounds, need more memory than allowed.
+/// Refuses a fit whose start, or whose variables at their upper bounds, need more memory than
+/// allowed.
 fn check_memory(fit: &FitSpec, limit: Option<u64>) -> Result<(), FitError> {
     let Some(limit) = limit else { return Ok(()) };
     let needed = fit.extremes().map(|spec| Cost::new(&spec, &Outputs::none()).memory_bytes).max().unwrap_or_default();

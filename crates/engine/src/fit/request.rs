@@ -4,59 +4,54 @@ use super::target::{TOLERANCE, Target, refused};
 use super::variable::Variable;
 use crate::generate::{Cost, Outputs};
 use crate::spec::{DEFAULT_PRESET, End, Fault, Integrator, Lever, ModelSpec, Preset, members, preset, presets};
-use serde::Deserialize;
 use serde_json::{Map, Value, json};
 use sha2::{Digest, Sha256};
 
 /// Members of a request.
 pub const MEMBERS: [&str; 9] =
     ["preset", "spec", "targets", "targets_csv", "vary", "evaluations", "seeds", "models", "seed"];
-/// Most targets.
+/// Maximum number of targets.
 pub const MOST_TARGETS: usize = 100;
-/// Most variables.
+/// Maximum number of variables.
 pub const MOST_VARIABLES: usize = 20;
-/// Most candidates, and the number if none is given.
+/// Maximum and default number of candidates.
 pub const EVALUATIONS: [u32; 2] = [2000, 70];
-/// Most seeds of the search, and the number if none is given.
+/// Maximum and default number of seeds of the search.
 pub const SEEDS: [u32; 2] = [16, 4];
-/// Most models that are grown in full at the end, and the number if none is given.
+/// Maximum and default number of models that are grown in full at the end.
 pub const MODELS: [u32; 2] = [20, 4];
-/// One of so many candidates is measured with the physics of the spec.
+/// Number of candidates per candidate that is measured with the physics of the spec.
 const REFINED: u32 = 6;
-/// Measures that cost little are the mean over so many times the seeds.
+/// Factor on the number of seeds for measures that cost little.
 pub(super) const EARLY_SEEDS: u32 = 4;
-/// Greatest number of a target; no measure comes near it.
+/// Maximum absolute number in a target; no measure comes near it.
 const LARGEST: f64 = 1e12;
-/// Greatest seed; the last of the seeds counted from it is still a seed.
+/// Maximum seed. The last of the seeds counted from the seed of a request must not exceed it.
 const SEED_MAX: u64 = (1 << 53) - 1;
 
-/// What is to be fitted; valid by construction.
+/// Specification of a fit, valid by construction.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FitSpec {
     pub(super) preset: &'static Preset,
-    /// The spec that the search starts from.
+    /// Spec from which the search starts.
     pub(super) start: ModelSpec,
     pub(super) targets: Vec<Target>,
     pub(super) variables: Vec<Variable>,
-    /// Candidates, at most.
+    /// Maximum number of candidates.
     pub(super) evaluations: u32,
-    /// Seeds of each candidate.
+    /// Number of seeds of each candidate.
     pub(super) seeds: u32,
-    /// Models of the result that are grown in full.
+    /// Number of models of the result that are grown in full.
     pub(super) models: u32,
     pub(super) seed: u64,
 }
 
-/// A target as it is requested.
-#[derive(Debug, Default, Deserialize)]
-struct Requested {
-    value: Option<f64>,
-    low: Option<f64>,
-    high: Option<f64>,
-}
+/// Value, low end and high end of a requested target.
+type RequestedRange = [Option<f64>; 3];
 
 impl FitSpec {
-    /// Reads a request. `measured` are targets from images; `others` are members that the caller reads.
+    /// Reads a request. `measured` contains targets from images, `others` the names of members that
+    /// the caller reads.
     ///
     /// # Errors
     /// All faults.
@@ -95,7 +90,7 @@ impl FitSpec {
         }
     }
 
-    /// The request with everything that it leaves open, as JSON that [`FitSpec::read`] reads.
+    /// The request with all defaults, as JSON that [`FitSpec::read`] reads.
     #[must_use]
     pub fn to_json(&self) -> Value {
         let vary: Vec<_> = self.variables.iter().map(Variable::shown).collect();
@@ -105,44 +100,33 @@ impl FitSpec {
         })
     }
 
-    /// SHA-256 of all that the result depends on, in lower-case hex.
+    /// SHA-256 of everything that the result depends on, in lower-case hex.
     #[must_use]
     pub fn digest(&self) -> String {
         let whole = json!({ "engine": crate::ENGINE_VERSION, "fit": self.to_json() });
         hex::encode(Sha256::digest(crate::spec::canonical_json(&whole)))
     }
 
-    /// The preset.
+    /// Preset of the spec.
     #[must_use]
     pub fn preset(&self) -> &'static Preset {
         self.preset
     }
 
-    /// The seed.
+    /// First seed.
     #[must_use]
     pub fn seed(&self) -> u64 {
         self.seed
     }
 
-    /// The spec that the search starts from.
-    #[must_use]
-    pub fn start(&self) -> &ModelSpec {
-        &self.start
-    }
-
-    /// The targets.
-    #[must_use]
-    pub fn targets(&self) -> &[Target] {
-        &self.targets
-    }
-
-    /// The spec that the search starts from and, if it is valid, the one with all variables at their upper bounds, which is the
-    /// costliest for most.
+    /// Specs for the prediction of memory: the one from which the search starts and, if it is
+    /// valid, the one with all variables at their upper bounds, which costs most for most
+    /// variables.
     pub fn extremes(&self) -> impl Iterator<Item = ModelSpec> {
         std::iter::once(self.start.clone()).chain(self.at(&vec![1.0; self.variables.len()]))
     }
 
-    /// Predicted seconds on one core: as many candidates as are allowed, each like the start.
+    /// Predicted seconds on one core for the maximum number of candidates, each like the start.
     #[must_use]
     pub fn predicted_seconds(&self) -> f64 {
         let seconds = |spec: &ModelSpec| {
@@ -153,17 +137,19 @@ impl FitSpec {
         reduced * seconds(&self.reduced(self.start.clone())) + whole * seconds(&self.start)
     }
 
-    /// Candidates, at most, that are measured with the physics of the spec after the search on reduced ones.
+    /// Maximum number of candidates that are measured with the physics of the spec after the search
+    /// on reduced models.
     pub(super) fn refined(&self) -> u32 {
         if self.start.solver.integrator == Integrator::Euler { 0 } else { self.evaluations.div_ceil(REFINED) }
     }
 
-    /// Candidates of the search on reduced models, at most.
+    /// Maximum number of candidates of the search on reduced models.
     pub(super) fn explored(&self) -> u32 {
         self.evaluations - self.refined()
     }
 
-    /// A spec with Euler steps, if they are stable: a third of the time, and nearly all measures are the same on average.
+    /// The spec with Euler steps, if they are stable. They take a third of the time, and nearly all
+    /// measures are equal on average.
     pub(super) fn reduced(&self, spec: ModelSpec) -> ModelSpec {
         let mut whole = spec.to_json();
         whole["solver"]["integrator"] = Integrator::Euler.name().into();
@@ -174,17 +160,22 @@ impl FitSpec {
         (0..u64::from(self.seeds)).map(|k| self.seed + k)
     }
 
-    /// Seeds of the models of the result: others than those of the search.
+    /// Seeds of the models of the result. The search does not use them.
     pub(super) fn model_seeds(&self) -> impl Iterator<Item = u64> {
         (0..u64::from(self.models)).map(|k| self.seed + u64::from(EARLY_SEEDS * self.seeds) + k)
     }
 
-    /// The specification at places between the bounds, from 0 to 1.
+    /// Specification at places between the bounds, from 0 to 1.
     pub(super) fn at(&self, places: &[f64]) -> Result<ModelSpec, Vec<Fault>> {
         let settings: Vec<_> =
             self.variables.iter().zip(places).map(|(v, &place)| (&v.lever, v.end, v.at(place))).collect();
         self.start.with(self.preset, &settings)
     }
+}
+
+/// The member of this name, if it is not null.
+fn given<'a>(members: &'a Map<String, Value>, name: &str) -> Option<&'a Value> {
+    members.get(name).filter(|value| !value.is_null())
 }
 
 fn preset_of(members: &Map<String, Value>, faults: &mut Vec<Fault>) -> Option<&'static Preset> {
@@ -225,15 +216,15 @@ fn targets_of(members: &Map<String, Value>, faults: &mut Vec<Fault>) -> Vec<Targ
 fn target_of(item: &Value, at: &str, faults: &mut Vec<Fault>) -> Option<Target> {
     let before = faults.len();
     let members = members(at, item, &["region", "quantity", "value", "low", "high", "source"], faults)?;
-    let mut number = |name: &str| {
-        let value = members.get(name).filter(|value| !value.is_null())?;
+    let number = |name: &str| {
+        let value = given(members, name)?;
         let number = value.as_f64().filter(|x| x.is_finite());
         if number.is_none() {
             faults.push(Fault::new(format!("{at}/{name}"), "must be a number"));
         }
         number
     };
-    let requested = Requested { value: number("value"), low: number("low"), high: number("high") };
+    let range = ["value", "low", "high"].map(number);
     let mut text = |name: &str| {
         let text = members.get(name).and_then(Value::as_str);
         if text.is_none() {
@@ -242,7 +233,7 @@ fn target_of(item: &Value, at: &str, faults: &mut Vec<Fault>) -> Option<Target> 
         text
     };
     let (region, quantity) = (text("region"), text("quantity"));
-    let source = members.get("source").filter(|source| !source.is_null()).map(|source| {
+    let source = given(members, "source").map(|source| {
         let text = source.as_str().filter(|text| text.chars().count() <= 300);
         if text.is_none() {
             faults.push(Fault::new(format!("{at}/source"), "must be a string of at most 300 characters"));
@@ -252,20 +243,19 @@ fn target_of(item: &Value, at: &str, faults: &mut Vec<Fault>) -> Option<Target> 
     if faults.len() > before {
         return None;
     }
-    let made = target(region?, quantity?, &requested, source);
+    let made = target(region?, quantity?, range, source);
     made.map_err(|(member, detail)| faults.push(Fault::new(format!("{at}/{member}"), detail))).ok()
 }
 
 fn target(
     region: &str,
     quantity: &str,
-    requested: &Requested,
+    [value, low, high]: RequestedRange,
     source: Option<String>,
 ) -> Result<Target, (&'static str, String)> {
     if let Some(refused) = refused(region, quantity) {
         return Err(refused);
     }
-    let &Requested { value, low, high } = requested;
     let middle = low.zip(high).map(|(low, high)| 0.5 * (low + high));
     let Some(value) = value.or(middle) else {
         return Err(("value", "is needed, or both `low` and `high`".into()));
@@ -286,7 +276,8 @@ fn target(
     Ok(Target { region: region.into(), quantity: quantity.into(), value, low, high, source })
 }
 
-/// Targets from CSV with a header: `region,quantity,value,low,high`, in any order; the last three may be missing or empty.
+/// Reads targets from CSV with the header `region,quantity,value,low,high` in any order. The last
+/// three columns may be missing or empty.
 fn csv_of(text: &Value, faults: &mut Vec<Fault>) -> Vec<Target> {
     let at = "/targets_csv";
     let Some(text) = text.as_str() else {
@@ -334,8 +325,8 @@ fn csv_target(header: &csv::StringRecord, record: &csv::StringRecord) -> Result<
             _ => Err(format!("{name}: `{}` is no number", text.chars().take(40).collect::<String>())),
         },
     };
-    let requested = Requested { value: number("value")?, low: number("low")?, high: number("high")? };
-    target(cell("region"), cell("quantity"), &requested, None).map_err(|(member, detail)| format!("{member}: {detail}"))
+    let range = [number("value")?, number("low")?, number("high")?];
+    target(cell("region"), cell("quantity"), range, None).map_err(|(member, detail)| format!("{member}: {detail}"))
 }
 
 fn variables_of(
@@ -344,7 +335,7 @@ fn variables_of(
     start: &ModelSpec,
     faults: &mut Vec<Fault>,
 ) -> Vec<Variable> {
-    let Some(list) = members.get("vary").filter(|list| !list.is_null()) else {
+    let Some(list) = given(members, "vary") else {
         return Variable::chosen(targets, start);
     };
     let Some(items) = list.as_array().filter(|items| (1..=MOST_VARIABLES).contains(&items.len())) else {
@@ -371,29 +362,15 @@ fn variables_of(
 fn variable_of(item: &Value, at: &str, start: &ModelSpec, faults: &mut Vec<Fault>) -> Option<Variable> {
     let before = faults.len();
     let members = members(at, item, &["parameter", "end", "from", "to"], faults)?;
-    let lever = match members.get("parameter").and_then(Value::as_str).map(Lever::at) {
-        Some(Ok(lever)) => Some(lever),
-        Some(Err(detail)) => {
-            faults.push(Fault::new(format!("{at}/parameter"), detail));
-            None
-        }
-        None => {
-            faults.push(Fault::new(format!("{at}/parameter"), "must be the JSON pointer of a parameter"));
-            None
-        }
-    };
-    let end = match members.get("end") {
-        None | Some(Value::Null) => None,
-        Some(value) => {
-            let end: Option<End> = serde_json::from_value(value.clone()).ok();
-            if end.is_none() {
-                faults.push(Fault::new(format!("{at}/end"), "must be isthmus or ampulla"));
-            }
-            end
-        }
-    };
+    let pointer = members.get("parameter").and_then(Value::as_str);
+    let lever = pointer.map_or_else(|| Err("must be the JSON pointer of a parameter".to_owned()), Lever::at);
+    let lever = lever.map_err(|detail| faults.push(Fault::new(format!("{at}/parameter"), detail))).ok();
+    let end = given(members, "end").and_then(|value| {
+        let end: Result<End, _> = serde_json::from_value(value.clone());
+        end.map_err(|_| faults.push(Fault::new(format!("{at}/end"), "must be isthmus or ampulla"))).ok()
+    });
     let bounds = ["from", "to"].map(|name| {
-        let value = members.get(name).filter(|value| !value.is_null())?;
+        let value = given(members, name)?;
         if !value.is_number() {
             faults.push(Fault::new(format!("{at}/{name}"), "must be a number"));
         }
@@ -413,7 +390,7 @@ fn count(
     usual: u64,
     faults: &mut Vec<Fault>,
 ) -> u64 {
-    let Some(value) = members.get(name).filter(|value| !value.is_null()) else { return usual };
+    let Some(value) = given(members, name) else { return usual };
     // 62.0 is an integer in JSON.
     let real = || value.as_f64().filter(|x| x.fract() == 0.0 && (0.0..=SEED_MAX as f64).contains(x)).map(|x| x as u64);
     let number = value.as_u64().or_else(real).filter(|n| (least..=most).contains(n));

@@ -1,4 +1,5 @@
-//! What a fit gives: the spec, how near it comes to each target, and models of it grown in full.
+//! Result of a fit: the spec, its distance from each target, and models of it that are grown in
+//! full.
 
 use super::limits::Unmet;
 use super::search::{Ended, Fall};

@@ -1,12 +1,15 @@
-//! The search: CMA-ES over the places between the bounds of the variables, and between its generations steps of a linear model of
-//! the deviations, which need far fewer candidates where one holds. It goes on reduced models; then more steps of the linear model,
-//! from the best candidate, are measured with the physics of the spec.
+//! The search: CMA-ES over the places between the bounds of the variables. Between the generations
+//! of CMA-ES, the search takes steps of a linear model of the deviations, which needs far fewer
+//! candidates where the deviations are nearly linear. This part runs on reduced models. Then
+//! further steps of the linear model, from the best candidate, are measured with the physics of the
+//! spec.
 //!
-//! Its state is the list of candidates so far. The optimiser draws from a generator with a fixed seed, so that a search that
-//! continues from a checkpoint asks for the same candidates again and finds them in the list.
+//! The state of the search is the list of its candidates. The optimizer draws from a generator with
+//! a fixed seed, so a search that continues from a checkpoint requests the same candidates again
+//! and finds them in the list.
 
 use super::error::FitError;
-use super::evaluate::{Candidate, Evaluator, Physics, Unmeasured, misfit};
+use super::evaluate::{Candidate, Evaluator, Physics, misfit};
 use super::linear::Linear;
 use super::request::FitSpec;
 use super::watch::Watch;
@@ -16,17 +19,20 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// First standard deviation of the candidates, as a part of the distance of the bounds.
+/// Initial standard deviation of the candidates, as a fraction of the distance of the bounds.
 const SPREAD: f64 = 0.12;
-/// The search ends when every deviation is below this: a fifth of the accepted range.
+/// Maximum deviation at which the search ends: a fifth of the accepted range.
 const CLOSE: f64 = 0.2;
-/// How far a step of the linear model goes in a variable, as a part of the distance of the bounds.
+/// Maximum length of a step of the linear model in a variable, as a fraction of the distance of the
+/// bounds.
 const REACHES: [f64; 2] = [0.3, 0.08];
-/// Steps of the linear model are repeated if the misfit falls below this part of the last one.
+/// Maximum quotient of the misfits after and before a step of the linear model for which such steps
+/// are repeated.
 const PAYS: f64 = 0.9;
-/// The search ends when so many generations have not lowered the misfit like that.
+/// Number of generations without such an improvement after which the search ends.
 const PATIENCE: usize = 4;
-/// The candidates no longer differ when their standard deviation is below this part of the distance of the bounds.
+/// Standard deviation of the candidates, as a fraction of the distance of the bounds, below which
+/// the search ends.
 const LEAST_SPREAD: f64 = 1e-3;
 /// Misfit of a candidate without measures.
 const NO_MODEL: f64 = 1e6;
@@ -60,23 +66,23 @@ pub struct Fall {
 
 /// A finished search.
 #[derive(Debug)]
-pub(super) struct Found {
-    /// The best candidate with the physics of the spec.
+pub(super) struct SearchResult {
+    /// Best candidate with the physics of the spec.
     pub(super) best: Candidate,
-    /// Misfit of the spec that the search started from; none if it could not be measured.
+    /// Misfit of the spec from which the search started; `None` if it could not be measured.
     pub(super) start: Option<f64>,
-    /// Where the least misfit fell: on reduced models, and then with the physics of the spec.
+    /// Falls of the minimum misfit: on reduced models, then with the physics of the spec.
     pub(super) history: Vec<Fall>,
-    /// Candidates that could be measured.
+    /// Number of candidates that could be measured.
     pub(super) evaluations: usize,
-    /// Candidates that could not be measured.
+    /// Number of candidates that could not be measured.
     pub(super) failed: usize,
     pub(super) ended: Ended,
 }
 
-/// A candidate with its measures or why it has none, as in checkpoints.
+/// A candidate with its measures, or with the reason why it has none, as in checkpoints.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-struct Entry {
+struct ArchiveEntry {
     physics: Physics,
     places: Vec<f64>,
     #[serde(default)]
@@ -87,9 +93,9 @@ struct Entry {
 
 #[derive(Serialize, Deserialize)]
 struct Checkpoint {
-    /// Digest of the request and the engine.
+    /// Digest of the request and the engine version.
     digest: String,
-    entries: Vec<Entry>,
+    entries: Vec<ArchiveEntry>,
 }
 
 type Key = (Physics, Vec<u64>);
@@ -98,13 +104,13 @@ fn key(physics: Physics, places: &[f64]) -> Key {
     (physics, places.iter().map(|place| place.to_bits()).collect())
 }
 
-/// Candidates by place: those of a checkpoint are found instead of measured.
+/// Candidates by place. Candidates of a checkpoint are found instead of measured.
 pub(super) struct Archive<'a> {
     fit: &'a FitSpec,
     evaluator: Evaluator<'a>,
     watch: &'a Watch<'a>,
-    known: Mutex<BTreeMap<Key, Entry>>,
-    /// Keys in the order in which they were asked for; the measured candidates of the search.
+    known: Mutex<BTreeMap<Key, ArchiveEntry>>,
+    /// Keys in the order of their requests: the measured candidates of the search.
     order: Mutex<Vec<Key>>,
 }
 
@@ -112,7 +118,7 @@ impl<'a> Archive<'a> {
     pub(super) fn new(fit: &'a FitSpec, checkpoint: Option<&[u8]>, watch: &'a Watch<'a>) -> Self {
         let read = checkpoint.and_then(|bytes| serde_json::from_slice::<Checkpoint>(bytes).ok());
         let entries = read.filter(|checkpoint| checkpoint.digest == fit.digest()).map(|checkpoint| checkpoint.entries);
-        let fits = |entry: &Entry| {
+        let fits = |entry: &ArchiveEntry| {
             entry.places.len() == fit.variables.len()
                 && (entry.failed.is_some() || entry.measures.len() == fit.targets.len())
         };
@@ -132,7 +138,7 @@ impl<'a> Archive<'a> {
         serde_json::to_vec(&checkpoint).unwrap_or_default()
     }
 
-    /// The misfit of a candidate that the optimiser asks for.
+    /// Measures a candidate that the optimizer requests. Returns its misfit.
     fn ask(&self, places: &[f64], physics: Physics, asked: &Mutex<Vec<Key>>) -> f64 {
         let entry = self.entry(places, physics);
         asked.lock().push(key(physics, places));
@@ -147,8 +153,9 @@ impl<'a> Archive<'a> {
         self.order.lock().extend(asked);
     }
 
-    /// The candidates that could be measured, in order. Those on reduced models are shifted by as much as the measures of the best one
-    /// of them change with the physics of the spec, so that all are comparable.
+    /// Measured candidates in order. The candidates on reduced models are shifted by the change
+    /// that the physics of the spec makes to the measures of the best of them, so that all
+    /// candidates are comparable.
     pub(super) fn candidates(&self) -> Vec<Candidate> {
         let (known, order) = (self.known.lock(), self.order.lock());
         let measured = |key: &Key| known.get(key).cloned().and_then(candidate);
@@ -172,19 +179,19 @@ impl<'a> Archive<'a> {
         order.iter().filter_map(one).collect()
     }
 
-    /// None if the candidate could not be measured.
-    fn misfit(&self, entry: &Entry) -> Option<f64> {
+    /// Misfit of an entry; `None` if the candidate could not be measured.
+    fn misfit(&self, entry: &ArchiveEntry) -> Option<f64> {
         entry.failed.is_none().then(|| misfit(&self.fit.targets, &entry.measures))
     }
 
-    /// The misfit where the search started, on a reduced model if there was one.
+    /// Misfit of the spec from which the search started, on a reduced model if there was one.
     fn start_misfit(&self, start: &[f64]) -> Option<f64> {
         let known = self.known.lock();
         let of = |physics: Physics| self.misfit(known.get(&key(physics, start))?);
         of(Physics::Reduced).or_else(|| of(Physics::Whole))
     }
 
-    /// Where the least misfit fell, of each physics for itself.
+    /// Falls of the minimum misfit, separately for each physics.
     fn history(&self) -> Vec<Fall> {
         let (known, order) = (self.known.lock(), self.order.lock());
         let measured = order.iter().filter_map(|key| Some((key.0, self.misfit(known.get(key)?)?)));
@@ -199,7 +206,7 @@ impl<'a> Archive<'a> {
         measured.enumerate().filter_map(fall).collect()
     }
 
-    /// The candidate of least misfit with some physics.
+    /// Candidate with the minimum misfit of this physics.
     fn best(&self, physics: Physics) -> Option<Candidate> {
         let (known, order) = (self.known.lock(), self.order.lock());
         let of = order.iter().filter(|key| key.0 == physics).filter_map(|key| known.get(key));
@@ -208,15 +215,16 @@ impl<'a> Archive<'a> {
     }
 
     /// Measures candidates in parallel, and lists them in this order.
-    pub(super) fn measure(&self, all: &[Vec<f64>], physics: Physics) -> Result<(), Unmeasured> {
+    pub(super) fn measure(&self, all: &[Vec<f64>], physics: Physics) -> Result<(), FitError> {
         all.par_iter().try_for_each(|places| self.entry(places, physics).map(|_| ()))?;
         self.order.lock().extend(all.iter().map(|places| key(physics, places)));
         Ok(())
     }
 
-    fn entry(&self, places: &[f64], physics: Physics) -> Result<Entry, Unmeasured> {
+    fn entry(&self, places: &[f64], physics: Physics) -> Result<ArchiveEntry, FitError> {
         let key = key(physics, places);
-        // Its lock is released before that of the watch is taken: a checkpoint takes them the other way round.
+        // The lock is released before that of the watch is taken, because a checkpoint takes both
+        // in the opposite order.
         let known = self.known.lock().get(&key).cloned();
         if let Some(known) = known {
             self.watch.remembered(physics, self.misfit(&known));
@@ -224,10 +232,10 @@ impl<'a> Archive<'a> {
         }
         let (measures, failed) = match self.evaluator.measure(places, physics) {
             Ok(measures) => (measures, None),
-            Err(Unmeasured::Failed(detail)) => (Vec::new(), Some(detail)),
-            Err(Unmeasured::Cancelled) => return Err(Unmeasured::Cancelled),
+            Err(FitError::Search { detail }) => (Vec::new(), Some(detail)),
+            Err(error) => return Err(error),
         };
-        let entry = Entry { physics, places: places.to_vec(), measures, failed };
+        let entry = ArchiveEntry { physics, places: places.to_vec(), measures, failed };
         self.known.lock().insert(key, entry.clone());
         self.watch.measured(physics, self.misfit(&entry), || self.checkpoint());
         Ok(entry)
@@ -238,12 +246,12 @@ impl<'a> Archive<'a> {
         self.evaluator.seeds(target)
     }
 
-    /// Candidates asked for so far.
+    /// Number of candidates so far.
     pub(super) fn len(&self) -> usize {
         self.order.lock().len()
     }
 
-    /// How many candidates could not be measured, and why the last of them.
+    /// Number of candidates that could not be measured, and the reason of the last of them.
     fn failures(&self) -> (usize, Option<String>) {
         let (known, order) = (self.known.lock(), self.order.lock());
         let failed: Vec<&String> = order.iter().filter_map(|key| known.get(key)?.failed.as_ref()).collect();
@@ -251,23 +259,26 @@ impl<'a> Archive<'a> {
     }
 }
 
-fn candidate(entry: Entry) -> Option<Candidate> {
+fn candidate(entry: ArchiveEntry) -> Option<Candidate> {
     entry.failed.is_none().then_some(Candidate { places: entry.places, measures: entry.measures })
 }
 
-/// A coordinate of the optimiser as a place from 0 to 1: reflected at the bounds, so that it needs no bounds of its own.
+/// Converts a coordinate of the optimizer to a place from 0 to 1. Reflection at the bounds replaces
+/// bounds in the optimizer.
 fn reflected(x: f64) -> f64 {
     let turn = x.rem_euclid(2.0);
     if turn > 1.0 { 2.0 - turn } else { turn }
 }
 
-/// Candidates of a generation: those that CMA-ES recommends, and an even number, so that two cores have equal work.
+/// Number of candidates of a generation: as CMA-ES recommends, rounded up to an even number, so
+/// that two cores have equal work.
 pub(super) fn population(variables: usize) -> usize {
     let usual = 4 + (3.0 * (variables as f64).ln()).floor() as usize;
     usual.next_multiple_of(2)
 }
 
-/// Measures where a linear model of the deviations near the best candidate leads: as far as it wants, and a little.
+/// Measures the candidates to which a linear model of the deviations near the best candidate leads,
+/// with a long and a short step.
 fn steps(fit: &FitSpec, archive: &Archive<'_>, physics: Physics) -> Result<(), FitError> {
     let Some(best) = archive.best(physics) else { return Ok(()) };
     let model = Linear::around(&best, &archive.candidates(), &fit.targets);
@@ -275,8 +286,8 @@ fn steps(fit: &FitSpec, archive: &Archive<'_>, physics: Physics) -> Result<(), F
     Ok(())
 }
 
-/// Searches on reduced models, and then near the best of them with the physics of the spec.
-pub(super) fn search(fit: &FitSpec, archive: &Archive<'_>) -> Result<Found, FitError> {
+/// Searches on reduced models, then near the best of them with the physics of the spec.
+pub(super) fn search(fit: &FitSpec, archive: &Archive<'_>) -> Result<SearchResult, FitError> {
     let start: Vec<f64> = fit.variables.iter().map(super::variable::Variable::start).collect();
     let physics = if fit.refined() > 0 { Physics::Reduced } else { Physics::Whole };
     let explored = explore(fit, archive, &start, physics)?;
@@ -288,10 +299,11 @@ pub(super) fn search(fit: &FitSpec, archive: &Archive<'_>) -> Result<Found, FitE
         return Err(FitError::Search { detail: format!("no candidate could be measured: {detail}") });
     };
     let (history, evaluations) = (archive.history(), archive.len() - failed);
-    Ok(Found { best, start: start_misfit, history, evaluations, failed, ended })
+    Ok(SearchResult { best, start: start_misfit, history, evaluations, failed, ended })
 }
 
-/// Searches until the targets are met closely, the evaluations are used, or the candidates no longer differ.
+/// Searches until all targets are closely met, the evaluations are used, or the candidates differ
+/// too little.
 fn explore(fit: &FitSpec, archive: &Archive<'_>, start: &[f64], physics: Physics) -> Result<Ended, FitError> {
     let targets = &fit.targets;
     let population = population(start.len());
@@ -304,8 +316,8 @@ fn explore(fit: &FitSpec, archive: &Archive<'_>, start: &[f64], physics: Physics
         |x: &DVector<f64>| archive.ask(&x.iter().map(|&x| reflected(x)).collect::<Vec<_>>(), physics, &asked);
     let options =
         CMAESOptions::new(start.to_vec(), SPREAD).seed(fit.seed).population_size(population).tol_x(LEAST_SPREAD);
-    let mut optimiser =
-        options.build(objective).map_err(|error| FitError::Search { detail: format!("the optimiser: {error:?}") })?;
+    let mut optimizer =
+        options.build(objective).map_err(|error| FitError::Search { detail: format!("the optimizer: {error:?}") })?;
     let mut steps_pay = false;
     let (mut best_known, mut since) = (f64::INFINITY, 0);
     loop {
@@ -320,11 +332,11 @@ fn explore(fit: &FitSpec, archive: &Archive<'_>, start: &[f64], physics: Physics
             return Ok(Ended::Evaluations);
         }
         let before = best.map_or(f64::INFINITY, |best| best.misfit(targets));
-        // Steps of the linear model as long as they pay, else a generation of the optimiser.
+        // Takes steps of the linear model while they pay, otherwise a generation of the optimizer.
         if steps_pay {
             steps(fit, archive, physics)?;
         } else {
-            let stopped = optimiser.next_parallel();
+            let stopped = optimizer.next_parallel();
             archive.list(std::mem::take(&mut *asked.lock()));
             if stopped.is_some() {
                 return Ok(Ended::Converged);
@@ -332,7 +344,7 @@ fn explore(fit: &FitSpec, archive: &Archive<'_>, start: &[f64], physics: Physics
         }
         let after = archive.best(physics).map_or(f64::INFINITY, |best| best.misfit(targets));
         steps_pay = !steps_pay || after < PAYS * before;
-        // Candidates since the misfit last fell clearly.
+        // The number of candidates since the last clear fall of the misfit decides the end.
         if after < PAYS * best_known {
             (best_known, since) = (after, archive.len());
         } else if archive.len() - since > PATIENCE * population {
@@ -341,7 +353,8 @@ fn explore(fit: &FitSpec, archive: &Archive<'_>, start: &[f64], physics: Physics
     }
 }
 
-/// Measures the best candidate with the physics of the spec, and follows the linear model from there.
+/// Measures the best candidate with the physics of the spec, and follows the linear model from
+/// there.
 fn refine(fit: &FitSpec, archive: &Archive<'_>, start: &[f64], explored: Ended) -> Result<Ended, FitError> {
     let from = archive.best(Physics::Reduced).map_or_else(|| start.to_vec(), |best| best.places);
     let most = archive.len() + fit.refined() as usize;

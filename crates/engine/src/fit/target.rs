@@ -1,20 +1,21 @@
-//! What is to be reached: a quantity in a region, with the range that is accepted.
+//! Target of a fit: a quantity in a region, with the accepted range.
 
 use crate::measure::morphometry::{Morphometry, Quantity, Tube};
 use serde::{Deserialize, Serialize};
 
-/// Range that is accepted if none is given: this part of the value to both sides.
+/// Half width of the accepted range if the request has none, as a fraction of the value.
 pub const TOLERANCE: f64 = 0.05;
-/// Least half of a range that a deviation is divided by, as a part of the value.
+/// Minimum half width of a range in the computation of deviations, as a fraction of the value.
 const LEAST_HALF: f64 = 0.005;
-/// Deviation of a measure that a model does not have, such as the height of folds without folds.
+/// Deviation of a measure that a model lacks, such as the height of folds without folds.
 const NOT_MEASURED: f64 = 10.0;
-/// Deviation from which on the loss grows linearly, so that one target out of reach does not outweigh all others.
+/// Deviation from which on the loss grows linearly, so that one target out of reach does not
+/// outweigh all others.
 const LINEAR_FROM: f64 = 3.0;
 
-/// Regions of sections, as in the report.
+/// Regions of sections, by their names in the report.
 const REGIONS: [&str; 4] = ["isthmus", "junction", "ampulla", "whole"];
-/// Quantities that compare a section with the next one, in the report's list of sections.
+/// Quantities that compare a section with the next one in the list of sections of the report.
 const STEPS: [&str; 2] = ["fold_continuity", "twist_deg_per_mm"];
 
 /// A quantity in a region, and the range that is accepted.
@@ -37,8 +38,8 @@ pub struct Target {
 }
 
 impl Target {
-    /// How far `measured` is from the value, in distances from the value to the end of the range on that side: from −1 to 1 within
-    /// the range.
+    /// Distance of `measured` from the value, in units of the distance from the value to the end of
+    /// the range on that side: from −1 to 1 within the range.
     #[must_use]
     pub fn deviation(&self, measured: Option<f64>) -> f64 {
         let Some(measured) = measured else { return NOT_MEASURED };
@@ -47,19 +48,19 @@ impl Target {
         off / side.max(LEAST_HALF * self.value.abs()).max(f64::MIN_POSITIVE.sqrt())
     }
 
-    /// Whether it is within the range.
+    /// True if `measured` is within the range.
     #[must_use]
     pub fn is_met(&self, measured: Option<f64>) -> bool {
         measured.is_some_and(|x| (self.low..=self.high).contains(&x))
     }
 
-    /// The measure of a model.
+    /// Measure of a model; `None` if the model lacks it.
     #[must_use]
     pub fn measured(&self, morphometry: &Morphometry) -> Option<f64> {
         morphometry.mean(&self.quantity, &self.region).filter(|value| value.is_finite())
     }
 
-    /// Whether it needs every recorded section.
+    /// True if the target needs every recorded section.
     pub(super) fn needs_all_sections(&self) -> bool {
         STEPS.contains(&self.quantity.as_str())
             || self.region == "tube" && ["fold_continuity", "twist_deg"].contains(&self.quantity.as_str())
@@ -72,8 +73,9 @@ impl Target {
     }
 }
 
-/// Loss of a deviation: (d² + d⁴)/2, which is 1 at the ends of the range and rises steeply beyond, so that it pays more to bring all
-/// targets into their ranges than some to their values; from [`LINEAR_FROM`] on a straight line.
+/// Loss of a deviation: (d² + d⁴)/2, and a straight line from [`LINEAR_FROM`] on. The loss is 1 at
+/// the ends of the range and rises steeply beyond. Bringing all targets into their ranges therefore
+/// pays more than bringing some to their values.
 #[must_use]
 pub(super) fn loss(deviation: f64) -> f64 {
     let size = deviation.abs();
@@ -93,7 +95,8 @@ pub(super) fn weight(deviation: f64) -> f64 {
     if size < 1e-9 { 0.5 } else { slope(size.min(LINEAR_FROM)) / (2.0 * size) }
 }
 
-/// Why a quantity in a region cannot be a target; `None` if it can.
+/// Reason why a quantity in a region cannot be a target, with the member at fault; `None` if it
+/// can.
 pub(super) fn refused(region: &str, quantity: &str) -> Option<(&'static str, String)> {
     if region == "tube" {
         let known = measures_of_tube();
@@ -133,7 +136,7 @@ mod tests {
             assert_eq!(folds.is_met(Some(measured)), deviation.abs() <= 1.0, "{measured}");
         }
         assert!(folds.deviation(None) > 3.0 && !folds.is_met(None));
-        // A value at the end of its range, or without a range, has a least distance.
+        // A value at the end of its range, or without a range, has a minimum distance.
         assert_eq!(target(8.0, 8.0, 10.0).deviation(Some(7.0)), -25.0);
         assert!(target(0.0, 0.0, 0.0).deviation(Some(1.0)).is_finite());
     }

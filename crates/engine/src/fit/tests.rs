@@ -1,11 +1,12 @@
-//! Whole fits of small models: hidden parameters, contradictions, checkpoints, cancel, threads.
+//! Tests of whole fits of small models: hidden parameters, contradictions, checkpoints,
+//! cancellation, threads.
 
 use super::*;
 use crate::lock::Mutex;
 use serde_json::{Value, json};
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// A tube of some hundred particles.
+/// A tube of a few hundred particles.
 fn small(patch: &Value) -> Value {
     let mut whole = json!({
         "steps": 120, "burn_in": 40,
@@ -15,7 +16,7 @@ fn small(patch: &Value) -> Value {
     whole
 }
 
-/// What models of a spec measure, with these seeds.
+/// Measures of models of a spec with these seeds.
 fn measures(spec: &Value, names: &[(&str, &str)], seed: u64) -> Vec<f64> {
     let targets: Vec<Value> =
         names.iter().map(|(region, quantity)| json!({ "region": region, "quantity": quantity, "value": 1 })).collect();
@@ -72,7 +73,7 @@ fn hidden_parameters_are_fitted_within_5_percent() {
     for target in &result.targets {
         let measured = target.measured.unwrap();
         assert!((measured / target.target.value - 1.0).abs() < 0.05 && target.met, "{target:?}");
-        // Other seeds, and a whole model: the spread of these small ones is large.
+        // Other seeds, and a whole model: small models differ strongly between seeds.
         let models = target.models_mean.unwrap();
         assert!((models / target.target.value - 1.0).abs() < 0.12, "{target:?}");
     }
@@ -81,12 +82,12 @@ fn hidden_parameters_are_fitted_within_5_percent() {
     assert!(result.models.len() == 3 && result.models.iter().all(|model| model.certified), "{:?}", result.models);
     let wall = result.parameters.iter().find(|fitted| fitted.parameter == "/containment/wall_um").unwrap();
     assert!((wall.value / 520.0 - 1.0).abs() < 0.1, "{wall:?}");
-    // The measures are those of its own physics, not those of reduced models.
+    // The measures are measures of the physics of the spec, not of reduced models.
     assert_eq!(
         result.targets.iter().map(|t| t.measured.unwrap()).collect::<Vec<_>>(),
         measures(&result.spec, &NAMES, 0)
     );
-    // The spec is complete: a request for a model takes it.
+    // The spec is complete, so a request for a model accepts it.
     let preset = crate::spec::preset(&result.preset).unwrap();
     assert!(crate::spec::ModelSpec::resolve(preset, &result.spec).is_ok());
     let falls = &result.search.history;
@@ -103,7 +104,7 @@ fn the_last_evaluations_have_the_physics_of_the_spec() {
         body["spec"]["solver"] = json!({ "integrator": integrator });
         let result = run(&body, &(), None);
         if evaluations == 1 {
-            // One candidate does not tell what has no influence.
+            // A single candidate does not show which parameters have no influence.
             assert!(!result.unmet.is_empty() && result.unmet.iter().all(|unmet| unmet.why != Why::Insensitive));
         }
         result.search
@@ -118,7 +119,7 @@ fn the_last_evaluations_have_the_physics_of_the_spec() {
     assert!(euler.evaluations >= 7 && euler.history.iter().all(|fall| !fall.reduced), "{euler:?}");
 }
 
-/// Keeps the checkpoints, and counts the candidates that were measured when each was taken.
+/// Sink that keeps the checkpoints, and counts the candidates that were measured before each.
 #[derive(Default)]
 struct Keeps {
     checkpoints: Mutex<Vec<Vec<u8>>>,
@@ -154,7 +155,7 @@ fn a_search_continues_from_a_checkpoint_and_does_not_depend_on_threads() {
     assert_eq!(pool(2).install(|| run(&body, &after, Some(&checkpoints[half]))), whole);
     let measured = after.checkpoints.lock().len();
     assert_eq!(measured, checkpoints.len() - half - 1);
-    // A checkpoint of another request, or none at all, is passed over.
+    // A checkpoint of another request, or an invalid one, is ignored.
     let mut other = body.clone();
     other["seed"] = json!(5);
     let fresh = run(&other, &(), None);
@@ -164,7 +165,7 @@ fn a_search_continues_from_a_checkpoint_and_does_not_depend_on_threads() {
 
 #[test]
 fn what_cannot_be_met_is_told_with_its_bounds() {
-    // The perimeter grows with the particles, which may not.
+    // The perimeter grows with the number of particles, which is fixed.
     let names = [("ampulla", "lumen_perimeter_mm"), ("ampulla", "tissue_thickness_p50_um")];
     let values = measures(&small(&json!({})), &names, 0);
     let body = json!({
@@ -270,7 +271,7 @@ fn a_fit_that_needs_more_memory_than_allowed_is_refused() {
     assert!(needs[0] < costliest, "{needs:?}");
     let refused = run(costliest - 1).unwrap_err();
     assert!(matches!(refused, FitError::Memory { needed, limit } if needed == costliest && limit == costliest - 1));
-    // One model at a time, with the same result as all at once.
+    // One model at a time leads to the same result as all at the same time.
     let dir = tempfile::tempdir().unwrap();
     let free = super::fit(&fit, None, dir.path(), None, &(), &CancelToken::default()).unwrap();
     assert_eq!(run(costliest).unwrap(), free);

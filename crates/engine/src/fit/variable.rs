@@ -1,16 +1,16 @@
-//! What is changed to reach the targets: parameters, each between two bounds.
+//! Variables of a fit: parameters, each between two bounds.
 
 use super::target::Target;
 use crate::spec::{End, Lever, ModelSpec};
 use serde::Serialize;
 
-/// A parameter that is searched for, where it acts, and its bounds.
+/// A varied parameter, the end at which it acts, and its bounds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Variable {
     pub(super) lever: Lever,
-    /// End of the tube where it acts; `None`: everywhere.
+    /// End of the tube where the variable acts; `None` for the whole tube.
     pub(super) end: Option<End>,
-    /// Value in the spec that the search starts from.
+    /// Value in the spec from which the search starts.
     pub(super) start: f64,
     pub(super) from: f64,
     pub(super) to: f64,
@@ -30,8 +30,8 @@ pub struct Varied {
     pub to: f64,
 }
 
-/// What a target depends on: quantities by the beginnings of their names, and the parameters that change them. The first
-/// match counts.
+/// Parameters to vary for each target: pairs of (prefixes of the names of quantities, JSON
+/// pointers). The first matching entry applies.
 const LEVERS: [(&[&str], &[&str]); 12] = [
     (&["length_mm", "isthmus_length", "ampulla_length"], &["/length_mm"]),
     (&["lumen_volume", "tissue_volume", "lumen_surface"], &["/length_mm", "/containment/wall_um", "/particles/total"]),
@@ -56,12 +56,14 @@ const LEVERS: [(&[&str], &[&str]); 12] = [
     (&[""], &["/particles/total", "/containment/spacing_um", "/collision/gap_um"]),
 ];
 
-/// Bounds that are taken if none are given: the start divided and multiplied by this.
+/// Factor of the default bounds: the start divided and multiplied by this factor.
 const FACTOR: f64 = 2.0;
 
 impl Variable {
+    /// A variable with these bounds. Missing bounds get defaults.
+    ///
     /// # Errors
-    /// A sentence on what is wrong, with the member that it is about.
+    /// The member at fault, and a sentence that says what is wrong.
     pub(super) fn new(
         lever: Lever,
         end: Option<End>,
@@ -87,7 +89,7 @@ impl Variable {
         Ok(Self { lever, end, start, from, to })
     }
 
-    /// The variables that targets depend on.
+    /// Variables for targets whose request names none.
     pub(super) fn chosen(targets: &[Target], spec: &ModelSpec) -> Vec<Self> {
         let mut chosen: Vec<(&str, Option<End>)> = Vec::new();
         for target in targets {
@@ -111,12 +113,12 @@ impl Variable {
         chosen.into_iter().filter_map(make).collect()
     }
 
-    /// Whether its logarithm is searched.
+    /// True if the logarithm of the value is varied.
     fn is_logarithmic(&self) -> bool {
         self.from > 0.0 && self.to >= 1.5 * self.from
     }
 
-    /// The value at a place between the bounds, from 0 to 1.
+    /// Value at a place between the bounds, from 0 to 1.
     pub(super) fn at(&self, place: f64) -> f64 {
         let value = if self.is_logarithmic() {
             self.from * (self.to / self.from).powf(place)
@@ -127,7 +129,7 @@ impl Variable {
         if self.lever.integer { value.round() } else { value }
     }
 
-    /// The place of the start, kept off the bounds.
+    /// Place of the start, kept off the bounds.
     pub(super) fn start(&self) -> f64 {
         let place = if self.is_logarithmic() {
             (self.start / self.from).ln() / (self.to / self.from).ln()

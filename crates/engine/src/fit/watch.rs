@@ -1,4 +1,4 @@
-//! What a fit tells while it runs: progress, and checkpoints when they are wanted.
+//! Progress of a fit, and checkpoints on request.
 
 use super::evaluate::Physics;
 use crate::clock::Stopwatch;
@@ -6,7 +6,7 @@ use crate::generate::CancelToken;
 use crate::lock::Mutex;
 use serde::{Deserialize, Serialize};
 
-/// Part of the whole that the search is counted as.
+/// Fraction of the whole fit that the search counts as.
 const SEARCH: f64 = 0.85;
 
 /// Stage of a fit.
@@ -44,15 +44,16 @@ pub struct FitProgress {
     pub eta_seconds: Option<f64>,
 }
 
-/// Receives progress and checkpoints. Called on the threads of the fit, so it must not block.
+/// Receiver of progress and checkpoints. Called on the threads of the fit, so it must not block.
 pub trait FitSink: Sync {
-    /// Called after each candidate and each model.
+    /// Receives the progress after each candidate and each model.
     fn progress(&self, progress: &FitProgress);
-    /// Whether a checkpoint is wanted, from which the search can be continued elsewhere; called after each candidate.
+    /// Returns true to request a checkpoint, from which the search can continue elsewhere. Called
+    /// after each candidate.
     fn wants_checkpoint(&self) -> bool {
         false
     }
-    /// Takes the requested checkpoint.
+    /// Receives the requested checkpoint.
     fn checkpoint(&self, _: Vec<u8>) {}
 }
 
@@ -60,21 +61,21 @@ impl FitSink for () {
     fn progress(&self, _: &FitProgress) {}
 }
 
-/// Tells a sink how far a fit is.
+/// Reports the progress of a fit to a sink.
 pub(super) struct Watch<'a> {
     sink: &'a dyn FitSink,
     cancel: &'a CancelToken,
     since: Stopwatch,
-    now: Mutex<Now>,
+    now: Mutex<WatchState>,
 }
 
-struct Now {
+struct WatchState {
     progress: FitProgress,
-    /// Models that are grown after the search.
+    /// Number of models that are grown after the search.
     models: u32,
-    /// Candidates that this attempt measured itself.
+    /// Number of candidates that this attempt measured itself.
     own: u32,
-    /// Of the candidates that the misfit is the least of.
+    /// Physics of the candidates over which `misfit` is the minimum.
     physics: Physics,
 }
 
@@ -94,7 +95,7 @@ impl<'a> Watch<'a> {
             sink,
             cancel,
             since: Stopwatch::start(),
-            now: Mutex::new(Now { progress, models, own: 0, physics: Physics::Reduced }),
+            now: Mutex::new(WatchState { progress, models, own: 0, physics: Physics::Reduced }),
         }
     }
 
@@ -102,44 +103,46 @@ impl<'a> Watch<'a> {
         self.cancel
     }
 
-    /// A candidate was measured; takes a checkpoint if one is wanted.
+    /// Reports a measured candidate, and takes a checkpoint if the sink requests one.
     pub(super) fn measured(&self, physics: Physics, misfit: Option<f64>, checkpoint: impl FnOnce() -> Vec<u8>) {
         self.report(|now| {
             now.own += 1;
             now.count(physics, misfit);
         });
-        // One thread at a time, so that the others do not take one for the same wish.
+        // The lock admits one thread at a time, so that several threads do not take checkpoints for
+        // the same request.
         let _now = self.now.lock();
         if self.sink.wants_checkpoint() {
             self.sink.checkpoint(checkpoint());
         }
     }
 
-    /// A candidate was found in the checkpoint.
+    /// Reports a candidate that the checkpoint contained.
     pub(super) fn remembered(&self, physics: Physics, misfit: Option<f64>) {
         self.report(|now| now.count(physics, misfit));
     }
 
-    /// The search has ended.
+    /// Reports the end of the search.
     pub(super) fn verify(&self) {
         self.report(|now| now.progress.stage = FitStage::Verify);
     }
 
-    /// A model of the result has ended.
+    /// Reports the end of a model of the result.
     pub(super) fn grown(&self) {
         self.report(|now| now.progress.models += 1);
     }
 
-    fn report(&self, change: impl FnOnce(&mut Now)) {
+    fn report(&self, change: impl FnOnce(&mut WatchState)) {
         let mut now = self.now.lock();
         change(&mut now);
-        let Now { progress, models, own, .. } = &mut *now;
+        let WatchState { progress, models, own, .. } = &mut *now;
         let part = |done: u32, all: u32| (f64::from(done) / f64::from(all.max(1))).min(1.0);
         progress.fraction = match progress.stage {
             FitStage::Verify => SEARCH + (0.98 - SEARCH) * part(progress.models, *models),
             FitStage::Search => SEARCH * part(progress.evaluations, progress.evaluations_most),
         };
-        // Of the candidates alone: how long the models take is not known before.
+        // Estimates only the time of the candidates, because the time of the models is not known in
+        // advance.
         let left = progress.evaluations_most.saturating_sub(progress.evaluations);
         let searching = progress.stage == FitStage::Search && *own > 1;
         progress.eta_seconds = searching.then(|| self.since.seconds() / f64::from(*own) * f64::from(left));
@@ -147,7 +150,7 @@ impl<'a> Watch<'a> {
     }
 }
 
-impl Now {
+impl WatchState {
     fn count(&mut self, physics: Physics, misfit: Option<f64>) {
         let progress = &mut self.progress;
         progress.evaluations = (progress.evaluations + 1).min(progress.evaluations_most);
@@ -189,7 +192,7 @@ mod tests {
         watch.verify();
         watch.grown();
         watch.grown();
-        // The misfits of reduced models do not count any more.
+        // The misfits of reduced models do not count once there are whole ones.
         assert_eq!(told.0.lock().last().and_then(|p| p.misfit), Some(3.0));
         watch.measured(Physics::Whole, Some(4.0), Vec::new);
         let all = told.0.lock();

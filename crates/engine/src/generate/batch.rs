@@ -1,20 +1,21 @@
-//! Generates many models at a time: all are simulated together on a GPU, and their surfaces are made on CPU threads.
+//! Generates many models at a time. All are simulated together on a GPU; CPU threads build their
+//! surfaces.
 //!
-//! The calling thread drives the device and does nothing else. Results of a member go to the member's inbox, which is
-//! processed by one task of the pool at a time: it lofts the sections as they arrive, and closes, certifies and writes the
-//! model when its simulation has ended. The device waits for a member whose inbox is full. Members share only the device: one
-//! that fails, panics or is cancelled does not affect the others.
+//! The calling thread drives the device and does nothing else. Results of a member go to its inbox,
+//! which one task of the pool at a time processes: it lofts the sections as they arrive, and
+//! closes, certifies and writes the model when its simulation has ended. The device waits for a
+//! member whose inbox is full. Members share only the device: a member that fails, panics or is
+//! cancelled does not affect the others.
 
-use super::device::{Device, Receiver};
-use super::grow::Grown;
-use super::pace::Pace;
+use super::grow::GrownSections;
+use super::pace::ProgressMeter;
 use super::types::{CancelToken, GenerateError, Outcome, Request, Sink, UsedBackend};
 use super::walls::Walls;
-use super::{Ran, check, finish};
+use super::{RunInfo, check, finish};
 use crate::clock::Stopwatch;
 use crate::lock::Mutex;
 use crate::model::Section;
-use crate::sim::gpu::{GpuDevice, GpuError};
+use crate::sim::gpu::{BatchSink, Checkpoint, GpuDevice, GpuError, replay, run_batch};
 use crate::sim::{Plan, SimError, Statistics};
 use rayon::ThreadPool;
 use std::any::Any;
@@ -25,40 +26,71 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Condvar;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Sections of a member that may wait for the loft; the device waits if there are more.
+/// Maximum number of sections of a member that wait for the loft. With more, the device waits.
 const INBOX: usize = 8;
 
 /// One model of a batch.
 #[derive(Clone, Copy)]
 pub struct Member<'a> {
-    /// What to generate; its `backend` is ignored.
+    /// Model to generate; the `backend` is ignored.
     pub request: &'a Request,
-    /// The plan of its simulation, if it has been made.
+    /// Plan of the simulation, if the caller has one.
     pub plan: Option<&'a Plan>,
-    /// Receives its progress; called from several threads, one at a time.
+    /// Receiver of the progress. Called from several threads, one at a time.
     pub sink: &'a dyn Sink,
-    /// Cancels this member only.
+    /// Cancels only this member.
     pub cancel: &'a CancelToken,
 }
 
-/// What a batch calls as it goes on.
+/// Callbacks of a batch.
 #[derive(Clone, Copy)]
 pub struct Calls<'a> {
-    /// Called once, on the thread of the caller, when the device is free for another batch. Slabs of this one may
-    /// still be simulated again.
+    /// Called once, on the thread of the caller, when the device is free for another batch. Slabs
+    /// of this batch may still be simulated again.
     pub simulated: &'a dyn Fn(),
-    /// Called once for each member as soon as it has ended, with its index.
+    /// Called once for each member, with its index, when the member has ended.
     pub ended: &'a (dyn Fn(usize, Result<Outcome, GenerateError>) + Sync),
 }
 
-/// Grows, certifies and writes `members`, simulated together on `device`; returns when all have ended.
+/// A device that runs many simulations at a time.
+pub(super) trait Device: Sync {
+    /// State of a simulation at a recorded section, from which the following slab can be replayed.
+    type Mark: Send;
+
+    /// Description of the device.
+    fn name(&self) -> String;
+    /// Runs `plans` to their ends. Calls `sink` on this thread.
+    fn run(&self, plans: &[Plan], sink: &mut dyn BatchSink<Self::Mark>) -> Result<(), GpuError>;
+    /// Sections of every step after `mark`, up to and including the next recorded one.
+    fn replay(&self, plan: &Plan, mark: &Self::Mark) -> Result<Vec<Section>, GpuError>;
+}
+
+impl Device for GpuDevice {
+    type Mark = Checkpoint;
+
+    fn name(&self) -> String {
+        GpuDevice::name(self).to_owned()
+    }
+
+    fn run(&self, plans: &[Plan], sink: &mut dyn BatchSink) -> Result<(), GpuError> {
+        run_batch(self, plans, sink).map(drop)
+    }
+
+    fn replay(&self, plan: &Plan, mark: &Checkpoint) -> Result<Vec<Section>, GpuError> {
+        replay(self, plan, mark)
+    }
+}
+
+/// Grows, certifies and writes `members`, simulated together on `device`. Returns when all members
+/// have ended.
 ///
-/// A batch that does not fit into the memory of the device is halved, and the halves are simulated one after the other.
+/// A batch that does not fit into the memory of the device is halved, and the halves are simulated
+/// one after the other.
 ///
-/// The calling thread drives the device and must not belong to `pool`, whose threads loft, certify and write; `None` is the
-/// global pool.
-/// Members that the device could not simulate or did not finish end with [`GenerateError::Gpu`]; they can be grown on
-/// the CPU from the beginning, in the same folders.
+/// The calling thread drives the device and must not belong to `pool`, whose threads loft, certify
+/// and write; `None` is the global pool. Members that the device could not simulate or did not
+/// finish end with [`GenerateError::Gpu`]. They can be grown on the CPU from the beginning, in the
+/// same directories.
 pub fn generate_batch(device: &GpuDevice, pool: Option<&ThreadPool>, members: &[Member<'_>], calls: Calls<'_>) {
     on(device, pool, members, calls);
 }
@@ -82,44 +114,44 @@ fn on<D: Device>(device: &D, pool: Option<&ThreadPool>, members: &[Member<'_>], 
     }
 }
 
-/// A result of a member.
+/// Result of the simulation of a member.
 enum Item<M> {
     Section(Section, M),
-    /// Its last step is done; with the seconds since its simulation began.
+    /// The last step is done. Contains the seconds since the simulation began.
     Simulated(Statistics, f64),
     Broken(GenerateError),
 }
 
-/// An unfinished surface; `None` before the first section.
+/// Unfinished surface; `None` before the first section.
 type Loft<M> = Option<Lofting<M>>;
 
 struct Lofting<M> {
     walls: Walls,
-    /// The state at the last section of it.
+    /// State at the last section of the surface.
     mark: M,
 }
 
 struct Inbox<M> {
     items: VecDeque<Item<M>>,
-    /// Whether a task processes it, or is scheduled to.
+    /// True if a task processes the inbox, or is scheduled to.
     scheduled: bool,
 }
 
 struct Growing<'a, M> {
     /// Index among the members of the caller.
     index: usize,
-    /// Index among those that the device runs.
+    /// Index among the members that the device runs.
     slot: usize,
     member: Member<'a>,
-    /// The step of its first section; the device reports earlier ones, too.
+    /// Step of the first section of the model. The device also reports earlier sections.
     first: u32,
-    pace: Mutex<Pace<'a>>,
+    pace: Mutex<ProgressMeter<'a>>,
     inbox: Mutex<Inbox<M>>,
     /// Notified when an item is taken from the inbox.
     taken: Condvar,
     /// `None` once the member has ended.
     loft: Mutex<Option<Loft<M>>>,
-    /// Whether the device has reported its end.
+    /// True if the device has reported the end of the simulation.
     simulated: AtomicBool,
     ended: AtomicBool,
 }
@@ -131,7 +163,7 @@ impl<'a, M> Growing<'a, M> {
             slot,
             member: *member,
             first: *member.request.spec.recorded().start(),
-            pace: Mutex::new(Pace::new(member.request, member.sink)),
+            pace: Mutex::new(ProgressMeter::new(member.request, member.sink)),
             inbox: Mutex::new(Inbox { items: VecDeque::new(), scheduled: false }),
             taken: Condvar::new(),
             loft: Mutex::new(Some(None)),
@@ -152,7 +184,7 @@ struct Batch<'a, D: Device> {
 impl<'a, D: Device> Batch<'a, D> {
     /// Runs all simulations and posts their results, then calls `simulated`.
     fn simulate<'s>(&'s self, scope: &rayon::Scope<'s>, simulated: &dyn Fn()) {
-        // Groups of members that are simulated together; a stack, so the first to run is last.
+        // Stack of groups of members that are simulated together; the first group to run is last.
         let mut groups: Vec<Range<usize>> = Vec::from_iter((!self.growing.is_empty()).then_some(0..self.growing.len()));
         while let Some(group) = groups.pop() {
             let mut feed = Feed { batch: self, scope, first: group.start, begun: Stopwatch::start(), reported: false };
@@ -170,7 +202,7 @@ impl<'a, D: Device> Batch<'a, D> {
                         // A working device omits only cancelled members.
                         Ok(()) => GenerateError::Cancelled,
                     };
-                    // Sections of a member that will not be finished.
+                    // The remaining sections belong to a member that will not be finished.
                     member.inbox.lock().items.clear();
                     self.post(scope, member, Item::Broken(why));
                 }
@@ -179,7 +211,7 @@ impl<'a, D: Device> Batch<'a, D> {
         simulated();
     }
 
-    /// Puts an item into a member's inbox, and schedules a task for it if there is none.
+    /// Puts an item into the inbox of a member, and schedules a task for it if there is none.
     fn post<'s>(&'s self, scope: &rayon::Scope<'s>, member: &'s Growing<'a, D::Mark>, item: Item<D::Mark>) {
         let mut inbox = member.inbox.lock();
         inbox.items.push_back(item);
@@ -216,7 +248,7 @@ impl<'a, D: Device> Batch<'a, D> {
         (self.ended)(member.index, result);
     }
 
-    /// Processes an item; returns the model when it is finished.
+    /// Processes an item. Returns the model when it is finished.
     fn handle(
         &self,
         member: &Growing<'a, D::Mark>,
@@ -240,7 +272,7 @@ impl<'a, D: Device> Batch<'a, D> {
                 } else if section.step as u32 == member.first {
                     *loft = Some(Lofting { walls: Walls::new(request, &section)?, mark });
                 } else {
-                    // It lies before the piece.
+                    // The section lies before the piece.
                     return Ok(None);
                 }
                 member.pace.lock().section(&section);
@@ -250,21 +282,21 @@ impl<'a, D: Device> Batch<'a, D> {
                 tracing::debug!(seed = request.seed, ?statistics, "the device has done the steps of a member");
                 let none = || GenerateError::Simulation { detail: "the device recorded no section".to_owned() };
                 let walls = loft.take().ok_or_else(none)?.walls;
-                let ran = Ran { used: UsedBackend::Gpu, device: self.device.name(), total: self.total };
-                finish(request, Grown { walls, statistics, seconds }, ran, &member.pace, cancel).map(Some)
+                let ran = RunInfo { used: UsedBackend::Gpu, device: self.device.name(), total: self.total };
+                finish(request, GrownSections { walls, statistics, seconds }, ran, &member.pace, cancel).map(Some)
             }
         }
     }
 }
 
-/// Forwards the results of a group of members to their inboxes.
+/// Sink of a group of members: forwards the results to their inboxes.
 struct Feed<'s, 'scope, 'a, D: Device> {
     batch: &'scope Batch<'a, D>,
     scope: &'s rayon::Scope<'scope>,
-    /// The first member of the group.
+    /// Index of the first member of the group.
     first: usize,
     begun: Stopwatch,
-    /// Whether the device has reported anything.
+    /// True if the device has reported anything.
     reported: bool,
 }
 
@@ -279,11 +311,11 @@ impl<'scope, 'a, D: Device> Feed<'_, 'scope, 'a, D> {
     }
 }
 
-impl<D: Device> Receiver<D::Mark> for Feed<'_, '_, '_, D> {
+impl<D: Device> BatchSink<D::Mark> for Feed<'_, '_, '_, D> {
     fn section(&mut self, member: usize, section: Section, mark: D::Mark) {
         self.forward(member, Item::Section(section, mark));
         let member = self.member(member);
-        // Waits for the loft if it lags behind.
+        // Waits for the loft if it is behind.
         drop(member.taken.wait_while(member.inbox.lock(), |inbox| inbox.items.len() > INBOX));
     }
 
@@ -301,7 +333,7 @@ impl<D: Device> Receiver<D::Mark> for Feed<'_, '_, '_, D> {
 
     fn failed(&mut self, member: usize, error: SimError) {
         self.member(member).simulated.store(true, Ordering::Relaxed);
-        self.forward(member, Item::Broken(GenerateError::Simulation { detail: error.to_string() }));
+        self.forward(member, Item::Broken(error.into()));
     }
 
     fn finished(&mut self, member: usize, statistics: Statistics) {
@@ -311,7 +343,7 @@ impl<D: Device> Receiver<D::Mark> for Feed<'_, '_, '_, D> {
     }
 }
 
-/// The message of a panic.
+/// Message of a panic.
 fn message(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
     text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "a panic without a message".to_owned())

@@ -1,13 +1,15 @@
-//! The state of an unfinished generation as bytes, from which it can be continued to the same files.
+//! State of an unfinished generation in a file, from which the generation continues to the same
+//! files.
 //!
-//! Invariant: a model that was resumed, any number of times and on any number of threads, is the same, byte for byte,
-//! as one that was grown without interruption. The simulation continues from its exact state. The surface is not stored but
-//! lofted again from its sections, including those added to mend slabs: whether a section is accepted, and with which
-//! diagonals, depends only on the surface so far.
+//! Invariant: a model that was resumed, any number of times and on any number of threads, is
+//! identical, byte for byte, to a model that was grown without interruption. The simulation
+//! continues from its exact state. The surface is not stored. It is lofted again from its sections,
+//! including those added to mend slabs: whether a section is accepted, and with which diagonals,
+//! depends only on the surface so far.
 //!
-//! Format: magic, version (u32), state of the simulation, accepted sections, sections since the last recorded one (each as
-//! `sections.bin`), header (JSON), its length (u32), SHA-256 of all before. It is written and read as a file, of which only the
-//! state is in memory at once.
+//! Format: magic, version (u32), state of the simulation, accepted sections, sections since the
+//! last recorded one (each as `sections.bin`), header (JSON), length of the header (u32), SHA-256
+//! of everything before. Only the state of the simulation is in memory at once.
 
 use super::types::Request;
 use crate::ENGINE_VERSION;
@@ -23,26 +25,26 @@ use tempfile::{NamedTempFile, TempPath};
 const MAGIC: &[u8; 8] = b"OVCHKPT\n";
 const VERSION: u32 = 2;
 const HASH: u64 = 32;
-/// Bytes before the first part: magic and version.
+/// Size of magic and version, bytes.
 const START: u64 = 12;
-/// Bytes after the header: its length and the hash.
+/// Size of the length of the header and of the hash, bytes.
 const END: u64 = 4 + HASH;
-/// Most bytes of a header.
+/// Maximum size of a header, bytes.
 const MAX_HEADER: u64 = 1 << 16;
 
-/// Why a checkpoint cannot be used; the generation then starts from the beginning.
+/// Reason why a checkpoint cannot be used. The generation then starts from the beginning.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
-    /// It is not a checkpoint, has another version, or is incomplete.
+    /// The file is not a checkpoint, has another version, or is incomplete.
     #[error("the checkpoint is damaged: {0}")]
     Damaged(&'static str),
-    /// It belongs to another specification, seed or engine.
+    /// The checkpoint belongs to another specification, seed or engine version.
     #[error("the checkpoint is of another model or engine")]
     Foreign,
-    /// Its sections cannot be read.
+    /// The sections cannot be read.
     #[error("the sections of the checkpoint cannot be read")]
     Sections(#[from] SectionsError),
-    /// It cannot be read.
+    /// The file cannot be read.
     #[error("the checkpoint cannot be read")]
     Io(#[from] io::Error),
 }
@@ -58,17 +60,19 @@ struct Header {
     history: u64,
 }
 
-/// A generation between two steps of its simulation. The sections of its surface stay in the file until they are read.
+/// A generation between two steps of its simulation. The sections of the surface stay in the file
+/// until they are read.
 pub struct Checkpoint<R = BufReader<File>> {
-    /// State of the simulation, as saved by it.
+    /// State of the simulation, as [`CpuSimulation::save`](crate::sim::cpu::CpuSimulation::save)
+    /// wrote it.
     pub(super) simulation: Vec<u8>,
-    /// The sections of the surface.
-    pub(super) accepted: SectionsReader<Window<R>>,
-    /// The sections of the steps since the last recorded one.
+    /// Sections of the surface.
+    pub(super) accepted: SectionsReader<FileWindow<R>>,
+    /// Sections of the steps since the last recorded one.
     pub(super) history: Vec<Section>,
-    /// Diagonals flipped so far.
+    /// Number of diagonals flipped so far.
     pub(super) flipped: usize,
-    /// Sections recorded so far.
+    /// Number of sections recorded so far.
     pub(super) recorded: u32,
 }
 
@@ -120,15 +124,16 @@ impl<R: Read + Seek> Checkpoint<R> {
         if end != Some(parts) {
             return Err(damaged("its parts are inconsistent"));
         }
-        // The lengths were checked against that of the file, so this allocates no more than the file has.
+        // The lengths agree with the size of the file, so this allocates no more than the file
+        // contains.
         let mut simulation = vec![0; header.simulation as usize];
         input.seek(SeekFrom::Start(START))?;
         input.read_exact(&mut simulation)?;
         let begin = START + header.simulation + header.accepted;
-        let mut history = SectionsReader::open(Window { input: &mut input, begin, length: header.history, at: 0 })?;
+        let mut history = SectionsReader::open(FileWindow { input: &mut input, begin, length: header.history, at: 0 })?;
         let history = (0..history.len()).map(|k| history.section(k)).collect::<Result<_, _>>()?;
         let begin = START + header.simulation;
-        let accepted = SectionsReader::open(Window { input, begin, length: header.accepted, at: 0 })?;
+        let accepted = SectionsReader::open(FileWindow { input, begin, length: header.accepted, at: 0 })?;
         if accepted.is_empty() {
             return Err(damaged("its parts are inconsistent"));
         }
@@ -136,14 +141,14 @@ impl<R: Read + Seek> Checkpoint<R> {
         Ok(Self { simulation, accepted, history, flipped, recorded: header.recorded })
     }
 
-    /// The sections of the surface, read one by one.
+    /// Reads the sections of the surface one by one.
     pub(super) fn accepted(&mut self) -> impl Iterator<Item = Result<Section, SectionsError>> + '_ {
         (0..self.accepted.len()).map(|k| self.accepted.section(k))
     }
 }
 
-/// What a checkpoint is written from.
-pub(super) struct Parts<'a> {
+/// Contents of a checkpoint to write.
+pub(super) struct CheckpointParts<'a> {
     /// State of the simulation.
     pub(super) simulation: &'a [u8],
     /// Writes the sections of the surface as a sections file.
@@ -153,15 +158,16 @@ pub(super) struct Parts<'a> {
     pub(super) recorded: u32,
 }
 
-impl Parts<'_> {
-    /// Writes a checkpoint to a file in the directory of the request, which is removed when the path is dropped.
+impl CheckpointParts<'_> {
+    /// Writes a checkpoint to a file in the directory of the request. Dropping the path deletes the
+    /// file.
     pub(super) fn save(self, request: &Request) -> io::Result<TempPath> {
         let (file, path) = NamedTempFile::with_suffix_in(".checkpoint", &request.dir)?.into_parts();
         self.write(request, BufWriter::with_capacity(1 << 18, file))?.flush()?;
         Ok(path)
     }
 
-    /// Writes a checkpoint, and returns the output.
+    /// Writes a checkpoint. Returns the output.
     pub(super) fn write<W: Write>(self, request: &Request, out: W) -> io::Result<W> {
         let meta = request.metadata(0);
         let mut out = HashingWriter::new(out);
@@ -200,15 +206,15 @@ fn array<const N: usize>(input: &mut impl Read) -> io::Result<[u8; N]> {
     Ok(bytes)
 }
 
-/// A part of a file as a file of its own.
-pub(super) struct Window<R> {
+/// A section of a file, readable as a separate file.
+pub(super) struct FileWindow<R> {
     input: R,
     begin: u64,
     length: u64,
     at: u64,
 }
 
-impl<R: Read + Seek> Read for Window<R> {
+impl<R: Read + Seek> Read for FileWindow<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let left = usize::try_from(self.length.saturating_sub(self.at)).unwrap_or(usize::MAX);
         let wanted = buffer.len().min(left);
@@ -218,7 +224,7 @@ impl<R: Read + Seek> Read for Window<R> {
     }
 }
 
-impl<R: Read + Seek> Seek for Window<R> {
+impl<R: Read + Seek> Seek for FileWindow<R> {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         let at = match to {
             SeekFrom::Start(at) => Some(at),

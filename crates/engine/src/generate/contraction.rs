@@ -1,6 +1,6 @@
-//! The contraction of a model: every frame is certified and written, one after the other.
+//! Contraction of a model: every frame is certified and written, one after the other.
 
-use super::files::{buffered, output};
+use super::files::{HashedFile, failed, hashed, output};
 use super::types::{ContractionReport, FileOutput, FrameReport, GenerateError, Request};
 use crate::export::Metadata;
 use crate::export::animation::{self, Frames, write_animation};
@@ -13,14 +13,14 @@ use crate::model::{LengthUnit, Mesh};
 use crate::sim::Plan;
 use crate::spec::Toward;
 use serde_json::{Map, json};
-use std::io::{self, Write};
+use std::io::Write;
 
-/// Whether a file holds frames: those of the tissue, in metres.
+/// True if a file contains frames. Frames show the tissue in metres.
 pub(super) fn is_frames(name: &str) -> bool {
     name == animation::FILE || frames::FILES.contains(&name)
 }
 
-/// The wave that a request asks for.
+/// Wave that a request asks for.
 pub(super) fn contraction(request: &Request) -> Contraction {
     let (spec, of) = (&request.spec, &request.spec.contraction);
     let plan = Plan::new(spec, request.seed);
@@ -43,8 +43,8 @@ pub(super) fn contraction(request: &Request) -> Contraction {
     }
 }
 
-/// Certifies and writes all frames of `rest`, whose finished surface is `tissue` and has a volume. `progress` is told the fraction that
-/// is done, and fails if the generation is cancelled.
+/// Certifies and writes all frames of `rest`, whose finished surface and its volume are given.
+/// `progress` receives the completed fraction, and fails if the generation is cancelled.
 pub(super) fn write(
     request: &Request,
     rest: Rest<'_>,
@@ -59,12 +59,12 @@ pub(super) fn write(
     let time = |k: u32| f64::from(k) / f64::from(count);
     let (mut level, kept) = reduced(tissue, LEVEL_TRIANGLES[1]);
     let mut tube = Contracting::new(rest, &contraction(request));
-    // Damping holds for all frames; what one needed is known before the first is written.
+    // Damping applies to all frames, so all are computed before the first is written.
     for k in 0..count {
         progress(0.5 * time(k))?;
         tube.frame(time(k), stop);
     }
-    let mut data = buffered(&request.dir.join(data_name)).map_err(failed(data_name))?;
+    let mut data = hashed(&request.dir.join(data_name)).map_err(failed(data_name))?;
     write_common(tissue, &mut data).map_err(failed(data_name))?;
     let mut moved = Vec::with_capacity(count as usize);
     let mut report = ContractionReport {
@@ -102,7 +102,7 @@ pub(super) fn write(
     progress(1.0)?;
     let mut files = vec![finished(data, data_name, data_type)?];
     let times: Vec<f64> = report.frames.iter().map(|frame| frame.time_s).collect();
-    let mut out = buffered(&request.dir.join(description_name)).map_err(failed(description_name))?;
+    let mut out = hashed(&request.dir.join(description_name)).map_err(failed(description_name))?;
     write_description(tissue, &times, &mut out).map_err(failed(description_name))?;
     files.push(finished(out, description_name, description_type)?);
 
@@ -114,25 +114,14 @@ pub(super) fn write(
         "contraction".to_owned(),
         json!({ "frames": count, "period_s": of.period_s, "phase": of.phase, "toward": of.toward.name() }),
     )]);
-    let mut out = buffered(&request.dir.join(name)).map_err(failed(name))?;
+    let mut out = hashed(&request.dir.join(name)).map_err(failed(name))?;
     write_animation(&frames, &meta, more, &mut out).map_err(failed(name))?;
     files.push(finished(out, name, glb::MEDIA_TYPE)?);
     Ok((files, report))
 }
 
-fn finished(
-    out: super::files::Buffered,
-    name: &'static str,
-    media_type: &'static str,
-) -> Result<FileOutput, GenerateError> {
+fn finished(out: HashedFile, name: &'static str, media_type: &'static str) -> Result<FileOutput, GenerateError> {
     let (mut file, digest) = out.finish();
     file.flush().map_err(failed(name))?;
     Ok(output(name, media_type, digest))
-}
-
-fn failed(name: &'static str) -> impl Fn(io::Error) -> GenerateError {
-    move |source| match source.kind() {
-        io::ErrorKind::InvalidInput => GenerateError::Format { name: name.into(), detail: source.to_string() },
-        _ => GenerateError::Io { name: name.into(), source },
-    }
 }

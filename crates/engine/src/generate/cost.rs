@@ -44,8 +44,8 @@ const BASE_BYTES: u64 = 32 << 20;
 const SURFACE_BYTES: u64 = 12;
 /// Memory per vertex and per triangle for the certificate, without the surface. Per vertex:
 /// section, component, list of triangles. Per triangle: entries in these lists, orientation,
-/// hierarchy of the search. Counted. With the surface and [`BASE_BYTES`], 25 % more than measured on
-/// `paper` with 1.6 and 15.8 million triangles.
+/// hierarchy of the search. Counted. With the surface and [`BASE_BYTES`], 25 % more than measured
+/// on `paper` with 1.6 and 15.8 million triangles.
 const CERTIFY_BYTES: [u64; 2] = [28, 24];
 /// Memory per triangle for levels of detail after the certificate, without the surface: numbers,
 /// cells and normals. Measured on `paper`: 38 bytes; the rest is a margin.
@@ -191,7 +191,7 @@ impl Cost {
     }
 }
 
-/// Greatest memory in use.
+/// Peak memory, bytes.
 fn memory_bytes(spec: &ModelSpec, outputs: &Outputs, counts: &Counts) -> u64 {
     let (vertices, triangles) = (count(counts.vertices), count(counts.triangles));
     let levels = if outputs.has(Output::Lod) { triangles * LEVELS_BYTES } else { 0 };

@@ -1,6 +1,5 @@
-//! Writes the files of a model into a folder, each hashed while it is written.
+//! Writes the files of a model into a directory. Each file is hashed while it is written.
 
-use super::labels;
 use super::outputs::{Output, stem};
 use super::types::{CancelToken, FileOutput, Findings, GenerateError, Request};
 use crate::export::centreline::{self, Centreline};
@@ -11,7 +10,7 @@ use crate::export::obj::write_obj;
 use crate::export::ply::write_ply;
 use crate::export::stl::{write_ascii_stl, write_stl};
 use crate::export::vtp::write_vtp;
-use crate::export::{Metadata, Shape, glb, lod, sections_bin};
+use crate::export::{Metadata, Shape, glb, labels, lod, sections_bin};
 use crate::model::{BodyKind, LengthUnit, Mesh, Section};
 use rayon::prelude::*;
 use serde_json::json;
@@ -24,20 +23,20 @@ pub(super) const REPORT: &str = "report.json";
 /// Name of the file of the sections.
 const SECTIONS: &str = "sections.bin";
 
-/// What the files of a model are made from.
+/// Contents of the files of a model.
 pub(super) struct Inputs<'a> {
     pub(super) meta: &'a Metadata,
-    /// The surface of each body in each unit that is written.
+    /// Surface of each body in each unit that is written.
     pub(super) surfaces: Vec<(BodyKind, LengthUnit, Shape<'a>)>,
     pub(super) tissue: &'a Mesh,
-    /// The tissue before it was bent.
+    /// Tissue before bending.
     pub(super) straight: &'a Mesh,
     pub(super) centreline: Centreline,
-    /// `sections.bin`, which is written already.
+    /// Description of `sections.bin`, which is already written.
     pub(super) sections: FileOutput,
 }
 
-pub(super) type Buffered = HashingWriter<BufWriter<File>>;
+pub(super) type HashedFile = HashingWriter<BufWriter<File>>;
 
 /// Writes `sections.bin`.
 pub(super) fn write_sections(
@@ -51,8 +50,8 @@ pub(super) fn write_sections(
     Ok(files.remove(0))
 }
 
-/// Writes `report.json` and the requested outputs. The report contains neither times nor
-/// the backend, so its bytes do not depend on where the model is grown.
+/// Writes `report.json` and the requested outputs. The report contains neither times nor the
+/// backend, so its bytes do not depend on where the model is grown.
 pub(super) fn write(
     request: &Request,
     inputs: Inputs<'_>,
@@ -79,7 +78,7 @@ pub(super) fn write(
     if cancel.is_cancelled() {
         return Err(GenerateError::Cancelled);
     }
-    let labels = wants(Output::Labels).then(|| labels::write(request, straight, meta, cancel)).transpose()?;
+    let labels = wants(Output::Labels).then(|| write_labels(request, straight, meta, cancel)).transpose()?;
     let levels = levels.map_err(|source| GenerateError::Io { name: lod::FILES[0].into(), source })?;
     let mut report = json!({
         "digest": meta.digest,
@@ -123,7 +122,7 @@ pub(super) fn write(
     Ok(files)
 }
 
-/// The files of a format of a body.
+/// Files of a format of a body.
 fn surface_tasks<'a>(
     output: Output,
     surface: &'a Shape<'a>,
@@ -136,10 +135,10 @@ fn surface_tasks<'a>(
     })
 }
 
-/// Writes the file of a format with this ending, and of this stem, which glTF needs to name its data.
+/// Writes the file of a format with this ending. glTF needs `stem` to name its data file.
 ///
 /// # Errors
-/// Those of `out`, and what the format cannot hold.
+/// Any error of writing to `out`, and surfaces that the format cannot contain.
 pub fn write_surface(
     output: Output,
     ending: &str,
@@ -161,7 +160,7 @@ pub fn write_surface(
     }
 }
 
-/// The files of the centre line.
+/// Files of the centre line.
 fn centreline_tasks<'a>(
     line: &'a Centreline,
     unit: LengthUnit,
@@ -175,6 +174,52 @@ fn centreline_tasks<'a>(
     ]
 }
 
+/// Writes `labels.ome.tif` and `labels.nii.gz`. Returns the files and their part of the report.
+fn write_labels(
+    request: &Request,
+    mesh: &Mesh,
+    meta: &Metadata,
+    cancel: &CancelToken,
+) -> Result<(Vec<FileOutput>, labels::LabelReport), GenerateError> {
+    let spec = &request.spec;
+    let volume = labels::LabelVolume {
+        voxel_um: spec.labels.voxel_um,
+        slice_um: spec.labels.slice_um,
+        from_um: spec.label_from_um(),
+        slices: spec.label_slices(),
+    };
+    let [ome_path, nifti_path] = labels::FILES.map(|name| request.dir.join(name));
+    let write = || {
+        let mut ome = buffered(&ome_path)?;
+        let mut nifti = hashed(&nifti_path)?;
+        let cancelled = || cancel.is_cancelled();
+        let report =
+            labels::write_labels(mesh, &spec.histology.layers(), &volume, meta, (&mut ome, &mut nifti), &cancelled)?;
+        ome.flush()?;
+        drop(ome);
+        let (mut file, nifti) = nifti.finish();
+        file.flush()?;
+        Ok(([hash(&ome_path)?, nifti], report))
+    };
+    let (digests, report) = write().map_err(|source: io::Error| {
+        if cancel.is_cancelled() {
+            GenerateError::Cancelled
+        } else {
+            GenerateError::Io { name: labels::FILES[0].into(), source }
+        }
+    })?;
+    let files = labels::FILES.into_iter().zip(labels::MEDIA_TYPES).zip(digests);
+    Ok((files.map(|((name, media_type), digest)| output(name, media_type, digest)).collect(), report))
+}
+
+/// Hashes a complete file, because a TIFF is not written from its beginning to its end.
+fn hash(path: &Path) -> io::Result<FileDigest> {
+    let mut hashing = HashingWriter::new(io::sink());
+    let mut file = io::BufReader::with_capacity(1 << 18, File::open(path)?);
+    io::copy(&mut file, &mut hashing)?;
+    Ok(hashing.finish().1)
+}
+
 /// Writes files in parallel: name, media type and writer of each.
 #[inline(never)] // counted by scripts/counts
 fn write_all(
@@ -185,38 +230,48 @@ fn write_all(
     tasks
         .into_par_iter()
         .map(|(name, media_type, task)| {
-            let digest = write_one(&request.dir.join(&name), task, cancel).map_err(|source| match source.kind() {
-                // Writers refuse what their format cannot hold.
-                io::ErrorKind::InvalidInput => GenerateError::Format { name: name.clone(), detail: source.to_string() },
-                _ => GenerateError::Io { name: name.clone(), source },
-            })?;
+            let digest = write_one(&request.dir.join(&name), task, cancel).map_err(failed(&name))?;
             Ok(output(&name, media_type, digest))
         })
         .collect()
 }
 
+/// Error of writing the file `name`. Writers report a surface that their format cannot contain as
+/// [`io::ErrorKind::InvalidInput`].
+pub(super) fn failed(name: &str) -> impl Fn(io::Error) -> GenerateError {
+    move |source| match source.kind() {
+        io::ErrorKind::InvalidInput => GenerateError::Format { name: name.into(), detail: source.to_string() },
+        _ => GenerateError::Io { name: name.into(), source },
+    }
+}
+
 type Task<'a> = Box<dyn FnOnce(&mut Cancellable<'_>) -> io::Result<()> + Send + 'a>;
 
 fn write_one(path: &Path, task: Task<'_>, cancel: &CancelToken) -> io::Result<FileDigest> {
-    let mut out = Cancellable { out: buffered(path)?, cancel };
+    let mut out = Cancellable { out: hashed(path)?, cancel };
     task(&mut out)?;
     let (mut file, digest) = out.out.finish();
     file.flush()?;
     Ok(digest)
 }
 
-/// A file that is hashed as it is written.
-pub(super) fn buffered(path: &Path) -> io::Result<Buffered> {
-    Ok(HashingWriter::new(BufWriter::with_capacity(1 << 18, File::create(path)?)))
+/// A new file with a buffer.
+pub(super) fn buffered(path: &Path) -> io::Result<BufWriter<File>> {
+    Ok(BufWriter::with_capacity(1 << 18, File::create(path)?))
+}
+
+/// A new file that is hashed while it is written.
+pub(super) fn hashed(path: &Path) -> io::Result<HashedFile> {
+    Ok(HashingWriter::new(buffered(path)?))
 }
 
 pub(super) fn output(name: &str, media_type: &str, digest: FileDigest) -> FileOutput {
     FileOutput { name: name.into(), media_type: media_type.into(), bytes: digest.bytes, sha256: digest.sha256 }
 }
 
-/// A file whose writer fails once the generation is cancelled.
+/// A file whose writer fails after a cancellation.
 struct Cancellable<'a> {
-    out: Buffered,
+    out: HashedFile,
     cancel: &'a CancelToken,
 }
 

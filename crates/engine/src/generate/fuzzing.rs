@@ -1,7 +1,7 @@
-//! Targets of the fuzzers: patches on specifications, and checkpoints.
+//! Fuzz targets: patches of specifications, and checkpoints.
 
 use super::Cost;
-use super::checkpoint::{Checkpoint, Parts};
+use super::checkpoint::{Checkpoint, CheckpointParts};
 use super::outputs::{Output, Outputs};
 use super::types::{Backend, Request};
 use super::walls::Walls;
@@ -14,7 +14,7 @@ use sha2::{Digest, Sha256};
 use std::io::{Cursor, Read, Seek};
 use std::sync::LazyLock;
 
-/// Most particles of a checkpoint whose surface is lofted again.
+/// Maximum number of particles of a checkpoint whose surface is lofted again.
 const LOFTED: usize = 2000;
 
 static REQUEST: LazyLock<Request> = LazyLock::new(|| {
@@ -43,8 +43,9 @@ pub fn patch(bytes: &[u8]) {
     });
 }
 
-/// A checkpoint that is read is written and read again as the same one, and its surface is lofted or refused. The bytes are
-/// read as they are, and with the checksums made right, so that damage behind them is found too.
+/// Asserts that an accepted checkpoint is written and read again as the same checkpoint, and that
+/// its surface is lofted or refused. The bytes are read unchanged and with corrected checksums, so
+/// that the target also finds damage behind them.
 pub fn checkpoint(bytes: &[u8]) {
     read(bytes);
     if let Some(sealed) = sealed(bytes) {
@@ -66,11 +67,11 @@ fn read(bytes: &[u8]) {
     drop(Walls::restored(&REQUEST, accepted.into_iter().map(Ok), checkpoint.flipped, || false));
 }
 
-/// Writes a checkpoint again; fails if one of its sections cannot be read.
+/// Writes a checkpoint again. Fails if one of its sections cannot be read.
 fn write<R: Read + Seek>(c: &mut Checkpoint<R>) -> Result<Vec<u8>, SectionsError> {
     let accepted = c.accepted().collect::<Result<Vec<_>, _>>()?;
     let meta = REQUEST.metadata(accepted.len());
-    let parts = Parts {
+    let parts = CheckpointParts {
         simulation: &c.simulation,
         accepted: &mut |mut out| write_sections(&accepted, &meta, &mut out),
         history: &c.history,
@@ -80,7 +81,8 @@ fn write<R: Read + Seek>(c: &mut Checkpoint<R>) -> Result<Vec<u8>, SectionsError
     Ok(parts.write(&REQUEST, Vec::new())?)
 }
 
-/// The checkpoint with its header made that of [`REQUEST`], and all checksums made right; `None` if it has not these parts.
+/// The checkpoint with the header of [`REQUEST`] and correct checksums; `None` if it lacks these
+/// parts.
 fn sealed(bytes: &[u8]) -> Option<Vec<u8>> {
     let (start, rest) = bytes.split_at_checked(12)?;
     let (rest, _) = rest.split_last_chunk::<32>()?;

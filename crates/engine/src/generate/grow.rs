@@ -1,19 +1,19 @@
-//! Runs the simulation and makes walls of its sections: each slab is tested while the steps between its two sections are still
-//! in memory, so that it can be mended with one of them.
+//! Runs the simulation and builds the walls from its sections. Each slab is tested while the steps
+//! between its two sections are in memory, so that one of them can mend the slab.
 
-use super::checkpoint::{Checkpoint, Parts};
-use super::pace::Pace;
+use super::checkpoint::{Checkpoint, CheckpointParts};
+use super::pace::ProgressMeter;
 use super::types::{CancelToken, GenerateError, Request};
 use super::walls::Walls;
 use crate::clock::Stopwatch;
 use crate::model::Section;
 use crate::sim::cpu::CpuSimulation;
-use crate::sim::{Plan, SimError, Statistics};
+use crate::sim::{Plan, Statistics};
 use std::borrow::Cow;
 
-/// A grown model.
-pub(super) struct Grown {
-    /// Its walls, with open ends.
+/// Result of the growth of a model.
+pub(super) struct GrownSections {
+    /// Walls with open ends.
     pub(super) walls: Walls,
     /// Counts of the simulation.
     pub(super) statistics: Statistics,
@@ -21,35 +21,31 @@ pub(super) struct Grown {
     pub(super) seconds: f64,
 }
 
-#[expect(clippy::needless_pass_by_value, reason = "for `map_err`")]
-fn failed(error: SimError) -> GenerateError {
-    GenerateError::Simulation { detail: error.to_string() }
-}
-
-/// A growth under way.
+/// A running growth.
 struct Growth<'a> {
     request: &'a Request,
     simulation: CpuSimulation,
     walls: Walls,
-    /// The sections of the steps since the last recorded one.
+    /// Sections of the steps since the last recorded one.
     history: Vec<Section>,
     recorded: u32,
 }
 
-/// Runs the whole simulation, or what remains after a checkpoint, and makes walls of its sections.
+/// Runs the whole simulation, or the rest after a checkpoint, and builds the walls from its
+/// sections.
 pub(super) fn grow(
     request: &Request,
     from: Option<Checkpoint>,
-    pace: &mut Pace<'_>,
+    pace: &mut ProgressMeter<'_>,
     cancel: &CancelToken,
-) -> Result<Grown, GenerateError> {
+) -> Result<GrownSections, GenerateError> {
     let watch = Stopwatch::start();
     let mut growth = match from {
         None => Growth::begin(request, pace, cancel)?,
         Some(checkpoint) => match Growth::resume(request, checkpoint, pace, cancel) {
             Ok(growth) => growth,
             Err(GenerateError::Cancelled) => return Err(GenerateError::Cancelled),
-            // A checkpoint that cannot be restored costs time only.
+            // A checkpoint that cannot be restored only costs time.
             Err(error) => {
                 tracing::warn!(%error, "the checkpoint cannot be restored: the model is grown from its beginning");
                 Growth::begin(request, pace, cancel)?
@@ -69,12 +65,12 @@ pub(super) fn grow(
         }
     }
     let seconds = watch.seconds() - growth.walls.seconds();
-    Ok(Grown { walls: growth.walls, statistics: growth.simulation.statistics(), seconds })
+    Ok(GrownSections { walls: growth.walls, statistics: growth.simulation.statistics(), seconds })
 }
 
 impl<'a> Growth<'a> {
     /// Runs the burn-in and the steps before the piece, and records the first section.
-    fn begin(request: &'a Request, pace: &mut Pace<'_>, cancel: &CancelToken) -> Result<Self, GenerateError> {
+    fn begin(request: &'a Request, pace: &mut ProgressMeter<'_>, cancel: &CancelToken) -> Result<Self, GenerateError> {
         let plan = Plan::new(&request.spec, request.seed);
         let mut simulation = CpuSimulation::new(plan, rayon::current_num_threads());
         while simulation.time() < i64::from(*request.spec.recorded().start()) {
@@ -86,16 +82,16 @@ impl<'a> Growth<'a> {
         Ok(Self { request, simulation, walls, history: Vec::new(), recorded: 1 })
     }
 
-    /// Restores the simulation, and the walls from their sections. Reports the sections once all is restored.
+    /// Restores the simulation, and the walls from their sections. Reports the sections when
+    /// everything is restored.
     fn resume(
         request: &'a Request,
         mut from: Checkpoint,
-        pace: &mut Pace<'_>,
+        pace: &mut ProgressMeter<'_>,
         cancel: &CancelToken,
     ) -> Result<Self, GenerateError> {
         let plan = Plan::new(&request.spec, request.seed);
-        let simulation = CpuSimulation::restore(plan, rayon::current_num_threads(), &from.simulation)
-            .map_err(|error| GenerateError::Simulation { detail: error.to_string() })?;
+        let simulation = CpuSimulation::restore(plan, rayon::current_num_threads(), &from.simulation)?;
         let flipped = from.flipped;
         let walls = Walls::restored(request, from.accepted(), flipped, || cancel.is_cancelled())?;
         pace.resumed(simulation.time(), simulation.particles());
@@ -109,7 +105,7 @@ impl<'a> Growth<'a> {
     }
 
     /// Extends the walls up to the current step.
-    fn record(&mut self, pace: &mut Pace<'_>) -> Result<(), GenerateError> {
+    fn record(&mut self, pace: &mut ProgressMeter<'_>) -> Result<(), GenerateError> {
         let Some(section) = self.history.last() else { return Ok(()) };
         self.walls.extend(section, || Ok(Cow::Borrowed(&self.history)))?;
         if self.walls.shows(section.step as u32) {
@@ -121,10 +117,10 @@ impl<'a> Growth<'a> {
     }
 
     /// Writes a checkpoint between two steps.
-    fn save(&mut self, pace: &Pace<'_>) -> Result<(), GenerateError> {
+    fn save(&mut self, pace: &ProgressMeter<'_>) -> Result<(), GenerateError> {
         let Self { request, simulation, walls, history, recorded } = self;
         let flipped = walls.flipped();
-        let parts = Parts {
+        let parts = CheckpointParts {
             simulation: &simulation.save(),
             accepted: &mut |out| walls.save(&request.metadata(0), out),
             history,
@@ -137,11 +133,15 @@ impl<'a> Growth<'a> {
     }
 }
 
-fn advance(simulation: &mut CpuSimulation, pace: &mut Pace<'_>, cancel: &CancelToken) -> Result<(), GenerateError> {
+fn advance(
+    simulation: &mut CpuSimulation,
+    pace: &mut ProgressMeter<'_>,
+    cancel: &CancelToken,
+) -> Result<(), GenerateError> {
     if cancel.is_cancelled() {
         return Err(GenerateError::Cancelled);
     }
-    simulation.step().map_err(failed)?;
+    simulation.step()?;
     pace.step(simulation.time(), simulation.particles());
     Ok(())
 }

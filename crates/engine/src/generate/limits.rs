@@ -1,4 +1,5 @@
-//! Limits of one model. Its predicted cost is checked against them before it is queued.
+//! Limits of one model. The service compares the predicted cost with them before it queues the
+//! model.
 
 use super::cost::Cost;
 use super::outputs::Output;
@@ -30,7 +31,8 @@ impl Default for CostLimits {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("predicted {quantity}: {predicted:.0} {unit}, above the limit of {limit:.0} {unit}; to stay below it, {}", advice(.quantity))]
 pub struct OverLimit {
-    /// What is limited: `seconds`, `memory`, `vertices`, `output`, or `glb`, a file of at most 4 GiB.
+    /// Limited quantity: `seconds`, `memory`, `vertices`, `output`, or `glb`, a file of at most 4
+    /// GiB.
     pub quantity: &'static str,
     /// The prediction.
     pub predicted: f64,

@@ -1,4 +1,4 @@
-//! What the files of a model are, how to check them, and where they come from.
+//! Manifest of a model: its files, how to check them, and their origin.
 
 use super::contraction;
 use super::outputs::{Kind, Outputs, kind_of};
@@ -104,7 +104,7 @@ pub struct Origin<'a> {
     pub spec: Value,
 }
 
-/// The spec's schema, which only the description of the interface knows.
+/// Reference to the schema of the spec, which only the description of the interface contains.
 #[cfg(feature = "schema")]
 fn spec_schema() -> utoipa::openapi::Ref {
     utoipa::openapi::Ref::from_schema_name("SpecPatch")
@@ -125,8 +125,8 @@ fn entry(outputs: &Outputs, file: &FileOutput) -> ManifestFile {
     }
 }
 
-/// The body whose surface a file holds.
+/// Body whose surface a file contains.
 fn surface(kind: Kind) -> Option<BodyKind> {
-    // Levels of detail are of the tissue.
+    // Levels of detail show the tissue.
     kind.body.or((kind.output == super::Output::Lod).then_some(BodyKind::Tissue))
 }

@@ -1,21 +1,18 @@
-//! Generates a model from its specification, synchronously: simulate, loft, certify, export; with a progress sink and a cancel
-//! token.
+//! Generates a model from its specification, synchronously: simulate, loft, certify, export, with a
+//! progress sink and a cancel token.
 //!
-//! Does not depend on jobs or HTTP; the worker and the command line both call [`generate`]. An [`Outcome`] exists only for a
-//! model that has passed its certificate.
+//! The worker and the command line both call [`generate`], which does not depend on jobs or HTTP.
+//! An [`Outcome`] exists only for a model that has passed its certificate.
 
 mod batch;
 mod checkpoint;
 mod contraction;
 mod cost;
-mod device;
 mod files;
 #[cfg(feature = "fuzzing")]
 #[doc(hidden)]
 pub mod fuzzing;
 mod grow;
-mod labels;
-mod lean;
 mod limits;
 mod manifest;
 mod outputs;
@@ -44,16 +41,16 @@ use crate::lock::Mutex;
 use crate::measure;
 use crate::measure::Certificate;
 use crate::measure::comparison::compare;
-use crate::measure::morphometry::{Cuts, Morphometry, Regions, cuts, morphometry};
+use crate::measure::morphometry::{Regions, cuts, morphometry};
 use crate::mesh::bend::{Leaning, bend_apart};
 use crate::mesh::contract::Rest;
-use crate::mesh::lean::{Leaned, lean};
+use crate::mesh::lean::{self, Lean, Leaned};
 use crate::model::{BodyKind, LengthUnit, Section};
-use crate::sim::Statistics;
+use crate::sim::{Plan, Statistics};
 use crate::spec::preset;
 use files::Inputs;
-use grow::Grown;
-use pace::Pace;
+use grow::GrownSections;
+use pace::ProgressMeter;
 use serde_json::json;
 use surfaces::Surfaces;
 use walls::Closed;
@@ -61,15 +58,16 @@ use walls::Closed;
 /// Grows, certifies and writes one model on the CPU; for a GPU see [`generate_batch`].
 ///
 /// Uses all threads of the rayon pool in which it is called, or one thread with
-/// [`Backend::CpuSingle`]. The files are the same, byte for byte, in both cases.
+/// [`Backend::CpuSingle`]. The files are identical in both cases.
 ///
 /// # Errors
-/// See [`GenerateError`]. Files that were already written are left for the caller to remove.
+/// See [`GenerateError`]. The caller must delete files that were already written.
 pub fn generate(request: &Request, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome, GenerateError> {
     begin(request, None, sink, cancel)
 }
 
-/// Continues a model from its checkpoint, on the CPU. The files are the same as those of [`generate`].
+/// Continues a model from its checkpoint, on the CPU. The files are the same as those of
+/// [`generate`].
 ///
 /// # Errors
 /// See [`GenerateError`].
@@ -107,10 +105,10 @@ fn run(
 ) -> Result<Outcome, GenerateError> {
     check(request)?;
     let total = Stopwatch::start();
-    let mut pace = Pace::new(request, sink);
+    let mut pace = ProgressMeter::new(request, sink);
     let grown = grow::grow(request, from, &mut pace, cancel)?;
     let threads = rayon::current_num_threads();
-    let ran = Ran {
+    let ran = RunInfo {
         used: if request.backend == Backend::CpuSingle { UsedBackend::CpuSingle } else { UsedBackend::Cpu },
         device: format!("cpu, {threads} thread{}", if threads == 1 { "" } else { "s" }),
         total,
@@ -119,7 +117,7 @@ fn run(
 }
 
 /// Backend, device and time of a simulation.
-struct Ran {
+struct RunInfo {
     used: UsedBackend,
     device: String,
     total: Stopwatch,
@@ -128,9 +126,9 @@ struct Ran {
 /// Closes, certifies and writes a grown model.
 fn finish(
     request: &Request,
-    grown: Grown,
-    ran: Ran,
-    pace: &Mutex<Pace<'_>>,
+    grown: GrownSections,
+    ran: RunInfo,
+    pace: &Mutex<ProgressMeter<'_>>,
     cancel: &CancelToken,
 ) -> Result<Outcome, GenerateError> {
     let stage = |stage, part| {
@@ -146,46 +144,29 @@ fn finish(
     Finishing { request, statistics, flipped, ran, stage: &stage, cancel }.examine(closed, watch, seconds)
 }
 
-/// What is known of a model while it is finished.
+/// A model between its growth and its files.
 struct Finishing<'a> {
     request: &'a Request,
     statistics: Statistics,
-    /// Diagonals flipped to mend slabs.
+    /// Number of diagonals flipped to mend slabs.
     flipped: usize,
-    ran: Ran,
-    /// Reports a part of a stage; fails if the generation is cancelled.
+    ran: RunInfo,
+    /// Reports a completed fraction of a stage. Fails if the generation is cancelled.
     stage: &'a dyn Fn(Stage, f64) -> Result<(), GenerateError>,
     cancel: &'a CancelToken,
 }
 
-/// What was found of a model, and what its files are made from.
-struct Examined<'a> {
-    certificate: Certificate,
-    others: Vec<serde_json::Value>,
-    /// The frames of a tube that contracts: files that are written, and what they measure.
-    contraction: Option<(Vec<FileOutput>, ContractionReport)>,
-    morphometry: Morphometry,
-    /// Of a surface that leans.
-    cuts: Option<Cuts>,
-    lean: Option<Leaned>,
-    course: Option<Bending>,
-    /// Sections that were added to mend slabs.
-    added: usize,
-    /// Points of the first and of the last section.
-    ends: [usize; 2],
-    inputs: Inputs<'a>,
-}
-
 impl Finishing<'_> {
-    /// Certifies and measures a surface, and writes its files; `watch` runs since its loft was ended.
+    /// Certifies and measures a surface, and writes the files. `watch` has run since the end of the
+    /// loft.
     fn examine(self, closed: Closed, watch: Stopwatch, mut seconds: Seconds) -> Result<Outcome, GenerateError> {
         let Closed { tissue: mut straight, lids, sections } = closed;
         let stop = || self.cancel.is_cancelled();
         let along = self.request.spec.bent_course();
         let course = along.as_ref().map(|bent| &bent.course);
-        let by = lean::lean(self.request);
+        let by = lean_of(self.request);
         let z: Vec<f32> = straight.positions.iter().map(|p| p[2]).collect();
-        let leaned = by.as_ref().map(|by| lean(&mut straight, by, &stop));
+        let leaned = by.as_ref().map(|by| lean::lean(&mut straight, by, &stop));
         let leaning = course.and(by.as_ref()).map(|lean| Leaning { lean, z: z.clone() });
         let (mut bent, mut refined, mut split) = (None, None, Vec::new());
         if let Some(course) = course {
@@ -195,7 +176,7 @@ impl Finishing<'_> {
         let straight = &straight;
         let tissue = bent.as_ref().unwrap_or(straight);
         let surfaces = Surfaces::new(tissue, straight, course, lids.as_ref(), &self.request.outputs);
-        let surfaces = surfaces.map_err(walls::unsound)?;
+        let surfaces = surfaces?;
         seconds.mesh += watch.seconds();
 
         (self.stage)(Stage::Certify, 0.0)?;
@@ -230,7 +211,7 @@ impl Finishing<'_> {
         let meta = self.request.metadata(sections.len());
         let added = sections.iter().filter(|s| s.added).count();
         let ends = [&sections[0], &sections[sections.len() - 1]].map(Section::particles);
-        // Levels of detail need the memory.
+        // Levels of detail need this memory.
         drop(sections);
         seconds.measure = watch.seconds();
 
@@ -243,13 +224,32 @@ impl Finishing<'_> {
             centreline,
             sections: file?,
         };
-        let course = along.as_ref().zip(refined).map(|(bent, refined)| Bending::of(bent, refined));
-        let found =
-            Examined { certificate, others, contraction, morphometry, cuts, lean: leaned, course, added, ends, inputs };
-        self.write(found, seconds)
+        let (frames, contraction) = contraction.unzip();
+        let findings = Findings {
+            summary: self.summary(&certificate, inputs.meta.sections, added, ends, leaned, contraction.as_ref()),
+            certificate: serde_json::to_value(&certificate)
+                .map_err(|e| GenerateError::Io { name: files::REPORT.into(), source: e.into() })?,
+            surfaces: others,
+            comparison: preset(&request.preset).map(|of| compare(&morphometry, &of.organ, &of.species)),
+            morphometry,
+            cuts,
+            lean: leaned,
+            course: along.as_ref().zip(refined).map(|(bent, refined)| Bending::of(bent, refined)),
+            contraction,
+        };
+
+        (self.stage)(Stage::Export, 0.0)?;
+        let watch = Stopwatch::start();
+        let mut files = files::write(request, inputs, &findings, cancel)?;
+        files.extend(frames.into_iter().flatten());
+        seconds.export = watch.seconds();
+        (self.stage)(Stage::Export, 1.0)?;
+        seconds.total = self.ran.total.seconds();
+        Ok(Outcome { used: self.ran.used, device: self.ran.device, files, findings, seconds })
     }
 
-    /// Whether version 0.3.0 certified the surface in batches.
+    /// True if version 0.3.0 certified the surface in batches. The sums of such surfaces keep the
+    /// order of that version.
     fn sums_in_batches(&self) -> bool {
         let Request { spec, outputs, .. } = self.request;
         let is_lofted = spec.mesh.resolution_um == 0.0 && !spec.mesh.strips;
@@ -267,32 +267,34 @@ impl Finishing<'_> {
         }
     }
 
-    /// Writes the files.
-    fn write(self, found: Examined<'_>, mut seconds: Seconds) -> Result<Outcome, GenerateError> {
-        let Examined { certificate, others, contraction, morphometry, cuts, lean, course, added, ends, inputs } = found;
-        let (frames, contraction) = contraction.unzip();
-        let (request, spec) = (self.request, &self.request.spec);
-        let comparison = preset(&request.preset).map(|of| compare(&morphometry, &of.organ, &of.species));
-
-        (self.stage)(Stage::Export, 0.0)?;
-        let watch = Stopwatch::start();
-        // A smooth contour has two points for each particle.
+    /// Counts and warnings. `sections` includes `added` sections of mended slabs. `ends` contains
+    /// the numbers of points of the first and of the last section.
+    fn summary(
+        &self,
+        certificate: &Certificate,
+        sections: usize,
+        added: usize,
+        ends: [usize; 2],
+        lean: Option<Leaned>,
+        contraction: Option<&ContractionReport>,
+    ) -> serde_json::Value {
+        let (spec, statistics) = (&self.request.spec, &self.statistics);
+        // A smooth contour has two points per particle.
         let points = if spec.mesh.smooth_um > 0.0 { 2 } else { 1 };
         let ends = ends.map(|of| of / points);
         let last = *spec.recorded().end();
-        let statistics = &self.statistics;
         let warnings = warnings::warnings(&warnings::Growth {
-            // Before the end of the tube they may still be made.
+            // A piece that ends before the tube may lack splits.
             splits_missing: if last == spec.steps { statistics.splits_missing } else { 0 },
             min_gap_um: certificate.min_gap_um,
             particles: ends[1] as u64,
             target: spec.particles.total.at(f64::from(last) / f64::from(spec.steps)).round() as u64,
             lean_scale: lean.map(|lean| lean.scale),
             lean_left_out: spec.asks_to_lean() && !spec.leans(),
-            wave: contraction.as_ref().map(|of| [of.contracted.least_factor, of.contracted.least_factor_at_mm]),
+            wave: contraction.map(|of| [of.contracted.least_factor, of.contracted.least_factor_at_mm]),
         });
-        let summary = json!({
-            "sections": inputs.meta.sections - added,
+        json!({
+            "sections": sections - added,
             "sections_added": added,
             "diagonals_flipped": self.flipped,
             "particles": { "start": ends[0], "end": ends[1] },
@@ -304,30 +306,38 @@ impl Finishing<'_> {
             "volume_mm3": certificate.volume_mm3,
             "area_mm2": certificate.area_mm2,
             "warnings": warnings,
-        });
-        let certificate = serde_json::to_value(&certificate)
-            .map_err(|e| GenerateError::Io { name: files::REPORT.into(), source: e.into() })?;
-        let findings = Findings {
-            summary,
-            certificate,
-            surfaces: others,
-            morphometry,
-            cuts,
-            lean,
-            course,
-            contraction,
-            comparison,
-        };
-        let mut files = files::write(request, inputs, &findings, self.cancel)?;
-        files.extend(frames.into_iter().flatten());
-        seconds.export += watch.seconds();
-        (self.stage)(Stage::Export, 1.0)?;
-        seconds.total = self.ran.total.seconds();
-        Ok(Outcome { used: self.ran.used, device: self.ran.device, files, findings, seconds })
+        })
     }
 }
 
-/// Refuses what is predicted to need too much memory, or more than a format holds, before anything is computed.
+/// Lean of the surface; `None` if the specification has none.
+fn lean_of(request: &Request) -> Option<Lean> {
+    let spec = &request.spec;
+    if !spec.leans() {
+        return None;
+    }
+    let plan = Plan::new(spec, request.seed);
+    let station = |step: u32| {
+        let row = plan.at(i64::from(step));
+        lean::Station {
+            z_um: plan.z_um[step as usize],
+            // The minimum radius of every outline, so that the wall keeps its place.
+            r_in_um: f64::from(row.r_in * plan.scale * plan.region(i64::from(step)).narrowest()),
+            squash: f64::from(row.squash),
+            strength_um: spec.lean.strength_um.at(f64::from(step) / f64::from(spec.steps)),
+        }
+    };
+    Some(Lean {
+        seed: request.seed,
+        wavelength_um: spec.lean.wavelength_um,
+        along_um: spec.lean.along_mm * 1000.0,
+        ends_um: spec.lean.ends_mm * 1000.0,
+        stations: spec.stations().map(station).collect(),
+    })
+}
+
+/// Refuses a model that is predicted to need too much memory, or to exceed the size of a format,
+/// before anything is computed.
 fn check(request: &Request) -> Result<(), GenerateError> {
     let cost = Cost::new(&request.spec, &request.outputs);
     let needed = cost.memory_bytes;

@@ -1,4 +1,4 @@
-//! Which files a model has: formats, and for those that hold a surface, of which bodies and in which unit.
+//! Files of a model: formats and, for formats that contain a surface, bodies and units.
 
 use crate::export::{centreline, glb, labels, lod, obj, ply, stl, vtp};
 use crate::model::{BodyKind, LengthUnit};
@@ -46,10 +46,10 @@ impl Output {
         Self::Lod,
         Self::Labels,
     ];
-    /// What is written if a request does not say.
+    /// Formats of a request that names none.
     pub const DEFAULT: [Self; 2] = [Self::Glb, Self::Lod];
 
-    /// Its name in requests.
+    /// Name in requests.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -66,7 +66,8 @@ impl Output {
         }
     }
 
-    /// The endings of its files if it holds a surface, with their media types: one set of files for each body.
+    /// Endings of the files of a surface format, with their media types: one set of files per body.
+    /// Empty for other formats.
     #[must_use]
     pub fn endings(self) -> &'static [(&'static str, &'static str)] {
         match self {
@@ -81,7 +82,8 @@ impl Output {
         }
     }
 
-    /// The names of its files if there is one set of them for the whole model.
+    /// Names of the files of a format that has one set of files for the whole model. Empty for
+    /// other formats.
     #[must_use]
     pub fn files(self) -> &'static [&'static str] {
         match self {
@@ -92,7 +94,7 @@ impl Output {
         }
     }
 
-    /// The unit of its lengths; none if it has no unit of its own, or always the same.
+    /// Unit of lengths; `None` if the format has no unit.
     #[must_use]
     pub fn unit(self, asked: Option<LengthUnit>) -> Option<LengthUnit> {
         match self {
@@ -106,7 +108,7 @@ impl Output {
     }
 }
 
-/// The beginning of the names of a body's files.
+/// Beginning of the names of the files of a body.
 pub(super) fn stem(body: BodyKind) -> &'static str {
     match body {
         BodyKind::Tissue => "model",
@@ -114,16 +116,16 @@ pub(super) fn stem(body: BodyKind) -> &'static str {
     }
 }
 
-/// What a file of a model is.
+/// Format and body of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Kind {
     /// Format.
     pub(super) output: Output,
-    /// Body; none if there is one file for the whole model.
+    /// Body; `None` if the whole model has one file.
     pub(super) body: Option<BodyKind>,
 }
 
-/// The kind of a file; `None` for files that are always written.
+/// Finds the kind of a file; `None` for files that are always written.
 pub(super) fn kind_of(name: &str) -> Option<Kind> {
     Output::ALL.into_iter().find_map(|output| {
         if output.files().contains(&name) {
@@ -137,14 +139,14 @@ pub(super) fn kind_of(name: &str) -> Option<Kind> {
     })
 }
 
-/// Which files a model has besides those that are always written.
+/// Requested files of a model, besides those that are always written.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Outputs {
     /// Formats.
     pub formats: Vec<Output>,
-    /// The bodies whose surfaces are written in each of the formats that hold one.
+    /// Bodies whose surfaces are written in each surface format.
     pub bodies: Vec<BodyKind>,
-    /// The unit of formats that have a choice; none: the habit of each.
+    /// Unit of formats with a choice; `None` for the default of each format.
     pub units: Option<LengthUnit>,
 }
 
@@ -168,13 +170,13 @@ impl Outputs {
         Vec::new().into()
     }
 
-    /// Whether a format was asked for.
+    /// True if the format is requested.
     #[must_use]
     pub fn has(&self, output: Output) -> bool {
         self.formats.contains(&output)
     }
 
-    /// Whether all files of `others` are among these.
+    /// True if all files of `others` are among these files.
     #[must_use]
     pub fn include(&self, others: &Self) -> bool {
         others.formats.iter().all(|format| {
@@ -184,14 +186,14 @@ impl Outputs {
         })
     }
 
-    /// Whether a file is among them, or always written.
+    /// True if a file is among these files, or always written.
     #[must_use]
     pub fn want(&self, name: &str) -> bool {
         kind_of(name)
             .is_none_or(|Kind { output, body }| self.has(output) && body.is_none_or(|body| self.bodies.contains(&body)))
     }
 
-    /// The names of their files.
+    /// Names of the files.
     #[must_use]
     pub fn files(&self) -> Vec<String> {
         let of = |output: &Output| {
@@ -204,7 +206,7 @@ impl Outputs {
         self.formats.iter().flat_map(of).collect()
     }
 
-    /// The bodies that are written in a unit.
+    /// Bodies that are written in a unit.
     #[must_use]
     pub fn bodies_in(&self, unit: LengthUnit) -> Vec<BodyKind> {
         let is_written = |format: &Output| !format.endings().is_empty() && format.unit(self.units) == Some(unit);

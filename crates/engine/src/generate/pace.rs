@@ -8,29 +8,29 @@ use tempfile::TempPath;
 
 const STAGES: [Stage; 6] = [Stage::Simulate, Stage::Mesh, Stage::Certify, Stage::Measure, Stage::Export, Stage::Store];
 
-/// The fraction of the whole that is done when each of the stages ends; for a surface that is lofted while the simulation
-/// runs, and for an even one.
+/// Completed fraction of the whole at the end of each stage: for a surface that is lofted during
+/// the simulation, and for an even surface.
 const LOFTED: [f64; 6] = [0.80, 0.82, 0.90, 0.93, 0.98, 1.0];
 const EVEN: [f64; 6] = [0.10, 0.86, 0.93, 0.94, 0.98, 1.0];
-/// By what factor stages before the export are a smaller fraction with levels of detail, which take 55 % of the time of `paper` and
-/// 27 % of that of `pig`. Even surfaces take much longer to mesh.
+/// Factor on the ends of stages before the export with levels of detail, which take 55 % of the
+/// time of `paper` and 27 % of that of `pig`. Even surfaces take much longer to mesh.
 const WITH_LEVELS: f64 = 0.65;
 
 /// Converts steps into progress. The weight of a step is its number of particles.
-pub(super) struct Pace<'a> {
+pub(super) struct ProgressMeter<'a> {
     sink: &'a dyn Sink,
     watch: Stopwatch,
-    /// The fraction of the whole that is done when each of [`STAGES`] ends.
+    /// Completed fraction of the whole at the end of each of [`STAGES`].
     ends: [f64; 6],
-    /// Fraction that was done when `watch` was started.
+    /// Completed fraction at the start of `watch`.
     begun: f64,
     burn_in: f64,
-    /// Particles summed over the steps up to each step.
+    /// Sum of the particles over the steps before each step.
     work: Vec<f64>,
     now: Progress,
 }
 
-impl<'a> Pace<'a> {
+impl<'a> ProgressMeter<'a> {
     pub(super) fn new(request: &Request, sink: &'a dyn Sink) -> Self {
         let spec = &request.spec;
         let particles = |t: u32| spec.particles.total.at(f64::from(t) / f64::from(spec.steps));
@@ -58,7 +58,7 @@ impl<'a> Pace<'a> {
         Self { sink, watch: Stopwatch::start(), ends, begun: 0.0, burn_in: f64::from(spec.burn_in), work, now }
     }
 
-    /// A step is done.
+    /// Reports a completed step.
     pub(super) fn step(&mut self, time: i64, particles: u32) {
         let all = self.work[self.work.len() - 1].max(1.0);
         let done = match usize::try_from(time) {
@@ -70,14 +70,14 @@ impl<'a> Pace<'a> {
         self.report(self.fraction(Stage::Simulate, done / all));
     }
 
-    /// The generation continues from a checkpoint at this step.
+    /// Reports that the generation continues from a checkpoint at this step.
     pub(super) fn resumed(&mut self, time: i64, particles: u32) {
         self.step(time, particles);
         self.watch = Stopwatch::start();
         self.begun = self.now.fraction;
     }
 
-    /// Whether the sink wants a checkpoint.
+    /// True if the sink requests a checkpoint.
     pub(super) fn wants_checkpoint(&self) -> bool {
         self.sink.wants_checkpoint()
     }
@@ -87,19 +87,19 @@ impl<'a> Pace<'a> {
         self.sink.checkpoint(file);
     }
 
-    /// A section is recorded.
+    /// Reports a recorded section.
     pub(super) fn section(&mut self, section: &Section) {
         self.now.sections += 1;
         self.sink.section(section);
     }
 
-    /// A part of a stage is done.
+    /// Reports a completed fraction of a stage.
     pub(super) fn stage(&mut self, stage: Stage, part: f64) {
         self.now.stage = stage;
         self.report(self.fraction(stage, part));
     }
 
-    /// The fraction of the whole after a part of a stage.
+    /// Completed fraction of the whole after a fraction of a stage.
     fn fraction(&self, stage: Stage, part: f64) -> f64 {
         let mut begin = 0.0;
         for (known, end) in STAGES.into_iter().zip(self.ends) {

@@ -1,4 +1,4 @@
-//! The surfaces of a model that are written: bodies, each in the units of its files.
+//! Surfaces of a model to write: bodies, each in the units of its files.
 
 use super::outputs::Outputs;
 use super::types::GenerateError;
@@ -13,7 +13,7 @@ use serde::Serialize;
 use serde_json::{Value, json};
 use std::borrow::Cow;
 
-/// The bodies of a model, in metres.
+/// Bodies of a model, in metres.
 pub(super) struct Surfaces<'a> {
     pub(super) tissue: &'a Mesh,
     /// The lumen, and both bodies together, if either is written.
@@ -23,7 +23,8 @@ pub(super) struct Surfaces<'a> {
 }
 
 impl<'a> Surfaces<'a> {
-    /// Closes the lumen of `straight` if it is asked for, with `lids` if there are any, and bends it as `tissue` was bent.
+    /// Closes the lumen of `straight` if it is requested, with `lids` if there are any, and bends
+    /// it like `tissue`.
     pub(super) fn new(
         tissue: &'a Mesh,
         straight: &Mesh,
@@ -45,7 +46,7 @@ impl<'a> Surfaces<'a> {
         Ok(Self { tissue, lumen: lumen.transpose()?, written })
     }
 
-    /// The surface of a body; none if it is not written.
+    /// Surface of a body; `None` if it is not written.
     fn body(&self, body: BodyKind) -> Option<&Mesh> {
         match (body, &self.lumen) {
             (BodyKind::Tissue, _) => Some(self.tissue),
@@ -55,9 +56,10 @@ impl<'a> Surfaces<'a> {
         }
     }
 
-    /// Certifies all but the tissue in metres, whose volume is given: each surface in the coordinates that are written, and
-    /// whether lumen and tissue fit, in metres even if only one of them is written. Those of the tissue are summed in batches
-    /// of `sections` if they are given.
+    /// Certifies all surfaces except the tissue in metres, whose volume is given. Each surface is
+    /// certified in the coordinates that are written. Lumen and tissue are certified together in
+    /// metres even if only one of them is written. Sums over the tissue are taken in batches of
+    /// `sections` if they are given.
     pub(super) fn certify(&self, tissue_mm3: f64, sections: Option<&[Section]>) -> Result<Vec<Value>, GenerateError> {
         let mut found = Vec::new();
         for unit in LengthUnit::ALL {
@@ -86,7 +88,7 @@ impl<'a> Surfaces<'a> {
         Ok(found)
     }
 
-    /// The positions of all bodies in all units that are written.
+    /// Positions of all bodies in all units that are written.
     pub(super) fn placed(&self) -> Vec<Placed<'_>> {
         let place = |&(body, unit): &(BodyKind, LengthUnit)| {
             let mesh = self.body(body)?;
@@ -96,7 +98,8 @@ impl<'a> Surfaces<'a> {
     }
 }
 
-/// The certificate of a body in a unit, as the report has it; fails with its first failure.
+/// Certificate of a body in a unit, as the report contains it. Fails with the first failure of the
+/// certificate.
 fn finding(
     body: BodyKind,
     unit: LengthUnit,
@@ -117,7 +120,7 @@ fn written(outputs: &Outputs) -> Vec<(BodyKind, LengthUnit)> {
     LengthUnit::ALL.into_iter().flat_map(in_unit).collect()
 }
 
-/// Whether the lumen must be closed.
+/// True if the lumen must be closed.
 pub(super) fn need_lumen(outputs: &Outputs) -> bool {
     written(outputs).iter().any(|(body, _)| *body != BodyKind::Tissue)
 }
@@ -130,7 +133,7 @@ pub(super) struct Placed<'a> {
 }
 
 impl<'a> Placed<'a> {
-    /// As the writers take it, with its body and unit.
+    /// Input of the writers, with the body and the unit.
     pub(super) fn shape(&'a self, meta: &'a Metadata) -> (BodyKind, LengthUnit, Shape<'a>) {
         let shape = Shape { positions: &self.positions, unit: self.unit, ..Shape::of(self.mesh, meta) };
         (self.mesh.body, self.unit, shape)

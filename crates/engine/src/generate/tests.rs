@@ -1,4 +1,4 @@
-//! Whole generations of small models: bytes, progress, cancel, limits, warnings.
+//! Tests of whole generations of small models: bytes, progress, cancellation, limits, warnings.
 
 mod random;
 
@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// A tube of some hundred particles, with all forces and the thickness field.
+/// A tube of a few hundred particles, with all forces and the thickness field.
 pub(super) fn small(patch: &serde_json::Value) -> ModelSpec {
     let mut whole = json!({
         "steps": 120, "burn_in": 40,
@@ -53,7 +53,8 @@ fn bytes_do_not_depend_on_threads_or_backend() {
 #[test]
 fn a_tube_contracts_in_frames_that_are_certified_and_keep_its_tissue() {
     let grown = |more: serde_json::Value, threads: usize| {
-        // Sections a millimetre apart: with more, their differences alone make walls of a bent tube meet.
+        // Sections are a millimetre apart: at larger distances, their differences alone make walls
+        // of a bent tube intersect.
         let mut patch = json!({
             "length_mm": 20, "steps": 240, "lean": { "strength_um": 300 },
             "contraction": { "frames": 5, "wavelength_mm": 6, "shortening": 0.01 },
@@ -122,7 +123,8 @@ fn a_bent_model_has_certified_bodies_and_the_sections_and_labels_of_the_straight
     let distance = (0..3).map(|axis| (ends[1][axis] - ends[0][axis]).powi(2)).sum::<f64>().sqrt();
     assert!((distance - 40.0 / std::f64::consts::PI).abs() < 0.1, "{distance}");
     assert_eq!(bent.morphometry, straight.morphometry);
-    // Planes across the centre line show what planes across the straight tube do, with more vertices.
+    // Planes across the centre line show the same as planes across the straight tube, with more
+    // vertices.
     let [straight, bent] = [straight.cuts, bent.cuts].map(Option::unwrap);
     assert_eq!((bent.count, bent.with_islands), (straight.count, straight.with_islands));
     for (bent, straight) in [(bent.thickness_um, straight.thickness_um), (bent.gap_um, straight.gap_um)] {
@@ -155,7 +157,7 @@ fn an_even_surface_can_be_bent_with_its_lids() {
 fn bytes_do_not_depend_on_the_search() {
     let of = |search: &str| {
         let mut files = hashes(small(&json!({ "solver": { "search": search } })), Backend::Cpu, 2);
-        // The report repeats the specification, and with it the search.
+        // The report contains the specification, including the search.
         files.remove("report.json");
         files
     };
@@ -190,7 +192,7 @@ fn euler_and_strips_end_certified_too() {
 struct Recorder {
     fractions: Mutex<Vec<(Stage, f64)>>,
     sections: AtomicU32,
-    /// Sections that the last progress reported.
+    /// Number of sections in the last reported progress.
     reported: AtomicU32,
     stop_at: Option<(u32, CancelToken)>,
 }
@@ -226,7 +228,7 @@ fn the_report_states_the_levels_if_they_were_asked_for() {
     let (with, written, predicted) = report(&[Output::Lod]);
     let levels = with["levels"].as_array().unwrap();
     assert_eq!(levels.iter().map(|level| level["file"].as_str().unwrap()).collect::<Vec<_>>(), Output::Lod.files());
-    // The model is below the target of each level.
+    // The model has fewer triangles than the limit of each level.
     assert!(levels.iter().all(|level| level["triangles"] == with["certificate"]["triangles"]), "{levels:?}");
     assert!(written.abs_diff(predicted) < written / 3, "{written} bytes, predicted {predicted}");
     let (without, written, _) = report(&[Output::Glb]);
@@ -267,7 +269,7 @@ fn progress_only_grows_and_names_every_stage() {
 #[test]
 fn a_leaning_surface_is_certified_in_every_form_and_reported() {
     let dir = tempfile::tempdir().unwrap();
-    // Steep enough that triangles meet and the displacement is damped.
+    // Steep enough for triangles to intersect, so that the displacement is damped.
     let shape = json!({ "steps": 240, "length_mm": 20, "sway": { "strength": 4 } });
     let mut lean = json!({ "lean": { "strength_um": 1000, "wavelength_um": 100, "ends_mm": 4 } });
     json_patch::merge(&mut lean, &shape);
@@ -280,7 +282,7 @@ fn a_leaning_surface_is_certified_in_every_form_and_reported() {
     assert_eq!((cuts.count, cuts.to_mm), (40, 20.0));
     assert!(cuts.gap_um.unwrap().p5 > 0.0 && cuts.thickness_um.unwrap().p5 > 0.0);
 
-    // Sections are those of the simulation.
+    // The sections are the sections of the simulation.
     let mut straight = json!({ "lean": { "strength_um": 0 } });
     json_patch::merge(&mut straight, &shape);
     let other = tempfile::tempdir().unwrap();
@@ -289,7 +291,7 @@ fn a_leaning_surface_is_certified_in_every_form_and_reported() {
     assert!(straight.morphometry == leaning.morphometry && straight.cuts.is_none() && straight.lean.is_none());
     assert_ne!(straight.summary["volume_mm3"], leaning.summary["volume_mm3"]);
     assert_eq!((straight.surfaces.len(), leaning.surfaces.len()), (5, 5), "all bodies in both units");
-    // An even surface does not lean, and says so.
+    // An even surface does not lean, and warns about it.
     let spec = small(&even(&json!({})));
     assert!(spec.asks_to_lean() && !spec.leans());
 }
@@ -342,7 +344,7 @@ fn an_even_surface_has_good_triangles_and_the_sections_of_the_lofted_one() {
     assert_eq!(one, outcome.files.into_iter().map(|f| (f.name, f.sha256)).collect());
 }
 
-/// The sections that a model shows, and what was found of it.
+/// Sections of a model, and its findings.
 fn grown(patch: &serde_json::Value) -> (Vec<crate::model::Section>, Findings) {
     let dir = tempfile::tempdir().unwrap();
     let outcome = generate(&request(small(patch), Backend::Cpu, dir.path()), &(), &CancelToken::default()).unwrap();
@@ -351,7 +353,7 @@ fn grown(patch: &serde_json::Value) -> (Vec<crate::model::Section>, Findings) {
     ((0..reader.len()).map(|k| reader.section(k).unwrap()).collect(), outcome.findings)
 }
 
-/// The greatest angle by which a contour turns, degrees.
+/// Maximum angle by which a contour turns, degrees.
 fn greatest_turn(points: &[[f32; 2]]) -> f64 {
     let n = points.len();
     let turn = |i: usize| {
@@ -379,7 +381,7 @@ fn smooth_contours_have_two_points_a_particle_and_no_sharp_angles() {
             before.inner.ids.iter().eq(after.inner.ids.iter().step_by(2).map(|id| id / 2).collect::<Vec<_>>().iter())
         );
     }
-    // An even surface follows the smooth contours, and a checkpoint holds them.
+    // An even surface follows the smooth contours, and a checkpoint contains them.
     let both = even(&json!({ "mesh": { "smooth_um": 5 } }));
     let (sections, _) = grown(&both);
     assert!(turn(&sections) <= 60.0);

@@ -7,10 +7,13 @@ use crate::export::sections_bin::SectionsError;
 use crate::measure::Certificate;
 use crate::measure::comparison::Comparison;
 use crate::measure::morphometry::{Cuts, Morphometry};
+use crate::mesh::LoftError;
 use crate::mesh::bend::Refined;
 use crate::mesh::contract::Contracted;
 use crate::mesh::lean::Leaned;
 use crate::model::Section;
+use crate::sim::SimError;
+use crate::sim::cpu::StateError;
 use crate::sim::gpu::GpuError;
 use crate::spec::{Bent, ModelSpec};
 use serde::{Deserialize, Serialize};
@@ -21,7 +24,7 @@ use tempfile::TempPath;
 
 /// Requested backend.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema), schema(description = "Requested or used backend."))]
 #[serde(rename_all = "kebab-case")]
 pub enum Backend {
     /// A GPU if one is available, otherwise the CPU.
@@ -109,17 +112,19 @@ pub struct Progress {
     pub eta_seconds: Option<f64>,
 }
 
-/// Receives progress. Called between steps on the simulating thread, so it must not block.
+/// Receiver of progress. Called between steps on the simulating thread, so it must not block.
 pub trait Sink: Sync {
-    /// Called often, up to once per step.
+    /// Receives the progress, up to once per step.
     fn progress(&self, progress: &Progress);
-    /// Called for each recorded section.
+    /// Receives each recorded section.
     fn section(&self, section: &Section);
-    /// Whether a checkpoint is wanted, from which the generation can be continued elsewhere; called between steps.
+    /// Returns true to request a checkpoint, from which the generation can continue elsewhere.
+    /// Called between steps.
     fn wants_checkpoint(&self) -> bool {
         false
     }
-    /// Takes the requested checkpoint, a file in [`Request::dir`] for [`crate::generate::Checkpoint::open`].
+    /// Receives the requested checkpoint: a file in [`Request::dir`] for
+    /// [`crate::generate::Checkpoint::open`].
     fn checkpoint(&self, _: TempPath) {}
 }
 
@@ -139,34 +144,34 @@ impl CancelToken {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// Whether the stop was requested.
+    /// True if the stop was requested.
     #[must_use]
     pub fn is_cancelled(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
 }
 
-/// What to generate, and where to put the files.
+/// Model to generate, and directory of its files.
 #[derive(Clone, Debug)]
 pub struct Request {
-    /// Name of the preset that the spec was resolved on, for the record.
+    /// Name of the preset on which the spec was resolved, for the record.
     pub preset: String,
-    /// The model.
+    /// Specification.
     pub spec: ModelSpec,
     /// Seed, 0 to 2^53 − 1.
     pub seed: u64,
     /// The backend.
     pub backend: Backend,
-    /// What to write besides `sections.bin` and `report.json`, which are always written.
+    /// Files to write besides `sections.bin` and `report.json`, which are always written.
     pub outputs: Outputs,
-    /// Existing folder for the files.
+    /// Existing directory for the files.
     pub dir: PathBuf,
-    /// Limit of the predicted memory; above it generation fails with [`GenerateError::Memory`].
+    /// Limit of the predicted memory. Above it, generation fails with [`GenerateError::Memory`].
     pub memory_limit_bytes: Option<u64>,
 }
 
 impl Request {
-    /// The origin of the model, which has so many sections.
+    /// Origin of the model, which has this number of sections.
     pub(super) fn metadata(&self, sections: usize) -> Metadata {
         Metadata {
             preset: self.preset.clone(),
@@ -215,13 +220,13 @@ pub struct Seconds {
 /// A finished model.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// The backend that computed it.
+    /// Backend that computed the model.
     pub used: UsedBackend,
     /// Description of the device, such as a GPU's name or `cpu, 2 threads`.
     pub device: String,
     /// Files in [`Request::dir`].
     pub files: Vec<FileOutput>,
-    /// What was found out about it.
+    /// Findings about the model.
     pub findings: Findings,
     /// Timing.
     pub seconds: Seconds,
@@ -303,41 +308,37 @@ pub struct FrameReport {
     pub certificate: Certificate,
 }
 
-/// What is found out about a finished model; all of it is in `report.json`.
+/// Findings about a finished model. `report.json` contains all of them.
 #[derive(Clone, Debug, Default)]
 pub struct Findings {
-    /// Counts and measures: `sections`, `sections_added`, `particles`, `vertices`, `triangles`, …, and `warnings` about poor
-    /// growth: a list, empty if there are none, of objects with `code` (see `warnings.rs`) and
-    /// `detail`.
+    /// Counts and measures: `sections`, `sections_added`, `particles`, `vertices`, `triangles`, and
+    /// others. `warnings` is a list of objects with `code` (see `warnings.rs`) and `detail`; it is
+    /// empty for a model that grew as specified.
     pub summary: serde_json::Value,
     /// The certificate as JSON.
     pub certificate: serde_json::Value,
-    /// The certificates of the other surfaces that are written: bodies and units besides the tissue in metres. Objects with
-    /// `body`, `unit` and `certificate`.
+    /// Certificates of the other surfaces that are written: all bodies and units except the tissue
+    /// in metres. Objects with `body`, `unit` and `certificate`.
     pub surfaces: Vec<serde_json::Value>,
-    /// What its sections measure.
+    /// Measures of the sections.
     pub morphometry: Morphometry,
-    /// What planar cuts across its ampulla show, if the surface leans; without a lean they are its sections.
+    /// Measures of planar cuts across the ampulla, if the surface leans. Without a lean, the cuts
+    /// are the sections.
     pub cuts: Option<Cuts>,
-    /// How the surface was displaced, if it leans.
+    /// Displacement of the surface, if it leans.
     pub lean: Option<Leaned>,
-    /// How the surface was bent, if its tube is not straight.
+    /// Bending of the surface, if its tube is not straight.
     pub course: Option<Bending>,
-    /// What the frames of its contraction measure, if it contracts.
+    /// Measures of the frames, if the tube contracts.
     pub contraction: Option<ContractionReport>,
-    /// The measures beside published ones; none if the model is of no known preset.
+    /// Comparison of the measures with published ones; `None` without a known preset.
     pub comparison: Option<Comparison>,
 }
 
-impl From<SectionsError> for GenerateError {
-    fn from(error: SectionsError) -> Self {
-        Self::Io { name: "checkpoint".into(), source: std::io::Error::other(error) }
-    }
-}
-
 impl Findings {
-    /// What the record of a job keeps: the summary; as its member `certificate` the figures of the certificate, without
-    /// the lists of bodies and failures; and as `morphometry` the means by region.
+    /// Part of the findings that the record of a job keeps: the summary; as the member
+    /// `certificate` the certificate without the lists of bodies and failures; and as `morphometry`
+    /// the means by region.
     #[must_use]
     pub fn figures(&self) -> serde_json::Value {
         let mut figures = self.summary.clone();
@@ -351,24 +352,24 @@ impl Findings {
     }
 }
 
-/// Why a generation ended without a model.
+/// Reason why a generation ended without a model.
 #[derive(Debug, thiserror::Error)]
 pub enum GenerateError {
-    /// It was cancelled.
+    /// The generation was cancelled.
     #[error("the generation was cancelled")]
     Cancelled,
-    /// The surface is not sound.
+    /// The surface failed its certificate.
     #[error("the model failed its certificate: {detail}")]
     Certificate {
-        /// What failed and where.
+        /// Failed test and its place.
         detail: String,
     },
-    /// Its predicted memory is above the limit.
+    /// The predicted memory is above the limit.
     #[error("the model needs about {needed} bytes of memory; the limit is {limit}")]
     Memory {
-        /// Predicted need.
+        /// Predicted memory, bytes.
         needed: u64,
-        /// The limit.
+        /// Limit, bytes.
         limit: u64,
     },
     /// The requested backend is not available.
@@ -377,16 +378,16 @@ pub enum GenerateError {
         /// Why.
         detail: String,
     },
-    /// The GPU failed for a reason unrelated to the model: the same request can run on the CPU.
+    /// The GPU failed for a reason unrelated to the model. The same request can run on the CPU.
     #[error(transparent)]
     Gpu(#[from] GpuError),
     /// A defect of this program. Only a batch reports it, because its other members continue.
     #[error("the generation panicked: {detail}")]
     Panic {
-        /// The message of the panic.
+        /// Message of the panic.
         detail: String,
     },
-    /// A file cannot hold the model: its format has a limit.
+    /// A file cannot contain the model, because its format has a limit.
     #[error("{name} cannot hold the model: {detail}")]
     Format {
         /// File name.
@@ -406,7 +407,31 @@ pub enum GenerateError {
     /// The state of the simulation became invalid, for example a position that is not finite.
     #[error("the simulation failed: {detail}")]
     Simulation {
-        /// What and where.
+        /// Error and its place.
         detail: String,
     },
+}
+
+impl From<SectionsError> for GenerateError {
+    fn from(error: SectionsError) -> Self {
+        Self::Io { name: "checkpoint".into(), source: std::io::Error::other(error) }
+    }
+}
+
+impl From<LoftError> for GenerateError {
+    fn from(error: LoftError) -> Self {
+        Self::Certificate { detail: error.to_string() }
+    }
+}
+
+impl From<SimError> for GenerateError {
+    fn from(error: SimError) -> Self {
+        Self::Simulation { detail: error.to_string() }
+    }
+}
+
+impl From<StateError> for GenerateError {
+    fn from(error: StateError) -> Self {
+        Self::Simulation { detail: error.to_string() }
+    }
 }

@@ -1,5 +1,5 @@
-//! The walls of a model while it grows. The surface of the recorded sections is lofted and tested slab by slab; for an
-//! even surface the sections of every step are kept and remeshed at the end.
+//! Walls of a model during its growth. The surface of the recorded sections is lofted and tested
+//! slab by slab. For an even surface, the sections of every step are kept and remeshed at the end.
 
 use super::cost::Cost;
 use super::outputs::Outputs;
@@ -15,27 +15,29 @@ use crate::spec::ModelSpec;
 use std::borrow::Cow;
 use std::io::{self, Write};
 
-/// Edges of the outer wall, which is nearly flat, are longer than those of the inner wall by this factor.
+/// Length of edges of the outer wall, which is nearly flat, divided by that of edges of the inner
+/// wall.
 const OUTER: f64 = 2.0;
-/// Vertices that mending may add to any model, besides as many as were predicted.
+/// Fixed part of the vertex limit for mending. The limit is twice the predicted number of vertices
+/// plus this constant.
 const SPARE_VERTICES: u64 = 1_000_000;
 
-/// The walls so far.
+/// Walls of the sections so far.
 pub(super) struct Walls {
     form: Form,
     smooth: Option<Smooth>,
-    /// First and last step of the model, and steps between recorded sections.
+    /// First and last step of the model, and number of steps between recorded sections.
     recorded: [u32; 3],
-    /// The sections that the model shows: recorded ones, and those added to mend slabs.
+    /// Sections that the model shows: recorded sections, and sections added to mend slabs.
     sections: Vec<Section>,
     flipped: usize,
     seconds: f64,
 }
 
 enum Form {
-    /// With open ends.
+    /// Lofted surface with open ends.
     Lofted(Box<Lofter>),
-    /// The sections of every step.
+    /// Sections of every step, for an even surface.
     Even(Quality, Vec<Section>),
 }
 
@@ -43,15 +45,10 @@ enum Form {
 pub(super) struct Closed {
     /// The tissue.
     pub(super) tissue: Mesh,
-    /// The ends of the lumen, if it was asked for and the surface is an even one.
+    /// Ends of the lumen, if it is requested and the surface is even.
     pub(super) lids: Option<Lids>,
-    /// The sections that the model shows.
+    /// Sections that the model shows.
     pub(super) sections: Vec<Section>,
-}
-
-#[expect(clippy::needless_pass_by_value, reason = "for `map_err`")]
-pub(super) fn unsound(error: LoftError) -> GenerateError {
-    GenerateError::Certificate { detail: error.to_string() }
 }
 
 impl Walls {
@@ -61,7 +58,7 @@ impl Walls {
         Self::with(request, first)
     }
 
-    /// Walls that begin with a section that is smooth already.
+    /// Walls that begin with a section that is already smooth.
     fn with(request: &Request, first: Section) -> Result<Self, GenerateError> {
         let spec = &request.spec;
         let recorded = spec.recorded();
@@ -74,9 +71,9 @@ impl Walls {
             };
             Form::Even(quality, vec![first.clone()])
         } else {
-            // If walls meet in many places, mending could add vertices almost without end.
+            // If walls intersect in many places, mending could add vertices without end.
             let most = 2 * Cost::new(spec, &Outputs::none()).vertices + SPARE_VERTICES;
-            Form::Lofted(Box::new(Lofter::new(first.clone()).map_err(unsound)?.with_most_vertices(most)))
+            Form::Lofted(Box::new(Lofter::new(first.clone())?.with_most_vertices(most)))
         };
         Ok(Self {
             form,
@@ -88,7 +85,7 @@ impl Walls {
         })
     }
 
-    /// Walls from the sections that [`Walls::save`] wrote.
+    /// Restores walls from the sections that [`Walls::save`] wrote.
     pub(super) fn restored(
         request: &Request,
         mut accepted: impl Iterator<Item = Result<Section, SectionsError>>,
@@ -96,7 +93,7 @@ impl Walls {
         is_cancelled: impl Fn() -> bool,
     ) -> Result<Self, GenerateError> {
         let watch = Stopwatch::start();
-        let first = accepted.next().ok_or_else(|| unsound(LoftError::NoSection))??;
+        let first = accepted.next().ok_or(LoftError::NoSection)??;
         let mut walls = Self::with(request, first)?;
         for section in accepted {
             if is_cancelled() {
@@ -105,7 +102,7 @@ impl Walls {
             let section = section?;
             match &mut walls.form {
                 Form::Lofted(lofter) => {
-                    walls.sections.extend(lofter.advance(&[section]).map_err(unsound)?.sections);
+                    walls.sections.extend(lofter.advance(&[section])?.sections);
                 }
                 Form::Even(..) => walls.keep(section),
             }
@@ -115,7 +112,7 @@ impl Walls {
         Ok(walls)
     }
 
-    /// Writes all sections that the surface is made of.
+    /// Writes all sections of the surface.
     pub(super) fn save(&self, meta: &Metadata, mut out: &mut dyn Write) -> io::Result<()> {
         match &self.form {
             Form::Lofted(_) => write_sections(&self.sections, meta, &mut out),
@@ -123,18 +120,18 @@ impl Walls {
         }
     }
 
-    /// Seconds spent on them.
+    /// Seconds spent on the walls.
     pub(super) fn seconds(&self) -> f64 {
         self.seconds
     }
 
-    /// Diagonals flipped so far.
+    /// Number of diagonals flipped so far.
     pub(super) fn flipped(&self) -> usize {
         self.flipped
     }
 
-    /// Adds the slab up to `section`. If it needs mending, calls `steps` for the sections of all steps since the last one, of
-    /// which `section` is the last.
+    /// Adds the slab up to `section`. If the slab needs mending, calls `steps` for the sections of
+    /// all steps since the previous section; `section` is the last of them.
     pub(super) fn extend<'a>(
         &mut self,
         section: &Section,
@@ -144,11 +141,11 @@ impl Walls {
         let smoothed = |section| smoothed(self.smooth, section);
         match &mut self.form {
             Form::Lofted(lofter) => {
-                let accepted = match lofter.try_advance(&smoothed(section)).map_err(unsound)? {
+                let accepted = match lofter.try_advance(&smoothed(section))? {
                     Some(accepted) => accepted,
                     None => {
                         let steps: Vec<Section> = steps()?.iter().map(|step| smoothed(step).into_owned()).collect();
-                        lofter.advance(&steps).map_err(unsound)?
+                        lofter.advance(&steps)?
                     }
                 };
                 self.flipped += accepted.flipped;
@@ -163,7 +160,7 @@ impl Walls {
         Ok(())
     }
 
-    /// Whether the section of a step is among those that the model shows.
+    /// True if the model shows the section of this step.
     pub(super) fn shows(&self, step: u32) -> bool {
         let [first, last, every] = self.recorded;
         step == first || step == last || step.is_multiple_of(every)
@@ -179,12 +176,12 @@ impl Walls {
         }
     }
 
-    /// Closes the surface; that of the lumen, too, with `lids`, unless [`crate::mesh::regions`] can do so. `watch` is told the
-    /// fraction that is done, and says whether to stop.
+    /// Closes the surface. With `lids`, also closes the lumen, unless [`crate::mesh::regions`] can
+    /// do so. `watch` receives the completed fraction and returns true to stop.
     pub(super) fn close(self, lids: bool, watch: &(dyn Fn(f64) -> bool + Sync)) -> Result<Closed, GenerateError> {
         Ok(match self.form {
             Form::Lofted(lofter) => {
-                let tissue = lofter.finish().map_err(unsound)?;
+                let tissue = lofter.finish()?;
                 Closed { tissue, lids: None, sections: self.sections }
             }
             Form::Even(quality, sections) => {

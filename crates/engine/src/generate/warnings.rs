@@ -1,45 +1,48 @@
-//! Warnings about a model that is sound but grew poorly: its certificate passes, yet it is not what the specification
-//! asked for.
+//! Warnings about a model that passes its certificate but grew poorly, so that it differs from its
+//! specification.
 
 use serde::Serialize;
 
-/// Gaps between walls below this are reported, µm.
+/// Minimum gap between walls without a warning, µm.
 const SMALL_GAP_UM: f64 = 0.1;
 
-/// A lean that was reduced to less than this share of its strength is reported.
+/// Minimum factor on the lean without a warning.
 const MUCH_LEAN: f64 = 0.9;
 
-/// A wave of contraction that was reduced to less than this share of its height in some place is reported.
+/// Minimum factor on the wave of contraction without a warning.
 const MUCH_WAVE: f64 = 0.5;
 
-/// How a model grew.
+/// Measures of the growth of a model.
 pub(super) struct Growth {
-    /// Splits that were deferred for lack of room and never made.
+    /// Number of splits that were deferred for lack of room and never made.
     pub(super) splits_missing: u64,
-    /// Least distance between two parts of a contour in any section, µm; `None` if it was not measured.
+    /// Minimum distance between two parts of a contour in any section, µm; `None` if it was not
+    /// measured.
     pub(super) min_gap_um: Option<f64>,
-    /// Particles of both loops in the last section.
+    /// Number of particles of both loops in the last section.
     pub(super) particles: u64,
-    /// Particles of both loops that the specification asks for at the end.
+    /// Number of particles of both loops that the specification requests at the end.
     pub(super) target: u64,
-    /// Factor on the lean that was needed to keep walls apart; none if the surface does not lean.
+    /// Factor on the lean that keeps walls apart; `None` if the surface does not lean.
     pub(super) lean_scale: Option<f64>,
-    /// Whether a lean was asked for of an even surface.
+    /// True if a lean is requested for an even surface.
     pub(super) lean_left_out: bool,
-    /// Least factor on the wave of contraction, and where that is, mm; none if the tube does not contract.
+    /// Minimum factor on the wave of contraction, and its place, mm; `None` if the tube does not
+    /// contract.
     pub(super) wave: Option<[f64; 2]>,
 }
 
-/// A warning, as it appears in the summary.
+/// A warning in the summary.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub(super) struct Warning {
-    /// `splits-missing`, `small-gap`, `particles-short`, `lean-reduced`, `lean-left-out` or `contraction-reduced`.
+    /// Code: `splits-missing`, `small-gap`, `particles-short`, `lean-reduced`, `lean-left-out` or
+    /// `contraction-reduced`.
     pub(super) code: &'static str,
     /// A sentence with the numbers.
     pub(super) detail: String,
 }
 
-/// All warnings, in the order of the codes above; empty for a model that grew as specified.
+/// All warnings, in the order of the codes; empty for a model that grew as specified.
 pub(super) fn warnings(growth: &Growth) -> Vec<Warning> {
     let mut warnings = Vec::new();
     let mut warn = |code, detail| warnings.push(Warning { code, detail });

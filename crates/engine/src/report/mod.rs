@@ -1,11 +1,11 @@
-//! The report of a model for people: one HTML page that needs no other file and prints well.
+//! Report of a model as an HTML page that needs no other file and prints well.
 //!
 //! | file | subject |
 //! |---|---|
-//! | `stored` | what `report.json` says |
+//! | `stored` | contents of `report.json` |
 //! | `page` | the page |
 //! | `plots` | measures along the tube, with the published ranges |
-//! | `style.css` | its style, on screens and on paper |
+//! | `style.css` | style on screens and on paper |
 
 mod page;
 mod plots;
@@ -27,14 +27,15 @@ pub const MEDIA_TYPE: &str = "text/html; charset=utf-8";
 pub const PICTURE: u32 = 1200;
 /// View of the picture of the tube.
 pub const VIEW: NamedView = NamedView::Opened;
-/// Sections in the strip.
+/// Number of sections in the strip.
 const STRIP: usize = 8;
 /// Distance of the first and the last cut from the ends, µm.
 const END_UM: f64 = 1.0;
-/// Side of each, pixels.
+/// Side of each section in the strip, pixels.
 const CELL: u32 = 300;
 
-/// The sections, of those at the places `z`, that the strip of a report shows: evenly spread from end to end.
+/// Indices of the sections at the places `z` that the strip of a report shows, evenly spread from
+/// end to end.
 #[must_use]
 pub fn strip(z: &[f64]) -> Vec<usize> {
     let (Some(&first), Some(&last)) = (z.first(), z.last()) else { return Vec::new() };
@@ -45,27 +46,28 @@ pub fn strip(z: &[f64]) -> Vec<usize> {
     chosen
 }
 
-/// What the strip of a report shows.
+/// Strip of sections in a report.
 #[derive(Clone, Debug)]
 pub struct Strip {
     /// Places along the tube, µm.
     z_um: Vec<f64>,
-    /// Mucosa and outside at each.
+    /// Contours of the mucosa and of the outer wall at each place.
     shown: Vec<[Border; 2]>,
-    /// Whether they are cuts of the surface rather than sections of the simulation.
+    /// True for cuts of the surface, false for sections of the simulation.
     are_cuts: bool,
 }
 
 impl Strip {
-    /// Sections of the simulation, those that [`strip`] chose.
+    /// Sections of the simulation, which [`strip`] has chosen.
     #[must_use]
     pub fn of_sections(sections: &[Section]) -> Self {
         let z_um = sections.iter().map(|section| section.z_um).collect();
         Self { z_um, shown: sections.iter().map(Section::borders).collect(), are_cuts: false }
     }
 
-    /// Cuts of the tissue at the places `z_um` along its centre line, which follows from the stored specification; at the ends just
-    /// within. None if it has no named patches.
+    /// Cuts of the tissue at the places `z_um` along its centre line, which follows from the stored
+    /// specification; at both ends just inside the tissue. `None` if the tissue has no named
+    /// patches.
     #[must_use]
     pub fn of_cuts(tissue: &Body<'_>, z_um: &[f64], spec: &Value) -> Option<Self> {
         let [low, high] = [z_um.first()?, z_um.last()?];
@@ -79,7 +81,8 @@ impl Strip {
     }
 }
 
-/// Whether the surface of a model leans, by its `report.json`. If so, cuts of it are not the sections of the simulation.
+/// True if the surface of a model leans, according to its `report.json`. Cuts of a leaning surface
+/// differ from the sections of the simulation.
 #[must_use]
 pub fn leans(report: &[u8]) -> bool {
     #[derive(serde::Deserialize)]
@@ -89,17 +92,17 @@ pub fn leans(report: &[u8]) -> bool {
     serde_json::from_slice(report).is_ok_and(|Lean { lean }| lean.is_some())
 }
 
-/// The specification in a `report.json`; null if it has none.
+/// Specification in a `report.json`; null if it has none.
 #[must_use]
 pub fn spec(report: &[u8]) -> Value {
     serde_json::from_slice::<Value>(report).map_or(Value::Null, |mut report| report["spec"].take())
 }
 
-/// The page of a model: `report` is its `report.json`, and `tube` is its surface, as dense as [`VIEW`] needs it at [`PICTURE`]
-/// pixels.
+/// Page of a model. `report` is its `report.json`; `tube` is its surface, as dense as [`VIEW`]
+/// needs it at [`PICTURE`] pixels.
 ///
 /// # Errors
-/// [`ReportError`]
+/// [`ReportError`].
 pub fn html(report: &[u8], strip: &Strip, tube: &Mesh) -> Result<String, ReportError> {
     let stored: Stored = serde_json::from_slice(report)?;
     let pictures = page::Pictures {

@@ -1,4 +1,4 @@
-//! The page.
+//! Page of a report.
 
 use super::plots::Plot;
 use super::stored::{Course, Stored};
@@ -17,11 +17,11 @@ const PAPER: &str = "Burkitt, Romano, Walker, Fazeli: 3D Modelling of Complex Bi
 pub(super) struct Pictures {
     /// PNG of the tube.
     pub(super) tube: Vec<u8>,
-    /// PNG of sections.
+    /// PNG of the sections.
     pub(super) strip: Vec<u8>,
-    /// Where these are.
+    /// Places of the sections, mm.
     pub(super) places_mm: Vec<f64>,
-    /// Whether the strip shows cuts of the surface rather than sections of the simulation.
+    /// True if the strip shows cuts of the surface, false for sections of the simulation.
     pub(super) are_cuts: bool,
 }
 
@@ -91,7 +91,7 @@ fn places(places_mm: &[f64]) -> String {
     places_mm.iter().map(|z| number(*z)).collect::<Vec<_>>().join(", ")
 }
 
-/// Three digits or more, no exponent.
+/// Formats a number with at least three digits and no exponent.
 fn number(value: f64) -> String {
     let digits = if value == 0.0 { 0 } else { (2 - value.abs().log10().floor() as i32).clamp(0, 6) };
     let text = format!("{value:.*}", digits as usize);

@@ -1,4 +1,4 @@
-//! Measures along the tube as SVG: curves, regions, and the ranges that are published for them.
+//! Plots of measures along the tube as SVG: curves, regions and published ranges.
 
 use super::stored::ReportError;
 use crate::measure::comparison::Comparison;
@@ -6,16 +6,16 @@ use crate::measure::morphometry::{Morphometry, Quantity};
 use plotters::prelude::*;
 
 const SIZE: (u32, u32) = (460, 240);
-/// Of the curves, from light to dark where there are three; they can be distinguished in print.
+/// Colours of the curves, from light to dark if there are three, so that they differ in print.
 const CURVES: [RGBColor; 3] = [RGBColor(0, 114, 178), RGBColor(0, 60, 100), RGBColor(86, 180, 233)];
 const BAND: RGBColor = RGBColor(0, 158, 115);
 const RULE: RGBColor = RGBColor(150, 150, 150);
 
-/// A plot and what it shows.
+/// A plot.
 pub(super) struct Plot {
     pub(super) title: &'static str,
     pub(super) svg: String,
-    /// Whether it has the range of a publication.
+    /// True if the plot shows a published range.
     pub(super) published: bool,
 }
 
@@ -36,7 +36,7 @@ const PLOTS: [(&str, &[&str]); 10] = [
     ("Fractal dimension of the lumen area", &["fractal_dimension"]),
 ];
 
-/// All plots that the model has values for.
+/// Draws all plots for which the model has values.
 pub(super) fn plots(morphometry: &Morphometry, comparison: Option<&Comparison>) -> Result<Vec<Plot>, ReportError> {
     let mut plots = Vec::new();
     for (title, names) in PLOTS {
@@ -80,7 +80,8 @@ fn draw(
     let values = || curves.iter().flatten().map(|p| p.1).chain(bands.iter().flat_map(|band| band.1));
     let top = values().fold(0.0_f64, f64::max).max(1e-9) * 1.06;
     let low = values().fold(f64::INFINITY, f64::min);
-    // Dimensions and ratios vary little around a value far from 0.
+    // The axis need not begin at 0 for dimensions and ratios, which vary little around a value far
+    // from 0.
     let bottom = if low > 0.6 * top { low - 0.3 * (top - low) } else { 0.0 };
     let length = morphometry.tube.length_mm;
     let mut svg = String::new();
@@ -115,7 +116,7 @@ fn draw(
     Ok(svg)
 }
 
-/// A number at an axis, without digits from rounding errors.
+/// Formats a number at an axis, without digits from rounding errors.
 fn number(value: f64) -> String {
     if value.abs() < 10.0 { format!("{}", (1e3 * value).round() / 1e3) } else { format!("{value:.0}") }
 }

@@ -1,4 +1,4 @@
-//! What `report.json` says, as far as the page shows it, and what can go wrong.
+//! Contents of `report.json` that the page shows, and errors of pages.
 
 use crate::measure::comparison::Comparison;
 use crate::measure::morphometry::{Cuts, Morphometry};
@@ -6,7 +6,8 @@ use crate::render::RenderError;
 use serde::Deserialize;
 use serde_json::Value;
 
-/// What `report.json` says, as far as the page shows it. Models of version 0.2 and earlier have no morphometry.
+/// Contents of `report.json` that the page shows. Models of version 0.2 and earlier have no
+/// morphometry.
 #[derive(Debug, Deserialize)]
 pub(super) struct Stored {
     pub(super) digest: String,
@@ -22,7 +23,7 @@ pub(super) struct Stored {
     pub(super) course: Option<Course>,
 }
 
-/// How the tube is bent.
+/// Course of a bent tube.
 #[derive(Debug, Deserialize)]
 pub(super) struct Course {
     pub(super) tortuosity: f64,
@@ -32,10 +33,10 @@ pub(super) struct Course {
     pub(super) relaxed: bool,
 }
 
-/// Why a page could not be made.
+/// Reason why a page could not be created.
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
-    /// The report is not one that this program writes.
+    /// This program has not written the report.
     #[error("report.json cannot be read")]
     Json(#[from] serde_json::Error),
     /// A picture could not be drawn.

@@ -60,10 +60,8 @@ impl Reader {
             return self.fault(at, format!("must be a pair [fraction, value], not {got}"));
         };
         let (at_u, at_v) = (format!("{at}/0"), format!("{at}/1"));
-        let u = self
-            .number(&at_u, u)
-            .and_then(|u| self.bounded(Site { at: &at_u, unit: "of the steps" }, u, Range::of(0.0, 1.0)));
-        let v = self.number(&at_v, v).and_then(|v| self.bounded(Site { at: &at_v, unit: site.unit }, v, range));
+        let u = f64::read(self, Site { at: &at_u, unit: "of the steps" }, u, Range::of(0.0, 1.0));
+        let v = f64::read(self, Site { at: &at_v, unit: site.unit }, v, range);
         Some([u?, v?])
     }
 
@@ -79,8 +77,7 @@ impl Reader {
     fn numbers(&mut self, site: Site<'_>, values: &[Value], range: Range) -> Option<Vec<f64>> {
         let mut read = |(i, value): (usize, &Value)| {
             let at = format!("{}/{i}", site.at);
-            let number = self.number(&at, value)?;
-            self.bounded(Site { at: &at, unit: site.unit }, number, range)
+            f64::read(self, Site { at: &at, unit: site.unit }, value, range)
         };
         let numbers: Vec<Option<f64>> = values.iter().enumerate().map(&mut read).collect();
         numbers.into_iter().collect()
@@ -96,18 +93,16 @@ impl Reader {
         let at_amplitude = child(&at, "amplitude");
         let amplitude = match members.get("amplitude") {
             None => self.fault(&at_amplitude, "is missing"),
-            Some(value) => self
-                .number(&at_amplitude, value)
-                .and_then(|a| self.bounded(Site { at: &at_amplitude, unit: site.unit }, a, Range::of(0.0, f64::MAX))),
+            Some(value) => {
+                f64::read(self, Site { at: &at_amplitude, unit: site.unit }, value, Range::of(0.0, f64::MAX))
+            }
         };
         let at_period = child(&at, "period");
         let period = match members.get("period") {
             // Amplitude 0 removes the fluctuation, which needs no period.
             None if amplitude == Some(0.0) => Some(PERIOD.min),
             None => self.fault(&at_period, "is missing"),
-            Some(value) => self
-                .number(&at_period, value)
-                .and_then(|p| self.bounded(Site { at: &at_period, unit: "steps" }, p, PERIOD)),
+            Some(value) => f64::read(self, Site { at: &at_period, unit: "steps" }, value, PERIOD),
         };
         let fluctuation = Fluctuation { amplitude: amplitude?, period: period? };
         known.then_some((fluctuation.amplitude != 0.0).then_some(fluctuation))

@@ -1,4 +1,4 @@
-//! Batches on a device made of CPU simulations, which can be made to fail, to be lost or to panic.
+//! Tests of batches on a device of CPU simulations, which can fail, be lost or panic.
 
 use super::super::{Backend, Output, Progress, Stage, generate};
 use super::*;
@@ -10,19 +10,19 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicU32, AtomicU64};
 
-/// Runs all members step by step, on one thread.
+/// Device that runs all members step by step on one thread.
 #[derive(Default)]
 struct Twin {
     /// The step at which the device is lost.
     lost_at: Option<i64>,
     /// A member and the step at which one of its positions is not finite.
     fails_at: Option<(usize, i64)>,
-    /// Number of members that fit into its memory.
+    /// Number of members that fit into the memory of the device.
     room: Option<usize>,
     /// Number of members of each run, including runs that did not fit into memory.
     runs: Mutex<Vec<usize>>,
     replays: AtomicU64,
-    /// Sections that were reported.
+    /// Number of reported sections.
     reported: AtomicU64,
 }
 
@@ -33,7 +33,7 @@ impl Device for Twin {
         "a twin".to_owned()
     }
 
-    fn run(&self, plans: &[Plan], receiver: &mut dyn Receiver<CpuSimulation>) -> Result<(), GpuError> {
+    fn run(&self, plans: &[Plan], sink: &mut dyn BatchSink<CpuSimulation>) -> Result<(), GpuError> {
         self.runs.lock().push(plans.len());
         if self.room.is_some_and(|room| plans.len() > room) {
             return Err(GpuError::OutOfMemory);
@@ -48,16 +48,16 @@ impl Device for Twin {
                 let Some(simulation) = place else { continue };
                 if plan.records_at(time) {
                     self.reported.fetch_add(1, Ordering::Relaxed);
-                    receiver.section(index, simulation.section(), fork(simulation));
+                    sink.section(index, simulation.section(), fork(simulation));
                 }
-                receiver.progress(index, time, simulation.particles());
+                sink.progress(index, time, simulation.particles());
                 if self.fails_at == Some((index, time)) {
-                    receiver.failed(index, SimError::NotFinite { step: time });
+                    sink.failed(index, SimError::NotFinite { step: time });
                     *place = None;
-                } else if receiver.cancelled(index) {
+                } else if sink.cancelled(index) {
                     *place = None;
                 } else if time == i64::from(plan.steps) {
-                    receiver.finished(index, simulation.statistics());
+                    sink.finished(index, simulation.statistics());
                 } else {
                     simulation.step().unwrap();
                 }
@@ -108,8 +108,8 @@ fn hashes(outcome: &Outcome) -> BTreeMap<String, String> {
 
 type Ends = Vec<Result<Outcome, GenerateError>>;
 
-/// Runs requests with the sinks given, over a pool of so many threads; every member ends exactly once, and the device is
-/// released once.
+/// Runs requests with these sinks over a pool of `threads` threads. Asserts that every member ends
+/// exactly once and that the device is released once.
 fn run(device: &Twin, requests: &[Request], sinks: &[&dyn Sink], cancels: &[CancelToken], threads: usize) -> Ends {
     let members: Vec<Member<'_>> = (0..requests.len())
         .map(|i| Member { request: &requests[i], plan: None, sink: sinks[i], cancel: &cancels[i] })
@@ -168,7 +168,7 @@ fn even_surfaces_and_pieces_are_those_of_a_cpu() {
     }
 }
 
-/// Measures how many reported sections wait for the loft at most.
+/// Measures the maximum number of reported sections that wait for the loft.
 struct Behind<'a> {
     device: &'a Twin,
     lofted: AtomicU64,
@@ -197,12 +197,12 @@ fn the_device_waits_for_a_loft_that_lags_behind() {
     let ends = run(&device, &[request], &[&behind], &[CancelToken::default()], 1);
     assert!(ends[0].is_ok(), "{ends:?}");
     assert_eq!(behind.lofted.into_inner(), 101);
-    // Those in the inbox, the one that is lofted, and the one that fills the inbox.
+    // The sections in the inbox, the section that is lofted, and the section that fills the inbox.
     let most = behind.most.into_inner();
     assert!((1..=INBOX as u64 + 2).contains(&most), "{most}");
 }
 
-/// Stops at a step, or panics at a section.
+/// Sink that stops at a step, or panics at a section.
 #[derive(Default)]
 struct Watcher {
     stops_at: Option<(u32, CancelToken)>,
@@ -264,7 +264,7 @@ fn a_lost_device_is_reported_to_all_members_that_it_did_not_finish() {
         assert!(matches!(&error, GenerateError::Gpu(GpuError::Lost { .. })), "{error}");
         assert_eq!(error.to_string(), "the GPU was lost: unplugged");
     }
-    // The folders may be used again.
+    // The directories can be used again.
     let outcome = generate(&requests[0], &(), &CancelToken::default()).unwrap();
     assert_eq!(outcome.used, UsedBackend::Cpu);
 }
@@ -275,7 +275,7 @@ fn a_batch_that_gets_no_memory_is_halved() {
     let requests: Vec<Request> = [1, 2, 3, 4, 5].map(|seed| request(seed, dir.path())).into();
     let device = Twin { room: Some(2), fails_at: Some((1, 30)), ..Twin::default() };
     let cancels: Vec<CancelToken> = (0..5).map(|_| CancelToken::default()).collect();
-    // It waits for the others when it is cancelled.
+    // The member waits for the others when it is cancelled.
     cancels[3].cancel();
     let ends = run(&device, &requests, &[&() as &dyn Sink; 5], &cancels, 2);
     assert_eq!(*device.runs.lock(), [5, 3, 2, 1, 2]);
@@ -284,7 +284,7 @@ fn a_batch_that_gets_no_memory_is_halved() {
         let outcome = ends[member].as_ref().unwrap();
         assert_eq!((outcome.used, hashes(outcome)), (UsedBackend::Gpu, hashes(&alone)));
     }
-    // The second of each group that has one fails.
+    // The second member of each group that has one fails.
     for member in [1, 4] {
         assert!(matches!(&ends[member], Err(GenerateError::Simulation { detail }) if detail.contains("step 30")));
     }

@@ -1,4 +1,4 @@
-//! Runs interrupted at random steps give the same bytes as uninterrupted ones.
+//! Tests that runs interrupted at random steps produce the same bytes as uninterrupted ones.
 
 use super::*;
 use crate::generate::tests::{even, request, small};
@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::io::Cursor;
 use std::sync::Mutex;
 
-/// Requests a checkpoint at one step, and stops there.
+/// Sink that requests a checkpoint at one step, and stops there.
 struct StopAt {
     step: u32,
     seen: Mutex<u32>,
@@ -54,7 +54,7 @@ fn opened(request: &Request, dir: &Path, bytes: &[u8]) -> Checkpoint {
     Checkpoint::open(request, &path).unwrap()
 }
 
-/// Runs to a checkpoint at each of `stops`, each time from the one before, then to the end.
+/// Runs to a checkpoint at each of `stops`, each time from the previous one, then to the end.
 fn interrupted(request: &Request, stops: &[(u32, usize)], threads: usize) -> BTreeMap<String, String> {
     let dir = tempfile::tempdir().unwrap();
     let request = Request { dir: dir.path().into(), ..request.clone() };
@@ -135,7 +135,8 @@ fn a_checkpoint_of_another_model_or_a_damaged_one_is_refused() {
     }
 }
 
-/// Complete and of this model, but the simulation or the loft cannot continue from it.
+/// Checkpoints that are complete and of this model, but from which the simulation or the loft
+/// cannot continue.
 #[test]
 fn a_checkpoint_that_does_not_restore_costs_time_only() {
     let spec = json!({});
@@ -150,7 +151,7 @@ fn a_checkpoint_that_does_not_restore_costs_time_only() {
         let mut checkpoint = Checkpoint::read(&request, Cursor::new(&bytes)).unwrap();
         let mut accepted: Vec<Section> = checkpoint.accepted().map(Result::unwrap).collect();
         accepted.iter_mut().for_each(spoil);
-        let parts = Parts {
+        let parts = CheckpointParts {
             simulation: simulation.as_ref().unwrap_or(&checkpoint.simulation),
             accepted: &mut |mut out| write_sections(&accepted, &request.metadata(0), &mut out),
             history: &checkpoint.history,

@@ -1,4 +1,5 @@
-//! Random specifications: what is accepted must end with a certificate, and moderate changes must be accepted.
+//! Random specifications: every accepted one must end with a certificate, and moderate changes must
+//! be accepted.
 
 use super::*;
 use crate::random::{self, Stream};
@@ -6,7 +7,7 @@ use crate::spec::{Fault, schema};
 use rayon::prelude::*;
 use serde_json::Value;
 
-/// A number of the specification, as the schema describes it.
+/// A number of the specification and its schema.
 struct Leaf {
     pointer: String,
     bounds: [f64; 2],
@@ -38,7 +39,7 @@ fn leaves() -> Vec<Leaf> {
     found
 }
 
-/// The value with every number in it multiplied by `factor` and clamped to the bounds.
+/// Multiplies every number of a value by `factor` and clamps it to the bounds.
 fn scaled(leaf: &Leaf, value: &Value, factor: f64) -> Value {
     let number = |value: &Value| {
         let number = (value.as_f64().unwrap() * factor).clamp(leaf.bounds[0], leaf.bounds[1]);
@@ -60,7 +61,7 @@ fn put(patch: &mut Value, pointer: &str, value: Value) {
     *at = value;
 }
 
-/// Random numbers in [0, 1) that depend on `seed` only.
+/// Random numbers in [0, 1) that depend only on `seed`.
 fn numbers(seed: u64) -> impl FnMut() -> f64 {
     let mut index = 0;
     move || {
@@ -73,8 +74,9 @@ fn base(number: f64) -> &'static crate::spec::Preset {
     preset(if number < 0.5 { "pig" } else { "paper" }).unwrap()
 }
 
-/// A specification with each schedule of a preset scaled by 0.2–5 (log-uniform), values clamped to the schema, at most 2,000
-/// particles and 300 steps. Most are refused, because the values do not fit together.
+/// A specification with each schedule of a preset scaled by 0.2–5 (log-uniform), values clamped to
+/// the schema, at most 2,000 particles and 300 steps. Most are refused, because their values do not
+/// fit together.
 fn wild(seed: u64) -> Result<ModelSpec, Vec<Fault>> {
     let mut next = numbers(seed);
     let base = base(next());
@@ -131,7 +133,8 @@ fn all_certify(accepted: &[(u64, ModelSpec)]) {
     assert!(failed.is_empty(), "{failed:#?}");
 }
 
-/// `OVIDUCT_TEST_SPECS=1000 cargo test --release --lib random_specifications` tests 1,000 in two minutes on two cores.
+/// `OVIDUCT_TEST_SPECS=1000 cargo test --release --lib random_specifications` tests 1,000
+/// specifications in two minutes on two cores.
 #[test]
 fn random_specifications_that_are_accepted_certify() {
     let wanted = std::env::var("OVIDUCT_TEST_SPECS").map_or(50, |count| count.parse().unwrap());
