@@ -1,24 +1,29 @@
-//! The buffers of a glTF document: the binary chunk, data within URIs, and files beside the document.
+//! Buffers of a glTF document: the binary chunk, data within URIs, and files beside the document.
 
 use super::error::ReadError;
+use super::text::BASE64;
 use super::{file, limits};
 use ::gltf::Document;
 use ::gltf::buffer::Source;
+use base64::Engine;
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
-/// The data of each buffer of a document. Buffers of the same file share its contents.
-pub(super) struct Buffers<'a>(Vec<Data<'a>>);
+/// Data of each buffer of a document. Buffers that name the same file share its contents.
+pub(super) struct Buffers<'a>(Vec<BufferData<'a>>);
 
-enum Data<'a> {
+enum BufferData<'a> {
+    /// Data in the file of the document.
     Within(Cow<'a, [u8]>),
+    /// Contents of a file beside the document.
     Beside(Arc<[u8]>),
 }
 
 impl<'a> Buffers<'a> {
-    /// Loads the buffers. `read` is the number of bytes that the document itself has, `blob` its binary chunk.
+    /// Loads the buffers. `read` is the size of the document itself in bytes, `blob` its binary
+    /// chunk.
     pub(super) fn load(
         document: &Document,
         read: u64,
@@ -29,23 +34,23 @@ impl<'a> Buffers<'a> {
         let load = |buffer: ::gltf::Buffer<'_>| match buffer.source() {
             Source::Bin => {
                 let missing = || ReadError::document(format!("buffers[{}]", buffer.index()), "it has no data");
-                blob.map(|blob| Data::Within(Cow::Borrowed(blob))).ok_or_else(missing)
+                blob.map(|blob| BufferData::Within(Cow::Borrowed(blob))).ok_or_else(missing)
             }
             Source::Uri(uri) => fetch(buffer.index(), uri, &mut files),
         };
         document.buffers().map(load).collect::<Result<_, _>>().map(Self)
     }
 
-    /// The data of a buffer.
+    /// Data of a buffer; `None` if there is no such buffer.
     pub(super) fn get(&self, index: usize) -> Option<&[u8]> {
         self.0.get(index).map(|data| match data {
-            Data::Within(bytes) => &bytes[..],
-            Data::Beside(bytes) => &bytes[..],
+            BufferData::Within(bytes) => &bytes[..],
+            BufferData::Beside(bytes) => &bytes[..],
         })
     }
 }
 
-/// Files beside the document; each is read once, however many buffers name it.
+/// Files beside the document. Each is read once, even if several buffers name it.
 struct Files<'f> {
     /// Bytes that may still be read.
     room: u64,
@@ -65,13 +70,13 @@ impl Files<'_> {
     }
 }
 
-/// Loads a buffer that is named by a URI: data within it, or a file beside the document.
-fn fetch(index: usize, uri: &str, files: &mut Files<'_>) -> Result<Data<'static>, ReadError> {
+/// Loads a buffer from its URI, which contains the data or names a file beside the document.
+fn fetch(index: usize, uri: &str, files: &mut Files<'_>) -> Result<BufferData<'static>, ReadError> {
     let wrong = |detail: &str| ReadError::document(format!("buffers[{index}].uri"), detail);
     if let Some(data) = uri.strip_prefix("data:") {
         let (_, data) = data.split_once(";base64,").ok_or_else(|| wrong("its data are not in base64"))?;
-        let bytes = base64(data.as_bytes()).ok_or_else(|| wrong("its data are not valid base64"))?;
-        return Ok(Data::Within(Cow::Owned(bytes)));
+        let bytes = decoded(data).ok_or_else(|| wrong("its data are not valid base64"))?;
+        return Ok(BufferData::Within(Cow::Owned(bytes)));
     }
     let name = percent_decoded(uri).ok_or_else(|| wrong("it is not a valid relative reference"))?;
     let path = Path::new(&name);
@@ -79,37 +84,19 @@ fn fetch(index: usize, uri: &str, files: &mut Files<'_>) -> Result<Data<'static>
         return Err(wrong("only files beside the document are read"));
     }
     let folder = files.folder.ok_or_else(|| wrong("files beside a document in memory cannot be read"))?;
-    // Without `.`, so that one file has one path.
+    // Without `.`, so that each file has one path.
     let path = path.components().filter(|part| matches!(part, Component::Normal(_)));
-    files.read(folder.join(path.collect::<PathBuf>())).map(Data::Beside)
+    files.read(folder.join(path.collect::<PathBuf>())).map(BufferData::Beside)
 }
 
-fn base64(text: &[u8]) -> Option<Vec<u8>> {
-    let text = text.strip_suffix(b"==").or_else(|| text.strip_suffix(b"=")).unwrap_or(text);
-    let mut bytes = Vec::with_capacity(text.len() / 4 * 3 + 3);
-    for group in text.chunks(4) {
-        let mut word = 0u32;
-        for &symbol in group {
-            let value = match symbol {
-                b'A'..=b'Z' => symbol - b'A',
-                b'a'..=b'z' => symbol - b'a' + 26,
-                b'0'..=b'9' => symbol - b'0' + 52,
-                b'+' | b'-' => 62,
-                b'/' | b'_' => 63,
-                _ => return None,
-            };
-            word = (word << 6) | u32::from(value);
-        }
-        word <<= 6 * (4 - group.len());
-        let whole = match group.len() {
-            4 => 3,
-            3 => 2,
-            2 => 1,
-            _ => return None,
-        };
-        bytes.extend(&word.to_be_bytes()[1..=whole]);
-    }
-    Some(bytes)
+/// Decodes base64 in the standard or the URL-safe alphabet, with or without padding.
+fn decoded(text: &str) -> Option<Vec<u8>> {
+    let standard = |symbol| match symbol {
+        b'-' => b'+',
+        b'_' => b'/',
+        other => other,
+    };
+    BASE64.decode(text.bytes().map(standard).collect::<Vec<u8>>()).ok()
 }
 
 fn percent_decoded(uri: &str) -> Option<String> {

@@ -1,10 +1,10 @@
-//! The container of binary glTF and its document, not yet checked.
+//! Container of binary glTF, and parsing of the document without validation.
 
 use super::error::ReadError;
 use super::limits;
 use ::gltf::json::{Root, deserialize};
 
-/// Splits a binary file into its document and its data.
+/// Splits a binary file into its document and its binary chunk.
 pub(super) fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), ReadError> {
     let wrong = |byte: usize, detail: &str| ReadError::Byte { byte, detail: detail.to_owned() };
     let word = |byte: usize| {
@@ -31,7 +31,7 @@ pub(super) fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), ReadError> 
     Ok((json, blob))
 }
 
-/// Reads a document, without checking what it holds.
+/// Parses a document without validating it.
 pub(super) fn root(json: &[u8]) -> Result<Root, ReadError> {
     if json.trim_ascii_start().first() != Some(&b'{') {
         return Err(ReadError::UnknownFormat);
@@ -41,7 +41,7 @@ pub(super) fn root(json: &[u8]) -> Result<Root, ReadError> {
     deserialize::from_slice(json).map_err(|error| refused(error.into()))
 }
 
-/// The first fault of a document.
+/// Converts an error of the `gltf` crate, of which only the first validation error is reported.
 pub(super) fn refused(error: ::gltf::Error) -> ReadError {
     match error {
         ::gltf::Error::Validation(faults) => match faults.first() {

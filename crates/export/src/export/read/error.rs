@@ -1,72 +1,72 @@
-//! Why a surface could not be read.
+//! Errors of the readers of surfaces.
 
 use std::path::PathBuf;
 
-/// Why a file could not be read.
+/// Reason why a surface could not be read.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
-    /// The file, or one that it refers to, could not be opened or read.
+    /// The file, or a file that it refers to, could not be opened or read.
     #[error("cannot read {}", path.display())]
     Io {
-        /// File.
+        /// Path of the file.
         path: PathBuf,
-        /// Cause.
+        /// Error of the operating system.
         #[source]
         source: std::io::Error,
     },
-    /// The path names something else than a regular file; a pipe, for example, may never end.
+    /// The path does not name a regular file. A pipe, for example, may never end.
     #[error("{} is {kind}, not a regular file", path.display())]
     NotAFile {
-        /// Path.
+        /// The path.
         path: PathBuf,
-        /// What the path names, such as `a directory`.
+        /// Kind of file, such as `a directory`.
         kind: &'static str,
     },
-    /// The format of the file is not known, or the file is not in the format that its name states.
+    /// The format is unknown, or the contents are not in the format that the name states.
     #[error(
         "the format is not recognised. Known formats, and how they are recognised: binary glTF by its first bytes \
          (`glTF`); PLY by its first line (`ply`); glTF by its extension (.gltf or .glb) and its first character (`{{`); \
          STL, OBJ and VTP by their extensions (.stl, .obj, .vtp)"
     )]
     UnknownFormat,
-    /// The file holds more than is read.
+    /// The file exceeds a limit on what is read.
     #[error("{path}: {what}, and at most {most} are read")]
     TooLarge {
-        /// The part concerned, such as `nodes[7]` or a path.
+        /// Part of the file, such as `nodes[7]`, or its path.
         path: String,
-        /// What there is too much of, with the number if it is known.
+        /// Clause that says what exceeds the limit, with the number if it is known.
         what: String,
         /// The limit.
         most: u64,
     },
-    /// A line of a text file is wrong.
+    /// A line of a text file is invalid.
     #[error("line {line}: {detail}")]
     Line {
-        /// Line, the first being 1.
+        /// Number of the line, from 1.
         line: usize,
-        /// What is wrong.
+        /// Description of the error.
         detail: String,
     },
-    /// Something is wrong at a byte of a binary file.
+    /// A binary file is invalid at some byte.
     #[error("byte {byte}: {detail}")]
     Byte {
-        /// Offset into the file.
+        /// Offset into the file, bytes.
         byte: usize,
-        /// What is wrong.
+        /// Description of the error.
         detail: String,
     },
-    /// A part of a glTF document or of a VTP file is wrong.
+    /// A part of a glTF document or of a VTP file is invalid.
     #[error("{path}: {detail}")]
     Document {
-        /// The part concerned, such as `accessors[3]` or `piece 1, Polys, offsets`.
+        /// Part of the file, such as `accessors[3]` or `piece 1, Polys, offsets`.
         path: String,
-        /// What is wrong.
+        /// Description of the error.
         detail: String,
     },
 }
 
 impl ReadError {
-    /// A fault in a part of a glTF document or of a VTP file.
+    /// Error about a part of a glTF document or of a VTP file.
     pub(super) fn document(path: impl Into<String>, detail: impl Into<String>) -> Self {
         Self::Document { path: path.into(), detail: detail.into() }
     }

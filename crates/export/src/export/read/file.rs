@@ -1,4 +1,4 @@
-//! Reads files into memory: regular ones only, and no more than the limit.
+//! Reads regular files into memory, up to a limit.
 
 use super::error::ReadError;
 use super::limits;
@@ -6,11 +6,13 @@ use std::fs::{File, FileType};
 use std::io::Read;
 use std::path::Path;
 
-/// The contents of a regular file, of which at most `room` bytes are read.
+/// Reads a regular file of at most `room` bytes.
 ///
 /// # Errors
-/// [`ReadError::NotAFile`] without opening the path, as opening a pipe waits for its other end;
-/// [`ReadError::TooLarge`], [`ReadError::Io`].
+/// - [`ReadError::NotAFile`], without opening the path: opening a pipe would wait for its other
+///   end.
+/// - [`ReadError::TooLarge`] if the file has more than `room` bytes.
+/// - [`ReadError::Io`] if it cannot be read.
 pub(super) fn read(path: &Path, room: u64) -> Result<Vec<u8>, ReadError> {
     let io = |source| ReadError::Io { path: path.to_owned(), source };
     let kind = std::fs::metadata(path).map_err(io)?.file_type();
@@ -28,7 +30,7 @@ pub(super) fn read(path: &Path, room: u64) -> Result<Vec<u8>, ReadError> {
         return Err(too_large());
     }
     let mut bytes = Vec::new();
-    // The length is that of the moment, and 0 for files that the system makes up.
+    // The length may change while the file is read, and is 0 for files in /proc.
     bytes.try_reserve_exact(length as usize).map_err(|error| io(error.into()))?;
     file.by_ref().take(room.saturating_add(1)).read_to_end(&mut bytes).map_err(io)?;
     if bytes.len() as u64 > room {

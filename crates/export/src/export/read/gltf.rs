@@ -1,11 +1,13 @@
-//! glTF 2.0: all triangles of a scene as one surface, node transforms applied.
+//! glTF 2.0: reads all triangles of a scene as one surface, with the transforms of nodes applied.
 //!
-//! The `gltf` crate parses and validates the document; the container and the data are read here, so that no length in
-//! the file is trusted. Triangles in lists, strips and fans are read; points and lines are left out. The triangles of a
-//! mirrored node are reversed, as the format requires. Not read: sparse accessors, skins, morph targets.
+//! The `gltf` crate parses and validates the document. The container and the data are read here, so
+//! that no length in the file is trusted. Triangle lists, strips and fans are read; points and
+//! lines are skipped. Triangles of a mirrored node are reversed, as the format requires. Sparse
+//! accessors, skins and morph targets are not read.
 //!
-//! A few bytes can place one mesh a million times, and many primitives can share one accessor. What all nodes together
-//! place is therefore counted first, mesh by mesh, and refused if it is above the [`limits`]; only then is it read.
+//! A few bytes can place one mesh a million times, and many primitives can share one accessor. All
+//! vertices and triangles that the nodes place are therefore counted first, mesh by mesh. A
+//! document above the [`limits`] is refused before any of them is read.
 
 use super::accessor::{count, indices, positions};
 use super::buffers::Buffers;
@@ -13,11 +15,12 @@ use super::document::{chunks, refused, root};
 use super::error::ReadError;
 use super::level;
 use super::limits;
-use super::placement::Placement;
-use super::surface::{Group, Surface, Unit};
+use super::surface::{Group, Surface, Unit, strip_triangles};
 use ::gltf::json::Root;
 use ::gltf::mesh::Mode;
+use ::gltf::scene::Transform;
 use ::gltf::{Accessor, Document, Mesh, Node, Primitive};
+use glam::{DMat3, DMat4, DVec3, Mat4};
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
 use std::sync::Arc;
@@ -32,23 +35,25 @@ pub(super) fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Surface, Read
     let document = Document::from_json(root).map_err(refused)?;
     let scene = document.default_scene().or_else(|| document.scenes().next());
     let roots = scene.map_or_else(|| roots(&document), |scene| scene.nodes().collect());
-    let nodes = placed(&document, roots)?;
+    let nodes = mesh_nodes(&document, roots)?;
     let buffers = Buffers::load(&document, bytes.len() as u64, blob, folder)?;
     let materials: Vec<Option<Arc<str>>> =
         document.materials().map(|material| material.name().map(Arc::from)).collect();
-    let parts = document.meshes().map(|mesh| Parts::of(&mesh, &materials, &buffers)).collect::<Result<Vec<_>, _>>()?;
-    let (vertices, triangles) = total(&nodes, &parts)?;
+    let mesh = |mesh| TriangleMesh::new(&mesh, &materials, &buffers);
+    let meshes = document.meshes().map(mesh).collect::<Result<Vec<_>, _>>()?;
+    let (vertices, triangles) = total(&nodes, &meshes)?;
     let mut surface = Surface { unit: Unit::Stated(1.0), ..Surface::default() };
     surface.positions.reserve_exact(vertices as usize);
     surface.triangles.reserve(triangles as usize);
     let mut reader = Reader { surface, buffers };
     for node in &nodes {
-        reader.read(node, &parts[node.mesh])?;
+        reader.read(node, &meshes[node.mesh])?;
     }
     Ok(reader.surface)
 }
 
-/// Refuses attributes that name no accessor: the validation of the crate takes for granted that there is one.
+/// Refuses attributes that name a missing accessor; the validation of the crate would panic on
+/// them.
 fn check_attributes(root: &Root) -> Result<(), ReadError> {
     for (m, mesh) in root.meshes.iter().enumerate() {
         for (p, primitive) in mesh.primitives.iter().enumerate() {
@@ -61,7 +66,7 @@ fn check_attributes(root: &Root) -> Result<(), ReadError> {
     Ok(())
 }
 
-/// Nodes that are no other node's children, for documents without a scene.
+/// Nodes that have no parent, for documents without a scene.
 fn roots(document: &Document) -> Vec<Node<'_>> {
     let children: HashSet<usize> =
         document.nodes().flat_map(|node| node.children().map(|child| child.index()).collect::<Vec<_>>()).collect();
@@ -69,24 +74,25 @@ fn roots(document: &Document) -> Vec<Node<'_>> {
 }
 
 /// A node that places a mesh.
-struct Placed {
+struct MeshNode {
     name: Option<Arc<str>>,
     mesh: usize,
     placement: Placement,
 }
 
-/// The nodes below `roots` that place a mesh, in the order of the tree, however deep it is.
-fn placed(document: &Document, roots: Vec<Node<'_>>) -> Result<Vec<Placed>, ReadError> {
+/// Collects the nodes below `roots` that place a mesh, in depth-first order, for trees of any
+/// depth.
+fn mesh_nodes(document: &Document, roots: Vec<Node<'_>>) -> Result<Vec<MeshNode>, ReadError> {
     let mut seen = vec![false; document.nodes().len()];
     let mut found = Vec::new();
-    let mut stack: Vec<(Node<'_>, Placement)> = roots.into_iter().rev().map(|node| (node, Placement::AS_IS)).collect();
-    while let Some((node, above)) = stack.pop() {
+    let mut stack: Vec<(Node<'_>, Placement)> = roots.into_iter().rev().map(|node| (node, Placement(None))).collect();
+    while let Some((node, parent)) = stack.pop() {
         if std::mem::replace(&mut seen[node.index()], true) {
             return Err(ReadError::document(format!("nodes[{}]", node.index()), "it has more than one parent"));
         }
-        let placement = above.of_child(node.transform());
+        let placement = parent.of_child(node.transform());
         if let Some(mesh) = node.mesh() {
-            found.push(Placed { name: node.name().map(Arc::from), mesh: mesh.index(), placement });
+            found.push(MeshNode { name: node.name().map(Arc::from), mesh: mesh.index(), placement });
         }
         let first = stack.len();
         stack.extend(node.children().map(|child| (child, placement)));
@@ -95,17 +101,37 @@ fn placed(document: &Document, roots: Vec<Node<'_>>) -> Result<Vec<Placed>, Read
     Ok(found)
 }
 
+/// Affine transform of a node in f64. `None` is the identity, which leaves the bits of coordinates
+/// unchanged.
+#[derive(Clone, Copy)]
+struct Placement(Option<DMat4>);
+
+impl Placement {
+    /// Placement of a child whose transform relative to this node is `transform`.
+    fn of_child(self, transform: Transform) -> Self {
+        let own = Mat4::from_cols_array_2d(&transform.matrix()).as_dmat4();
+        if own == DMat4::IDENTITY { self } else { Self(Some(self.0.map_or(own, |parent| parent * own))) }
+    }
+
+    fn apply(self, point: [f64; 3]) -> [f64; 3] {
+        self.0.map_or(point, |matrix| matrix.transform_point3(DVec3::from(point)).into())
+    }
+
+    fn reverses_orientation(self) -> bool {
+        self.0.is_some_and(|matrix| DMat3::from_mat4(matrix).determinant() < 0.0)
+    }
+}
+
 /// The primitives of a mesh that have triangles, and their total size.
-struct Parts<'a> {
-    /// Name of the mesh.
+struct TriangleMesh<'a> {
     name: Option<Arc<str>>,
-    primitives: Vec<Part<'a>>,
+    primitives: Vec<TrianglePrimitive<'a>>,
     vertices: u64,
-    /// Upper bound: includes those of repeated vertices, which only stitch strips together.
+    /// Upper bound, since it includes the triangles of repeated vertices that join strips.
     triangles: u64,
 }
 
-struct Part<'a> {
+struct TrianglePrimitive<'a> {
     primitive: Primitive<'a>,
     positions: Accessor<'a>,
     /// Name of its material, if the mesh has several primitives.
@@ -113,10 +139,9 @@ struct Part<'a> {
     path: Arc<str>,
 }
 
-impl<'a> Parts<'a> {
-    fn of(mesh: &Mesh<'a>, materials: &[Option<Arc<str>>], buffers: &Buffers<'_>) -> Result<Self, ReadError> {
-        let name = mesh.name().map(Arc::from);
-        let mut parts = Self { name, primitives: Vec::new(), vertices: 0, triangles: 0 };
+impl<'a> TriangleMesh<'a> {
+    fn new(mesh: &Mesh<'a>, materials: &[Option<Arc<str>>], buffers: &Buffers<'_>) -> Result<Self, ReadError> {
+        let mut found = Self { name: mesh.name().map(Arc::from), primitives: Vec::new(), vertices: 0, triangles: 0 };
         let several = mesh.primitives().len() > 1;
         let mut known = HashSet::new();
         for primitive in mesh.primitives() {
@@ -133,25 +158,25 @@ impl<'a> Parts<'a> {
             if triangles == 0 {
                 continue;
             }
-            parts.triangles += triangles;
+            found.triangles += triangles;
             if known.insert(positions.index()) {
-                parts.vertices += vertices;
+                found.vertices += vertices;
             }
             let material = primitive.material().index().filter(|_| several);
             let name = material.and_then(|index| materials[index].clone());
-            parts.primitives.push(Part { primitive, positions, name, path: path.into() });
+            found.primitives.push(TrianglePrimitive { primitive, positions, name, path: path.into() });
         }
-        Ok(parts)
+        Ok(found)
     }
 }
 
-/// The number of vertices and, at most, of triangles that all nodes place.
-fn total(nodes: &[Placed], parts: &[Parts<'_>]) -> Result<(u64, u64), ReadError> {
+/// Counts the vertices and, as an upper bound, the triangles that all nodes place.
+fn total(nodes: &[MeshNode], meshes: &[TriangleMesh<'_>]) -> Result<(u64, u64), ReadError> {
     let (mut vertices, mut triangles) = (0u64, 0u64);
     for node in nodes {
-        let parts = &parts[node.mesh];
-        vertices = vertices.saturating_add(parts.vertices);
-        triangles = triangles.saturating_add(parts.triangles);
+        let mesh = &meshes[node.mesh];
+        vertices = vertices.saturating_add(mesh.vertices);
+        triangles = triangles.saturating_add(mesh.triangles);
     }
     let path = "nodes (all instances of meshes placed)";
     limits::triangles(path, triangles)?;
@@ -165,31 +190,37 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    fn read(&mut self, node: &Placed, parts: &Parts<'_>) -> Result<(), ReadError> {
-        // Primitives of a mesh often share their vertices.
-        let mut bases = HashMap::new();
-        for part in &parts.primitives {
-            let (base, count) = match bases.get(&part.positions.index()) {
-                Some(&known) => known,
+    fn read(&mut self, node: &MeshNode, mesh: &TriangleMesh<'_>) -> Result<(), ReadError> {
+        // First vertex and number of vertices by accessor: primitives of a mesh often share theirs.
+        let mut known = HashMap::new();
+        for part in &mesh.primitives {
+            let (base, count) = match known.get(&part.positions.index()) {
+                Some(&vertices) => vertices,
                 None => {
                     let base = self.surface.positions.len();
                     let points = positions(&part.positions, &self.buffers)?;
-                    let added = (base as u32, points.len());
+                    let vertices = (base as u32, points.len());
                     self.surface.positions.extend(points.map(|p| node.placement.apply(p)));
-                    bases.insert(part.positions.index(), added);
-                    added
+                    known.insert(part.positions.index(), vertices);
+                    vertices
                 }
             };
             let begin = self.surface.triangles.len();
-            self.read_triangles(part, base, count, node.placement.mirrors())?;
-            let name = part.name.as_ref().or(node.name.as_ref()).or(parts.name.as_ref()).unwrap_or(&part.path);
+            self.read_triangles(part, base, count, node.placement.reverses_orientation())?;
+            let name = part.name.as_ref().or(node.name.as_ref()).or(mesh.name.as_ref()).unwrap_or(&part.path);
             let triangles = begin..self.surface.triangles.len();
             self.surface.groups.push(Group { name: Arc::clone(name), triangles });
         }
         Ok(())
     }
 
-    fn read_triangles(&mut self, part: &Part<'_>, base: u32, count: usize, mirrored: bool) -> Result<(), ReadError> {
+    fn read_triangles(
+        &mut self,
+        part: &TrianglePrimitive<'_>,
+        base: u32,
+        count: usize,
+        mirrored: bool,
+    ) -> Result<(), ReadError> {
         let list = match part.primitive.indices() {
             Some(accessor) => indices(&accessor, &self.buffers)?,
             None => (0..count as u32).collect(),
@@ -198,29 +229,20 @@ impl Reader<'_> {
             return Err(ReadError::document(&*part.path, format!("there is no vertex {bad}")));
         }
         let triangles = &mut self.surface.triangles;
-        let mut add = |[a, b, c]: [u32; 3]| {
-            let t = if mirrored { [a, c, b] } else { [a, b, c] };
+        let mut add = |[a, b, c]: [u32; 3], reversed: bool| {
+            let t = if reversed == mirrored { [a, b, c] } else { [a, c, b] };
             triangles.push(t.map(|v| v + base));
         };
         match part.primitive.mode() {
-            Mode::TriangleStrip => {
-                for (i, w) in list.windows(3).enumerate() {
-                    // Repeated vertices only stitch strips together.
-                    if w[0] != w[1] && w[1] != w[2] && w[2] != w[0] {
-                        add(if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[0], w[2], w[1]] });
-                    }
-                }
-            }
-            Mode::TriangleFan => list.windows(2).skip(1).for_each(|w| add([w[0], w[1], list[0]])),
+            Mode::TriangleStrip => strip_triangles(&list).for_each(|(t, reversed)| add(t, reversed)),
+            Mode::TriangleFan => list.windows(2).skip(1).for_each(|w| add([w[0], w[1], list[0]], false)),
             _ => {
                 let (whole, rest) = list.as_chunks::<3>();
                 if !rest.is_empty() {
-                    return Err(ReadError::document(
-                        &*part.path,
-                        "the number of its indices is not a multiple of three",
-                    ));
+                    let detail = "the number of its indices is not a multiple of three";
+                    return Err(ReadError::document(&*part.path, detail));
                 }
-                whole.iter().for_each(|t| add(*t));
+                whole.iter().for_each(|t| add(*t, false));
             }
         }
         Ok(())

@@ -1,7 +1,10 @@
-//! Our own levels of detail (`model.lod0.glb` to `model.lod2.glb`): compressed and quantized glTF of the structure that
-//! [`lod`](crate::export::lod) writes, and no other.
+//! Levels of detail written by oviduct (`model.lod0.glb` to `model.lod2.glb`): compressed and
+//! quantized glTF with exactly the structure that [`lod`](crate::export::lod) writes.
+//!
+//! Positions are in metres, rounded to the level's grid. Vertices of equal position are merged, so
+//! that patches share the vertices of their borders, as in the mesh that the level was computed
+//! from.
 
-use super::document::{chunks, root};
 use super::error::ReadError;
 use super::limits;
 use super::surface::{Group, Surface, Unit};
@@ -13,32 +16,27 @@ use ::gltf::json::validation::Checked;
 use ::gltf::json::{Accessor, Index, Node, Root};
 use std::collections::HashMap;
 
-/// Most vertices or indices for a byte of compressed data. The codecs reach 8 vertices of 8 bytes and 3 indices.
-const MOST_PER_BYTE: usize = 8;
+/// Upper bound for the vertices or indices per byte of compressed data. The codecs reach 8 vertices
+/// and 3 indices per byte.
+const MAX_PER_BYTE: usize = 8;
 
 /// Reads a level from the bytes of its file.
-///
-/// Positions are in metres, rounded to the level's grid. Vertices of equal position are merged, so that patches share the
-/// vertices of their borders, as in the mesh that the level was made of.
-///
-/// # Errors
-/// [`ReadError`] if the bytes are not a whole level as this program writes it. The memory needed is proportional to the length
-/// of `bytes`.
-pub fn read_level(bytes: &[u8]) -> Result<Mesh, ReadError> {
-    let (json, blob) = chunks(bytes)?;
-    let root = root(json)?;
-    if !is_level(&root) {
-        return Err(ReadError::document("extensionsRequired", format!("{COMPRESSION} is not among them")));
-    }
-    mesh(&root, blob.unwrap_or_default())
+#[cfg(test)]
+pub(crate) fn read_level(bytes: &[u8]) -> Result<Mesh, ReadError> {
+    let (json, blob) = super::document::chunks(bytes)?;
+    mesh(&super::document::root(json)?, blob.unwrap_or_default())
 }
 
-/// Whether a document is compressed, so that only [`mesh`] can read it.
+/// True if a document is compressed, so that only [`mesh`] can read it.
 pub(super) fn is_level(root: &Root) -> bool {
     root.extensions_required.iter().any(|name| name == COMPRESSION)
 }
 
-/// The mesh of a level.
+/// Reads the mesh of a level from its document and its binary chunk. The memory needed is
+/// proportional to their length.
+///
+/// # Errors
+/// [`ReadError`] if they are not a complete level as this version of oviduct writes it.
 pub(super) fn mesh(root: &Root, blob: &[u8]) -> Result<Mesh, ReadError> {
     let wrong = |path: &str, detail: &str| ReadError::document(path, format!("{detail} of a level written by oviduct"));
     let scene = root.scene.and_then(|scene| root.scenes.get(scene.value()));
@@ -67,7 +65,7 @@ struct Reader<'a> {
     root: &'a Root,
     blob: &'a [u8],
     grid: Grid,
-    /// Vertex at each cell.
+    /// Vertex in each cell of the grid.
     vertices: HashMap<[u16; 3], u32>,
     mesh: Mesh,
 }
@@ -88,7 +86,8 @@ impl Reader<'_> {
         let positions = self.accessor(positions.copied()).ok_or_else(|| wrong("it has no positions"))?;
         let indices = self.accessor(primitive.indices).ok_or_else(|| wrong("it has no indices"))?;
         let (data, view) = self.view(positions, Mode::Attributes)?;
-        if (view.byte_stride, component(positions)) != (VECTOR_BYTES, Some(ComponentType::U16)) {
+        let is_u16 = matches!(positions.component_type, Checked::Valid(GenericComponentType(ComponentType::U16)));
+        if view.byte_stride != VECTOR_BYTES || !is_u16 {
             return Err(wrong("its positions are not of 16 bits"));
         }
         let cells: Vec<[u8; VECTOR_BYTES]> =
@@ -128,7 +127,8 @@ impl Reader<'_> {
         self.root.accessors.get(index?.value())
     }
 
-    /// The compressed data of an accessor that has a whole view, with a count that the data can have.
+    /// Compressed data of an accessor that covers a whole view. The count is one that the data can
+    /// have.
     fn view(&self, accessor: &Accessor, mode: Mode) -> Result<(&[u8], Compression), ReadError> {
         let wrong = |detail: &str| ReadError::document("bufferViews", detail);
         let view = accessor.buffer_view.and_then(|view| self.root.buffer_views.get(view.value()));
@@ -140,18 +140,11 @@ impl Reader<'_> {
         let end = view.byte_offset.checked_add(view.byte_length);
         let data = end.and_then(|end| self.blob.get(view.byte_offset..end)).filter(|_| view.buffer == 0);
         let data = data.ok_or_else(|| wrong("one reaches beyond the data"))?;
-        let fits = view.count as u64 == accessor.count.0 && view.count / MOST_PER_BYTE <= data.len();
+        let fits = view.count as u64 == accessor.count.0 && view.count / MAX_PER_BYTE <= data.len();
         if view.mode != mode || !fits {
             return Err(wrong("one does not hold what its accessor says"));
         }
         Ok((data, view))
-    }
-}
-
-fn component(accessor: &Accessor) -> Option<ComponentType> {
-    match accessor.component_type {
-        Checked::Valid(GenericComponentType(component)) => Some(component),
-        Checked::Invalid => None,
     }
 }
 

@@ -1,9 +1,13 @@
-//! Reads surfaces from files in common formats, written by oviduct or not: glTF (binary or JSON; compressed
-//! only if it is a level written by oviduct), OBJ, STL, PLY, VTP.
+//! Readers of surfaces in common formats: glTF (binary or JSON), OBJ, STL, PLY and VTP, from
+//! oviduct or other programs. Compressed glTF is read only if it is a level of detail written by
+//! oviduct.
 //!
-//! Invariants: no input makes a reader panic; what a reader cannot read it refuses, naming the place. Memory is allocated
-//! for data that exist, never for a count that the file merely states, and within `limits`. All vertex indices of a
-//! [`Surface`] are in range.
+//! Invariants:
+//!
+//! - No input makes a reader panic. An error names the place in the file that cannot be read.
+//! - Memory is allocated for data that exist, never for a count that the file merely states, and
+//!   within [`limits`].
+//! - All vertex indices of a [`Surface`] are in range.
 
 mod accessor;
 mod buffers;
@@ -15,20 +19,21 @@ mod level;
 mod limits;
 mod obj;
 mod patches;
-mod placement;
 mod ply;
+mod scalar;
 mod stl;
 mod surface;
 mod text;
 mod vtp;
 
 pub use error::ReadError;
-pub use level::read_level;
+#[cfg(test)]
+pub(crate) use level::read_level;
 pub use surface::{Group, Surface, Unit};
 
 use std::path::Path;
 
-/// Formats that can be read.
+/// A file format that can be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// glTF 2.0, `.glb` or `.gltf`.
@@ -53,7 +58,7 @@ pub fn read_surface(path: &Path) -> Result<Surface, ReadError> {
     parse(&bytes, format, path.parent())
 }
 
-/// Reads a surface from memory. `folder` is where a glTF document may find the files that it refers to.
+/// Reads a surface from memory. A glTF document may refer to files in `folder`.
 ///
 /// # Errors
 /// See [`ReadError`].
@@ -67,7 +72,7 @@ pub fn parse(bytes: &[u8], format: Format, folder: Option<&Path>) -> Result<Surf
     }
 }
 
-/// The format of a file: by its first bytes if these identify it, else by the extension of its name.
+/// Detects the format by the first bytes of the file if these identify it, else by the extension.
 fn format_of(path: &Path, bytes: &[u8]) -> Option<Format> {
     if bytes.starts_with(b"glTF") {
         return Some(Format::Gltf);
@@ -87,5 +92,3 @@ fn format_of(path: &Path, bytes: &[u8]) -> Option<Format> {
 
 #[cfg(test)]
 mod tests;
-#[cfg(test)]
-mod written;

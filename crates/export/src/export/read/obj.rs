@@ -1,17 +1,18 @@
-//! Wavefront OBJ: vertices, faces (with or without texture and normal indices, counted from either end), groups.
+//! Wavefront OBJ: vertices, groups, and faces whose corners may have texture and normal indices and
+//! count vertices from either end.
 //!
-//! Coordinates are read as f64, except in files that oviduct wrote: there they are the shortest decimals of f32 values, and
-//! the certified surface is that of these values.
+//! Coordinates are read as f64, except in files written by oviduct. These contain the shortest
+//! decimals of f32 values, and the certificate holds for the f32 values.
 
 use super::error::ReadError;
 use super::surface::Surface;
-use super::text::{lines, point, point_f32, quoted, unit, wrong};
+use super::text::{coordinate, lines, quoted, unit, wrong};
 
-/// Bytes at the beginning of a file that must not contain a zero: a file that does is not text.
-const LOOK: usize = 4096;
+/// Number of bytes at the beginning of a text file that must not contain a zero.
+const TEXT_PROBE: usize = 4096;
 
 pub(super) fn parse(bytes: &[u8]) -> Result<Surface, ReadError> {
-    if bytes[..bytes.len().min(LOOK)].contains(&0) {
+    if bytes[..bytes.len().min(TEXT_PROBE)].contains(&0) {
         return Err(ReadError::UnknownFormat);
     }
     let mut parser = Parser::default();
@@ -31,9 +32,9 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Surface, ReadError> {
     if !continued.is_empty() {
         return Err(wrong(lines(bytes).count(), "the file ends in the middle of a line"));
     }
-    let Parser { mut surface, greatest, line, .. } = parser;
-    if greatest > surface.positions.len() {
-        return Err(wrong(line, format!("there is no vertex {greatest}")));
+    let Parser { mut surface, max_vertex, line, .. } = parser;
+    if max_vertex > surface.positions.len() {
+        return Err(wrong(line, format!("there is no vertex {max_vertex}")));
     }
     surface.begin_group(None);
     Ok(surface)
@@ -42,11 +43,14 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Surface, ReadError> {
 #[derive(Default)]
 struct Parser {
     surface: Surface,
-    /// Whether coordinates are 32-bit floats.
+    /// True if coordinates are f32.
     single: bool,
-    /// The greatest vertex number of a face so far, from 1, and its line: faces may name vertices that come later.
-    greatest: usize,
+    /// Largest vertex number of a face so far, from 1. Faces may name vertices that follow later.
+    max_vertex: usize,
+    /// Line of `max_vertex`.
     line: usize,
+    /// Vertices of the current face.
+    corners: Vec<u32>,
 }
 
 impl Parser {
@@ -59,49 +63,34 @@ impl Parser {
         let mut words = line.split_ascii_whitespace();
         match words.next() {
             Some("v") => {
-                let point = if self.single { point_f32(number, &mut words)? } else { point(number, &mut words)? };
-                self.surface.add_vertex(point)?;
+                let parse = if self.single { coordinate::<f32> } else { coordinate::<f64> };
+                let mut next = || parse(number, words.next());
+                self.surface.add_vertex([next()?, next()?, next()?])?;
             }
             Some("f") => self.face(number, words)?,
-            Some("g" | "o") => {
-                let mut name = words.next().unwrap_or_default().to_owned();
-                for word in words {
-                    name.push(' ');
-                    name.push_str(word);
-                }
-                self.surface.begin_group(Some(&name));
-            }
+            Some("g" | "o") => self.surface.begin_group(Some(&words.collect::<Vec<_>>().join(" "))),
             _ => {}
         }
         Ok(())
     }
 
     fn face<'a>(&mut self, number: usize, words: impl Iterator<Item = &'a str>) -> Result<(), ReadError> {
-        let (mut face, mut count) = ([0u32; 4], 0);
-        let mut more = Vec::new();
+        self.corners.clear();
         for word in words {
             let index = vertex(&self.surface, number, word)?;
-            if index as usize >= self.greatest {
-                (self.greatest, self.line) = (index as usize + 1, number);
+            if index as usize >= self.max_vertex {
+                (self.max_vertex, self.line) = (index as usize + 1, number);
             }
-            if count < face.len() {
-                face[count] = index;
-            } else {
-                if more.is_empty() {
-                    more.extend(face);
-                }
-                more.push(index);
-            }
-            count += 1;
+            self.corners.push(index);
         }
-        if count < 3 {
+        if self.corners.len() < 3 {
             return Err(wrong(number, "a face has fewer than three corners"));
         }
-        self.surface.add_face(if more.is_empty() { &face[..count] } else { &more })
+        self.surface.add_face(&self.corners)
     }
 }
 
-/// The vertex that a corner of a face names, from 0.
+/// Vertex that a corner of a face names, from 0.
 fn vertex(surface: &Surface, number: usize, word: &str) -> Result<u32, ReadError> {
     let first = word.split('/').next().unwrap_or(word);
     let index: i64 = first.parse().map_err(|_| wrong(number, format!("{} is not a corner of a face", quoted(word))))?;

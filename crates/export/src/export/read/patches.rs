@@ -1,25 +1,25 @@
-//! Groups from the numbers that some formats hold for each face.
+//! Groups from patch numbers, which some formats store for each face.
 
 use super::surface::{Group, Surface};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// Makes a group of each run of triangles with the same number.
+/// Creates a group from each run of triangles with the same patch number.
 #[derive(Default)]
 pub(super) struct Patches {
-    /// Names by number; `patch 7` and the like where the file has none.
+    /// Names by number. A patch without a name in the file is called `patch 7`, for example.
     names: HashMap<i64, Arc<str>>,
-    /// Number of the last group.
+    /// Patch number of the last group.
     last: Option<i64>,
 }
 
 impl Patches {
-    /// Gives a number a name; the first one holds.
+    /// Names a patch, unless it already has a name.
     pub(super) fn name(&mut self, number: i64, name: &str) {
         self.names.entry(number).or_insert_with(|| name.into());
     }
 
-    /// Puts the triangles from `first` on into the patch of a number.
+    /// Assigns the triangles from `first` to the end of the surface to a patch.
     pub(super) fn add(&mut self, surface: &mut Surface, first: usize, number: i64) {
         let end = surface.triangles.len();
         if first == end {

@@ -1,8 +1,11 @@
-//! PLY, text or binary of either byte order: elements `vertex` (x, y, z) and `face` (a list of vertex indices);
-//! other elements and properties are skipped. Comments such as `comment patch 0 120 inner_wall` name runs of triangles: the
-//! first one, and how many.
+//! PLY, text or binary in either byte order: elements `vertex` (x, y, z) and `face` (a list of
+//! vertex indices). Other elements and properties are skipped.
+//!
+//! A comment such as `comment patch 0 120 inner_wall` names a run of triangles by the first
+//! triangle and their number.
 
 use super::error::ReadError;
+use super::scalar::Scalar;
 use super::surface::{Group, Surface};
 use super::text::{lines, quoted, unit};
 
@@ -13,27 +16,12 @@ enum Encoding {
     Big,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Scalar {
-    I8,
-    U8,
-    I16,
-    U16,
-    I32,
-    U32,
-    F32,
-    F64,
-}
-
-enum Kind {
-    Scalar(Scalar),
-    /// Types of the count and of the items.
-    List(Scalar, Scalar),
-}
-
 struct Property {
     name: String,
-    kind: Kind,
+    /// Type of the number of items, if the property is a list.
+    count: Option<Scalar>,
+    /// Type of the value, or of the items of a list.
+    item: Scalar,
 }
 
 struct Element {
@@ -51,7 +39,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Surface, ReadError> {
         match element.name.as_str() {
             "vertex" => vertices(&mut body, element, &mut surface)?,
             "face" => faces(&mut body, element, &mut surface)?,
-            // Without properties, elements have no data, whatever their count.
+            // An element without properties has no data. Its count is not bounded by the file.
             _ if element.properties.is_empty() => {}
             _ => {
                 for _ in 0..element.count {
@@ -64,13 +52,14 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Surface, ReadError> {
     }
     let faces = elements.iter().filter(|element| element.name == "face");
     if faces.fold(0_usize, |sum, element| sum.saturating_add(element.count)) == surface.triangles.len() {
-        surface.groups = sound(runs, surface.triangles.len());
+        surface.groups = ordered_runs(runs, surface.triangles.len());
     }
     Ok(surface)
 }
 
-/// Runs that follow each other within the triangles; none if they do not, as comments of others may look like ours.
-fn sound(runs: Vec<Group>, triangles: usize) -> Vec<Group> {
+/// Checks that the runs of comments follow each other within the triangles, and returns those that
+/// are not empty. Otherwise returns none, since the comments are not from oviduct.
+fn ordered_runs(runs: Vec<Group>, triangles: usize) -> Vec<Group> {
     let mut end = 0;
     for run in &runs {
         if run.triangles.start < end || run.triangles.end > triangles {
@@ -98,16 +87,16 @@ fn header(bytes: &[u8], surface: &mut Surface) -> Result<(Encoding, Vec<Element>
                     _ => return wrong(number, format!("the format {} is not known", quoted(name))),
                 }
             }
-            ["comment", "patch", first, count, ..] if first.parse::<u32>().is_ok() && count.parse::<u32>().is_ok() => {
-                // The name is the rest of the line, with its spaces.
+            ["comment", "patch", first, count, ..]
+                if let (Ok(first), Ok(count)) = (first.parse::<u32>(), count.parse::<u32>()) =>
+            {
+                // The name is the rest of the line, including its spaces.
                 let name = line.splitn(5, ' ').nth(4).unwrap_or_default().trim();
-                let (first, count) = (first.parse().unwrap_or(0_usize), count.parse().unwrap_or(0_usize));
-                surface.groups.push(Group { name: name.into(), triangles: first..first + count });
+                let first = first as usize;
+                surface.groups.push(Group { name: name.into(), triangles: first..first + count as usize });
             }
             ["comment" | "obj_info", ..] => {
-                if let Some(unit) = unit(&line) {
-                    surface.unit = unit;
-                }
+                surface.unit = unit(&line).unwrap_or(surface.unit);
             }
             ["element", name, count] => {
                 let Ok(count) = count.parse() else {
@@ -116,15 +105,15 @@ fn header(bytes: &[u8], surface: &mut Surface) -> Result<(Encoding, Vec<Element>
                 elements.push(Element { name: (*name).to_owned(), count, properties: Vec::new() });
             }
             ["property", kind @ .., name] => {
-                let kind = match kind {
-                    [one] => scalar(one).map(Kind::Scalar),
-                    ["list", count, item] => scalar(count).zip(scalar(item)).map(|(c, i)| Kind::List(c, i)),
+                let types = match kind {
+                    [item] => scalar(item).map(|item| (None, item)),
+                    ["list", count, item] => scalar(count).map(Some).zip(scalar(item)),
                     _ => None,
                 };
-                let Some((kind, element)) = kind.zip(elements.last_mut()) else {
+                let Some(((count, item), element)) = types.zip(elements.last_mut()) else {
                     return wrong(number, format!("the property {} has no known type or no element", quoted(name)));
                 };
-                element.properties.push(Property { name: (*name).to_owned(), kind });
+                element.properties.push(Property { name: (*name).to_owned(), count, item });
             }
             ["end_header"] => {
                 return match encoding {
@@ -141,19 +130,19 @@ fn header(bytes: &[u8], surface: &mut Surface) -> Result<(Encoding, Vec<Element>
 
 fn scalar(name: &str) -> Option<Scalar> {
     Some(match name {
-        "char" | "int8" => Scalar::I8,
-        "uchar" | "uint8" => Scalar::U8,
-        "short" | "int16" => Scalar::I16,
-        "ushort" | "uint16" => Scalar::U16,
-        "int" | "int32" => Scalar::I32,
-        "uint" | "uint32" => Scalar::U32,
-        "float" | "float32" => Scalar::F32,
-        "double" | "float64" => Scalar::F64,
+        "char" | "int8" => Scalar::Signed(1),
+        "uchar" | "uint8" => Scalar::Unsigned(1),
+        "short" | "int16" => Scalar::Signed(2),
+        "ushort" | "uint16" => Scalar::Unsigned(2),
+        "int" | "int32" => Scalar::Signed(4),
+        "uint" | "uint32" => Scalar::Unsigned(4),
+        "float" | "float32" => Scalar::Float(4),
+        "double" | "float64" => Scalar::Float(8),
         _ => return None,
     })
 }
 
-/// The data after the header.
+/// Data after the header, read up to `at`.
 struct Body<'a> {
     bytes: &'a [u8],
     at: usize,
@@ -176,30 +165,12 @@ impl Body<'_> {
         if self.encoding == Encoding::Text {
             return self.word();
         }
-        let little = self.encoding == Encoding::Little;
-        Ok(match scalar {
-            Scalar::I8 => f64::from(i8::from_le_bytes(self.take(little)?)),
-            Scalar::U8 => f64::from(u8::from_le_bytes(self.take(little)?)),
-            Scalar::I16 => f64::from(i16::from_le_bytes(self.take(little)?)),
-            Scalar::U16 => f64::from(u16::from_le_bytes(self.take(little)?)),
-            Scalar::I32 => f64::from(i32::from_le_bytes(self.take(little)?)),
-            Scalar::U32 => f64::from(u32::from_le_bytes(self.take(little)?)),
-            Scalar::F32 => f64::from(f32::from_le_bytes(self.take(little)?)),
-            Scalar::F64 => f64::from_le_bytes(self.take(little)?),
-        })
-    }
-
-    /// The next bytes, in little-endian order.
-    fn take<const N: usize>(&mut self, little: bool) -> Result<[u8; N], ReadError> {
-        let Some(bytes) = self.bytes.get(self.at..).and_then(|rest| rest.first_chunk::<N>()) else {
+        let rest = self.bytes.get(self.at..).unwrap_or_default();
+        let Some(bits) = scalar.bits(rest, self.encoding == Encoding::Little) else {
             return Err(self.wrong("the file ends before its elements do"));
         };
-        self.at += N;
-        let mut bytes = *bytes;
-        if !little {
-            bytes.reverse();
-        }
-        Ok(bytes)
+        self.at += scalar.size();
+        Ok(scalar.float(bits))
     }
 
     fn word(&mut self) -> Result<f64, ReadError> {
@@ -218,24 +189,16 @@ impl Body<'_> {
         Ok(value)
     }
 
-    /// Reads a property, passes its value or values to `visit`, and returns their number.
-    fn values(&mut self, property: &Property, mut visit: impl FnMut(f64)) -> Result<usize, ReadError> {
-        match property.kind {
-            Kind::Scalar(scalar) => {
-                visit(self.value(scalar)?);
-                Ok(1)
-            }
-            Kind::List(count, item) => {
-                let count = self.value(count)?;
-                if !(count >= 0.0 && count.fract() == 0.0 && count <= f64::from(u32::MAX)) {
-                    return Err(self.wrong(format!("{count} is not the length of a list")));
-                }
-                for _ in 0..count as u32 {
-                    visit(self.value(item)?);
-                }
-                Ok(count as usize)
-            }
+    /// Reads a property and passes its value or the items of its list to `visit`.
+    fn values(&mut self, property: &Property, mut visit: impl FnMut(f64)) -> Result<(), ReadError> {
+        let count = property.count.map_or(Ok(1.0), |count| self.value(count))?;
+        if !(count >= 0.0 && count.fract() == 0.0 && count <= f64::from(u32::MAX)) {
+            return Err(self.wrong(format!("{count} is not the length of a list")));
         }
+        for _ in 0..count as u32 {
+            visit(self.value(property.item)?);
+        }
+        Ok(())
     }
 }
 

@@ -1,12 +1,12 @@
 //! STL, text or binary. The format has no shared vertices: each triangle has its own three.
 //!
-//! Coordinates are 32-bit floats in either form: text holds decimals of the floats that a binary file would hold. Each solid of
-//! a text file is a group. Binary files have none, except those that oviduct wrote: their attributes number the patches.
+//! Coordinates are 32-bit floats in both forms. Each solid of a text file is a group. Only binary
+//! files written by oviduct have groups: the attributes of their triangles are patch numbers.
 
 use super::error::ReadError;
 use super::patches::Patches;
 use super::surface::Surface;
-use super::text::{quoted, unit, wrong};
+use super::text::{coordinate, quoted, unit, wrong};
 use std::borrow::Cow;
 
 const HEADER: usize = 80;
@@ -15,7 +15,7 @@ const RECORD: usize = 50;
 pub(super) fn parse(bytes: &[u8]) -> Result<Surface, ReadError> {
     let count = bytes.get(HEADER..HEADER + 4).and_then(|b| b.try_into().ok()).map(u32::from_le_bytes);
     let expected = count.map(|count| HEADER as u64 + 4 + u64::from(count) * RECORD as u64);
-    // Binary files may begin with the word that text files begin with; their length distinguishes them.
+    // Some binary files begin with `solid`, as text files do; only their length is reliable.
     if expected == Some(bytes.len() as u64) {
         return binary(bytes);
     }
@@ -35,10 +35,8 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Surface, ReadError> {
 
 fn binary(bytes: &[u8]) -> Result<Surface, ReadError> {
     let (header, records) = bytes.split_at(HEADER + 4);
-    let mut surface = Surface::default();
-    if let Some(unit) = unit(&String::from_utf8_lossy(&header[..HEADER])) {
-        surface.unit = unit;
-    }
+    let unit = unit(&String::from_utf8_lossy(&header[..HEADER])).unwrap_or_default();
+    let mut surface = Surface { unit, ..Surface::default() };
     let has_patches = header.starts_with(b"oviduct ");
     let mut patches = Patches::default();
     for record in records.chunks_exact(RECORD) {
@@ -54,7 +52,7 @@ fn binary(bytes: &[u8]) -> Result<Surface, ReadError> {
     Ok(surface)
 }
 
-/// A text file is a sequence of words; line ends matter only to names, which extend to the end of their line.
+/// Reads a sequence of words. Line ends matter only for names, which extend to the end of the line.
 fn text(bytes: &[u8]) -> Result<Surface, ReadError> {
     let mut surface = Surface::default();
     let mut words = Words::new(bytes);
@@ -63,9 +61,7 @@ fn text(bytes: &[u8]) -> Result<Surface, ReadError> {
         match word {
             "solid" => {
                 let name = words.rest_of_line();
-                if let Some(unit) = unit(&name) {
-                    surface.unit = unit;
-                }
+                surface.unit = unit(&name).unwrap_or(surface.unit);
                 ended = false;
                 surface.begin_group(Some(name.trim()));
             }
@@ -100,10 +96,10 @@ fn text(bytes: &[u8]) -> Result<Surface, ReadError> {
     Ok(surface)
 }
 
-/// The words of a text.
+/// Splits a text into words.
 struct Words<'a> {
     rest: &'a [u8],
-    /// Line of the word read last, from 1.
+    /// Line of the last word, from 1.
     line: usize,
 }
 
@@ -112,7 +108,7 @@ impl<'a> Words<'a> {
         Self { rest: bytes, line: 1 }
     }
 
-    /// The next word; a word that is not UTF-8 becomes one that no rule accepts.
+    /// Returns the next word. A word that is not UTF-8 is replaced by one that no rule accepts.
     fn next(&mut self) -> Option<&'a str> {
         let begin = self.rest.iter().position(|b| !b.is_ascii_whitespace())?;
         self.line += self.rest[..begin].iter().filter(|&&b| b == b'\n').count();
@@ -140,9 +136,8 @@ impl<'a> Words<'a> {
     fn point(&mut self) -> Result<[f64; 3], ReadError> {
         let mut point = [0.0; 3];
         for x in &mut point {
-            let word = self.next().ok_or_else(|| wrong(self.line, "a coordinate is missing"))?;
-            let value: f32 = word.parse().map_err(|_| wrong(self.line, format!("{} is not a number", quoted(word))))?;
-            *x = f64::from(value);
+            let word = self.next();
+            *x = coordinate::<f32>(self.line, word)?;
         }
         Ok(point)
     }

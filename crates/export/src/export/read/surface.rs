@@ -1,44 +1,44 @@
-//! What the readers make of a file.
+//! The surface that every reader returns.
 
 use super::error::ReadError;
 use super::limits;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// A surface as read: coordinates exactly as they are in the file.
+/// A surface as read, with the exact coordinates of the file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Surface {
     /// Vertex positions in units of the file.
     pub positions: Vec<[f64; 3]>,
-    /// Vertex indices of each triangle. Faces with more corners are split into fans.
+    /// Vertex indices of each triangle. A face with more corners becomes a fan of triangles.
     pub triangles: Vec<[u32; 3]>,
-    /// Named parts in the order of the file; they need not cover all triangles.
+    /// Named parts in the order of the file. Triangles may belong to none.
     pub groups: Vec<Group>,
-    /// Length of the unit of the file.
+    /// Unit of the positions.
     pub unit: Unit,
 }
 
 /// A named part of a surface.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Group {
-    /// Name in the file. Instances of one part share it.
+    /// Name in the file. All instances of a part have the same name.
     pub name: Arc<str>,
-    /// Its triangles.
+    /// Triangles of the part.
     pub triangles: Range<usize>,
 }
 
 /// The unit of length of a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Unit {
-    /// The file does not state it; metres are assumed.
+    /// The file does not state its unit; metres are assumed.
     #[default]
     Assumed,
-    /// The file (a comment such as `units: mm`) or its format states the number of metres in a unit.
+    /// Metres per unit, stated by the format or by the file (a comment such as `units: mm`).
     Stated(f64),
 }
 
 impl Unit {
-    /// Metres in a unit.
+    /// Metres per unit.
     #[must_use]
     pub fn metres(self) -> f64 {
         match self {
@@ -73,7 +73,7 @@ impl Surface {
         Ok(())
     }
 
-    /// Ends the last group; with a name, begins another.
+    /// Ends the last group, and begins another if there is a `name`. Empty groups are removed.
     pub(super) fn begin_group(&mut self, name: Option<&str>) {
         let now = self.triangles.len();
         if let Some(last) = self.groups.last_mut() {
@@ -86,4 +86,12 @@ impl Surface {
             self.groups.push(Group { name: name.into(), triangles: now..now });
         }
     }
+}
+
+/// Triangles of a strip, each with its vertices in the order of the strip. The flag is true for
+/// every other triangle, which has the opposite orientation. A triangle that repeats a vertex only
+/// joins two strips, so it is omitted.
+pub(super) fn strip_triangles(strip: &[u32]) -> impl Iterator<Item = ([u32; 3], bool)> {
+    let triangles = strip.array_windows().enumerate().map(|(i, &corners)| (corners, i % 2 == 1));
+    triangles.filter(|([a, b, c], _)| a != b && b != c && c != a)
 }

@@ -1,5 +1,7 @@
 //! Readers on files written by hand, on broken ones, and on ones beyond the limits.
 
+mod written;
+
 use super::*;
 use proptest::prelude::*;
 use serde_json::{Value, json};
@@ -269,7 +271,8 @@ fn ply_in_all_forms() {
     assert!(refusal(b"ply\nformat ascii 1.0\nelement vertex many\n", Format::Ply).starts_with("line 3:"));
 }
 
-/// A document of one mesh, whose primitive is that of [`document`] `primitives` times, placed by `nodes` nodes.
+/// A document of one mesh, whose primitive is that of [`document`] `primitives` times, placed by
+/// `nodes` nodes.
 fn instanced(nodes: usize, primitives: usize, indices: usize) -> (Value, Vec<u8>) {
     let list = [0, 1, 2].repeat(indices / 3);
     let mut document = document(4, list.len(), 1, json!({}));
@@ -291,7 +294,8 @@ fn instances_are_read_once_each() {
 
 #[test]
 fn instances_beyond_the_limit_are_refused_before_they_are_placed() {
-    // 65 million triangles from 400 kB; the same from repeated primitives that share their accessors.
+    // 65 million triangles from 400 kB; the same from repeated primitives that share their
+    // accessors.
     for (nodes, primitives, indices) in [(5_000, 1, 39_000), (1, 5_000, 39_000), (70, 70, 39_900)] {
         let (document, data) = instanced(nodes, primitives, indices);
         let refused = refusal(&glb(&document, &data), Format::Gltf);

@@ -1,11 +1,20 @@
-//! Shared by the text formats: lines, numbers, units in comments.
+//! Parts that several readers share: lines, numbers and units of text, and base64.
 
 use super::error::ReadError;
 use super::surface::Unit;
+use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use std::borrow::Cow;
 use std::str::FromStr;
 
-/// The lines of a file with their numbers from 1, without line ends; bytes that are not UTF-8 are replaced.
+/// Decoder of base64 that accepts missing padding and unused bits that are not zero.
+pub(super) const BASE64: GeneralPurpose = GeneralPurpose::new(
+    &base64::alphabet::STANDARD,
+    GeneralPurposeConfig::new()
+        .with_decode_allow_trailing_bits(true)
+        .with_decode_padding_mode(DecodePaddingMode::Indifferent),
+);
+
+/// Lines of a file with their numbers from 1, without line ends. Invalid UTF-8 is replaced.
 pub(super) fn lines(bytes: &[u8]) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
     bytes.split(|&b| b == b'\n').enumerate().map(|(i, line)| {
         let line = line.strip_suffix(b"\r").unwrap_or(line);
@@ -13,10 +22,9 @@ pub(super) fn lines(bytes: &[u8]) -> impl Iterator<Item = (usize, Cow<'_, str>)>
     })
 }
 
-/// A word of the file for a message, in quotes and shortened.
+/// A word of the file for a message, in quotes and cut to 40 characters.
 pub(super) fn quoted(word: &str) -> String {
-    const LONGEST: usize = 40;
-    match word.char_indices().nth(LONGEST) {
+    match word.char_indices().nth(40) {
         Some((end, _)) => format!("{:?}…", &word[..end]),
         None => format!("{word:?}"),
     }
@@ -26,24 +34,13 @@ pub(super) fn wrong(line: usize, detail: impl Into<String>) -> ReadError {
     ReadError::Line { line, detail: detail.into() }
 }
 
-/// The next word as a coordinate.
-fn coordinate<'a, T: FromStr>(line: usize, words: &mut impl Iterator<Item = &'a str>) -> Result<T, ReadError> {
-    let word = words.next().ok_or_else(|| wrong(line, "a coordinate is missing"))?;
-    word.parse().map_err(|_| wrong(line, format!("{} is not a number", quoted(word))))
+/// Parses a coordinate as a number of type `T`.
+pub(super) fn coordinate<T: FromStr + Into<f64>>(line: usize, word: Option<&str>) -> Result<f64, ReadError> {
+    let word = word.ok_or_else(|| wrong(line, "a coordinate is missing"))?;
+    word.parse().map(T::into).map_err(|_| wrong(line, format!("{} is not a number", quoted(word))))
 }
 
-/// The next three words as a point.
-pub(super) fn point<'a>(line: usize, words: &mut impl Iterator<Item = &'a str>) -> Result<[f64; 3], ReadError> {
-    Ok([coordinate(line, words)?, coordinate(line, words)?, coordinate(line, words)?])
-}
-
-/// The next three words as a point of 32-bit floats.
-pub(super) fn point_f32<'a>(line: usize, words: &mut impl Iterator<Item = &'a str>) -> Result<[f64; 3], ReadError> {
-    let point: [f32; 3] = [coordinate(line, words)?, coordinate(line, words)?, coordinate(line, words)?];
-    Ok(point.map(f64::from))
-}
-
-/// The unit that a comment states, for example `unit: mm`, `units = metres` or `UNITS=um`.
+/// Unit that a comment states, for example `unit: mm`, `units = metres` or `UNITS=um`.
 pub(super) fn unit(comment: &str) -> Option<Unit> {
     let mut words = comment.split(|c: char| c.is_whitespace() || "=:,;()".contains(c)).filter(|w| !w.is_empty());
     words.find(|word| word.eq_ignore_ascii_case("unit") || word.eq_ignore_ascii_case("units"))?;

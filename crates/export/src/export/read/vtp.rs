@@ -1,7 +1,8 @@
-//! PolyData of VTK in XML: polygons (as fans) and triangle strips of all pieces, as VTK, ParaView and oviduct write them. Vertices
-//! and lines are skipped.
+//! PolyData of VTK in XML, as VTK, ParaView and oviduct write it: polygons (as fans) and triangle
+//! strips of all pieces. Vertices and lines are skipped.
 //!
-//! Cell data `patch` become groups, which field data `patch_names` name; field data `units` state the unit.
+//! The cell data `patch` define groups, the field data `patch_names` their names, and the field
+//! data `units` the unit.
 
 mod array;
 mod document;
@@ -10,9 +11,9 @@ mod encoding;
 use super::error::ReadError;
 use super::limits;
 use super::patches::Patches;
-use super::surface::{Surface, Unit};
+use super::surface::{Surface, Unit, strip_triangles};
 use super::text::unit;
-use array::{Array, File, Integers};
+use array::{Array, File, Values};
 use document::Piece;
 
 pub(super) fn parse(bytes: &[u8]) -> Result<Surface, ReadError> {
@@ -31,22 +32,22 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Surface, ReadError> {
         }
     }
     for (number, piece) in document.pieces.iter().enumerate() {
-        Reader { file, piece, number, patches: &mut patches, surface: &mut surface }.read()?;
+        PieceReader { file, piece, number, patches: &mut patches, surface: &mut surface }.read()?;
     }
     Ok(surface)
 }
 
-/// One piece on its way into the surface.
-struct Reader<'a, 'b> {
+/// Adds a piece to the surface.
+struct PieceReader<'a, 'b> {
     file: &'b File<'a>,
     piece: &'b Piece<'a>,
-    /// Its place in the file, from 0.
+    /// Index of the piece in the file, from 0.
     number: usize,
     patches: &'b mut Patches,
     surface: &'b mut Surface,
 }
 
-impl<'a> Reader<'a, '_> {
+impl<'a> PieceReader<'a, '_> {
     fn read(mut self) -> Result<(), ReadError> {
         let (piece, path) = (self.piece, format!("piece {}", self.number));
         let base = self.surface.positions.len() as u64;
@@ -56,20 +57,17 @@ impl<'a> Reader<'a, '_> {
         if piece.points > 0 {
             let mut points = self.file.floats(self.needed(piece.points_array.as_deref(), "Points")?)?;
             for _ in 0..piece.points {
-                self.surface.add_vertex([points.next()?, points.next()?, points.next()?])?;
+                self.surface.add_vertex([points.float()?, points.float()?, points.float()?])?;
             }
         }
         if cells == 0 {
             return Ok(());
         }
-        let mut patch = match &piece.patch {
-            Some(array) => Some(self.file.integers(array)?),
-            None => None,
-        };
+        let mut patch = piece.patch.as_ref().map(|array| self.file.integers(array)).transpose()?;
         if let Some(patch) = &mut patch {
-            // Cell data are in the order of vertices, lines, polygons, strips.
+            // Cell data are in the order of vertices, lines, polygons and strips.
             for _ in 0..piece.verts.saturating_add(piece.lines) {
-                patch.next()?;
+                patch.integer()?;
             }
         }
         self.cells(false, base as u32, patch.as_mut())?;
@@ -77,7 +75,7 @@ impl<'a> Reader<'a, '_> {
     }
 
     /// Reads the polygons or the strips.
-    fn cells(&mut self, strips: bool, base: u32, mut patch: Option<&mut Integers<'_, 'a>>) -> Result<(), ReadError> {
+    fn cells(&mut self, strips: bool, base: u32, mut patch: Option<&mut Values<'_, 'a>>) -> Result<(), ReadError> {
         let (count, cells, name) = match strips {
             false => (self.piece.polys, &self.piece.polys_arrays, "Polys"),
             true => (self.piece.strips, &self.piece.strips_arrays, "Strips"),
@@ -92,7 +90,7 @@ impl<'a> Reader<'a, '_> {
         let mut corners = self.file.integers(connectivity)?;
         let (mut begin, mut cell) = (0_i64, Vec::new());
         for number in 0..count {
-            let end = offsets.next()?;
+            let end = offsets.integer()?;
             let Some(length) = end.checked_sub(begin).and_then(|length| u64::try_from(length).ok()) else {
                 return wrong(format!("the offset of cell {number} is less than the one before"));
             };
@@ -104,29 +102,21 @@ impl<'a> Reader<'a, '_> {
             limits::triangles(&path, (first as u64).saturating_add(length - 2))?;
             cell.clear();
             for _ in 0..length {
-                let corner = corners.next()?;
+                let corner = corners.integer()?;
                 match u64::try_from(corner) {
                     Ok(vertex) if vertex < self.piece.points => cell.push(base + vertex as u32),
                     _ => return wrong(format!("cell {number}: there is no vertex {corner}")),
                 }
             }
             if strips {
-                self.strip(&cell)?;
+                for ([a, b, c], reversed) in strip_triangles(&cell) {
+                    self.surface.add_face(&if reversed { [b, a, c] } else { [a, b, c] })?;
+                }
             } else {
                 self.surface.add_face(&cell)?;
             }
             if let Some(patch) = &mut patch {
-                self.patches.add(self.surface, first, patch.next()?);
-            }
-        }
-        Ok(())
-    }
-
-    /// Triangles of a strip, without those that repeat a vertex to join two strips.
-    fn strip(&mut self, strip: &[u32]) -> Result<(), ReadError> {
-        for (i, &[a, b, c]) in strip.array_windows().enumerate() {
-            if a != b && b != c && c != a {
-                self.surface.add_face(&if i.is_multiple_of(2) { [a, b, c] } else { [b, a, c] })?;
+                self.patches.add(self.surface, first, patch.integer()?);
             }
         }
         Ok(())

@@ -1,27 +1,28 @@
-//! Arrays of a VTP file: numbers and strings, taken from where they are one after another.
+//! Arrays of a VTP file: decodes numbers one after another, and strings.
 
 use super::super::error::ReadError;
 use super::super::limits;
+use super::super::scalar::Scalar;
 use super::super::text::quoted;
-use super::encoding::{Base64, Encoded, Zlib};
+use super::encoding::{Base64, Zlib};
 use std::borrow::Cow;
 use std::cell::Cell;
-use std::io::{self, Read};
+use std::io::Read;
 use std::str::SplitAsciiWhitespace;
 
 /// An array as the document describes it.
 pub(super) struct Array<'a> {
-    /// For messages, such as `piece 0, Polys, offsets`.
+    /// Path for messages, such as `piece 0, Polys, offsets`.
     pub(super) path: String,
     pub(super) name: String,
     pub(super) kind: Kind,
-    /// Number of components as it is stated, if it is.
+    /// Number of components as the document states it; empty if it does not.
     pub(super) components: String,
-    pub(super) place: Place<'a>,
+    pub(super) data: ArrayData<'a>,
 }
 
-/// Where the values are.
-pub(super) enum Place<'a> {
+/// Location of the values of an array.
+pub(super) enum ArrayData<'a> {
     /// In the document, as numbers or (`binary`) in base64.
     Inline { text: Cow<'a, str>, binary: bool },
     /// At an offset into the appended data.
@@ -36,55 +37,36 @@ pub(super) struct Appended<'a> {
 /// Type of the values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Kind {
-    I8,
-    U8,
-    I16,
-    U16,
-    I32,
-    U32,
-    I64,
-    U64,
-    F32,
-    F64,
+    Number(Scalar),
     String,
     Unknown,
 }
 
 impl Kind {
-    pub(super) fn of(name: &str) -> Self {
-        match name {
-            "Int8" => Self::I8,
-            "UInt8" => Self::U8,
-            "Int16" => Self::I16,
-            "UInt16" => Self::U16,
-            "Int32" => Self::I32,
-            "UInt32" => Self::U32,
-            "Int64" => Self::I64,
-            "UInt64" => Self::U64,
-            "Float32" => Self::F32,
-            "Float64" => Self::F64,
-            "String" => Self::String,
-            _ => Self::Unknown,
-        }
-    }
-
-    /// Bytes of a value.
-    fn size(self) -> usize {
-        match self {
-            Self::I8 | Self::U8 | Self::String | Self::Unknown => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::I32 | Self::U32 | Self::F32 => 4,
-            Self::I64 | Self::U64 | Self::F64 => 8,
-        }
+    pub(super) fn named(name: &str) -> Self {
+        Self::Number(match name {
+            "Int8" => Scalar::Signed(1),
+            "UInt8" => Scalar::Unsigned(1),
+            "Int16" => Scalar::Signed(2),
+            "UInt16" => Scalar::Unsigned(2),
+            "Int32" => Scalar::Signed(4),
+            "UInt32" => Scalar::Unsigned(4),
+            "Int64" => Scalar::Signed(8),
+            "UInt64" => Scalar::Unsigned(8),
+            "Float32" => Scalar::Float(4),
+            "Float64" => Scalar::Float(8),
+            "String" => return Self::String,
+            _ => return Self::Unknown,
+        })
     }
 }
 
-impl<'a> Array<'a> {
+impl Array<'_> {
     pub(super) fn wrong(&self, detail: impl Into<String>) -> ReadError {
         ReadError::document(self.path.clone(), detail)
     }
 
-    fn components(&self, expected: &[&str]) -> Result<(), ReadError> {
+    fn check_components(&self, expected: &[&str]) -> Result<(), ReadError> {
         if expected.contains(&self.components.as_str()) {
             return Ok(());
         }
@@ -92,46 +74,46 @@ impl<'a> Array<'a> {
     }
 }
 
-/// What arrays have in common, and the data that are appended.
+/// Encoding that all arrays share, and the appended data.
 pub(super) struct File<'a> {
-    pub(super) little: bool,
-    /// Lengths have 64 bits, not 32.
-    pub(super) wide: bool,
+    pub(super) little_endian: bool,
+    /// Type of the lengths before the data of an array.
+    pub(super) header: Scalar,
     pub(super) zlib: bool,
     pub(super) appended: Option<Appended<'a>>,
-    /// Bytes that may still be decoded: many arrays may lie in the same place, and compressed data grow.
+    /// Bytes that may still be decoded. A small file can decode to much more: compressed data grow,
+    /// and several arrays may name the same data.
     pub(super) room: Cell<u64>,
 }
 
 impl<'a> File<'a> {
-    /// The coordinates of points.
-    pub(super) fn floats<'f>(&'f self, array: &'f Array<'a>) -> Result<Floats<'f, 'a>, ReadError> {
-        array.components(&["3"])?;
-        if !matches!(array.kind, Kind::F32 | Kind::F64) {
-            return Err(array.wrong("the coordinates are neither Float32 nor Float64"));
+    /// Coordinates of points.
+    pub(super) fn floats<'f>(&'f self, array: &'f Array<'a>) -> Result<Values<'f, 'a>, ReadError> {
+        array.check_components(&["3"])?;
+        match array.kind {
+            Kind::Number(scalar @ Scalar::Float(_)) => self.values(array, scalar),
+            _ => Err(array.wrong("the coordinates are neither Float32 nor Float64")),
         }
-        Ok(Floats(self.values(array)?))
     }
 
-    pub(super) fn integers<'f>(&'f self, array: &'f Array<'a>) -> Result<Integers<'f, 'a>, ReadError> {
-        array.components(&["1", ""])?;
-        if matches!(array.kind, Kind::F32 | Kind::F64 | Kind::String | Kind::Unknown) {
-            return Err(array.wrong("the values are not integers"));
+    pub(super) fn integers<'f>(&'f self, array: &'f Array<'a>) -> Result<Values<'f, 'a>, ReadError> {
+        array.check_components(&["1", ""])?;
+        match array.kind {
+            Kind::Number(scalar @ (Scalar::Signed(_) | Scalar::Unsigned(_))) => self.values(array, scalar),
+            _ => Err(array.wrong("the values are not integers")),
         }
-        Ok(Integers(self.values(array)?))
     }
 
-    /// The strings of an array, each of which a zero ends.
+    /// Strings of an array, each of which ends with a zero.
     pub(super) fn strings(&self, array: &Array<'a>) -> Result<Vec<String>, ReadError> {
         if array.kind != Kind::String {
             return Err(array.wrong("the values are not strings"));
         }
         let mut bytes = Vec::new();
-        let mut values = self.values(array)?;
-        match &mut values.source {
+        match self.values(array, Scalar::Unsigned(1))?.source {
             Source::Words(words) => {
                 for word in words {
-                    // VTK writes the bytes as numbers, of either sign.
+                    // VTK writes bytes as numbers, signed or unsigned.
                     let number: i16 = word.parse().map_err(|_| array.wrong(format!("{} is no byte", quoted(word))))?;
                     let byte = u8::try_from(number).or_else(|_| i8::try_from(number).map(|byte| byte as u8));
                     bytes.push(byte.map_err(|_| array.wrong(format!("{number} is no byte")))?);
@@ -140,7 +122,7 @@ impl<'a> File<'a> {
             Source::Bytes(source) => {
                 let read = source.take(limits::TEXT + 1).read_to_end(&mut bytes);
                 read.map_err(|error| array.wrong(error.to_string()))?;
-                values.spend(bytes.len())?;
+                self.spend(array, bytes.len())?;
             }
         }
         limits::limited(&array.path, bytes.len() as u64, "bytes of text", limits::TEXT)?;
@@ -148,52 +130,43 @@ impl<'a> File<'a> {
         Ok(if bytes.is_empty() { Vec::new() } else { text.split('\0').map(str::to_owned).collect() })
     }
 
-    fn values<'f>(&'f self, array: &'f Array<'a>) -> Result<Values<'f, 'a>, ReadError> {
-        let values = |source| Ok(Values { file: self, array, source, chunk: Vec::new(), at: 0, read: 0 });
-        let encoded = match (&array.place, &self.appended) {
-            (Place::Inline { text, binary: false }, _) => return values(Source::Words(text.split_ascii_whitespace())),
-            (Place::Inline { text, .. }, _) => Encoded::Base64(Base64::new(text.as_bytes())),
-            (Place::Appended(_), None) => return Err(array.wrong("the file has no appended data")),
-            (Place::Appended(offset), Some(appended)) => {
+    fn values<'f>(&'f self, array: &'f Array<'a>, scalar: Scalar) -> Result<Values<'f, 'a>, ReadError> {
+        let source = match (&array.data, &self.appended) {
+            (ArrayData::Inline { text, binary: false }, _) => Source::Words(text.split_ascii_whitespace()),
+            (ArrayData::Inline { text, .. }, _) => self.decoder(array, Box::new(Base64::new(text.as_bytes())))?,
+            (ArrayData::Appended(_), None) => return Err(array.wrong("the file has no appended data")),
+            (ArrayData::Appended(offset), Some(appended)) => {
                 let from = usize::try_from(*offset).ok().and_then(|offset| appended.data.get(offset..));
                 let from = from.ok_or_else(|| array.wrong("its offset is beyond the appended data"))?;
-                if appended.base64 { Encoded::Base64(Base64::new(from)) } else { Encoded::Raw(from) }
+                self.decoder(array, if appended.base64 { Box::new(Base64::new(from)) } else { Box::new(from) })?
             }
         };
-        values(Source::Bytes(self.decoder(array, encoded)?))
+        Ok(Values { file: self, array, scalar, source, chunk: Vec::new(), at: 0, read: 0 })
     }
 
-    /// The bytes of an array, without the lengths before them.
-    fn decoder<'f>(&self, array: &Array<'a>, mut encoded: Encoded<'f>) -> Result<Box<dyn Read + 'f>, ReadError> {
-        let failed = |error: io::Error| array.wrong(format!("its header: {error}"));
-        let mut length = || {
-            let read = if self.wide { self.word::<8>(&mut encoded) } else { self.word::<4>(&mut encoded) };
-            read.map_err(failed)
+    /// Bytes of an array, without the lengths before them.
+    fn decoder<'f>(&self, array: &Array<'a>, mut encoded: Box<dyn Read + 'f>) -> Result<Source<'f>, ReadError> {
+        let size = self.header.size();
+        let mut length = || -> Result<u64, ReadError> {
+            let mut bytes = [0; 8];
+            let read = encoded.read_exact(&mut bytes[..size]);
+            read.map_err(|error| array.wrong(format!("its header: {error}")))?;
+            Ok(self.header.bits(&bytes, self.little_endian).unwrap_or_default())
         };
         if !self.zlib {
             let length = length()?;
-            return Ok(Box::new(encoded.take(length)));
+            return Ok(Source::Bytes(Box::new(encoded.take(length))));
         }
         let (blocks, _, _) = (length()?, length()?, length()?);
         let mut sizes = Vec::new();
         for _ in 0..blocks {
-            self.spend(array, if self.wide { 8 } else { 4 })?;
+            self.spend(array, size)?;
             sizes.push(length()?);
         }
-        Ok(Box::new(Zlib::new(encoded, sizes)))
+        Ok(Source::Bytes(Box::new(Zlib::new(encoded, sizes))))
     }
 
-    /// A number of `N` bytes.
-    fn word<const N: usize>(&self, source: &mut impl Read) -> io::Result<u64> {
-        let mut bytes = [0; N];
-        source.read_exact(&mut bytes)?;
-        if self.little {
-            bytes.reverse();
-        }
-        Ok(bytes.iter().fold(0, |value, &byte| value << 8 | u64::from(byte)))
-    }
-
-    /// Counts bytes against what may be decoded.
+    /// Counts bytes against the limit on what may be decoded.
     fn spend(&self, array: &Array<'_>, bytes: usize) -> Result<(), ReadError> {
         let Some(room) = self.room.get().checked_sub(bytes as u64) else {
             let what = "the arrays of the file, decoded, have more bytes".to_owned();
@@ -204,72 +177,47 @@ impl<'a> File<'a> {
     }
 }
 
-/// Coordinates, one after another.
-pub(super) struct Floats<'f, 'a>(Values<'f, 'a>);
-
-impl Floats<'_, '_> {
-    pub(super) fn next(&mut self) -> Result<f64, ReadError> {
-        let single = self.0.array.kind == Kind::F32;
-        if let Source::Words(_) = self.0.source {
-            return if single { self.0.word::<f32>().map(f64::from) } else { self.0.word() };
-        }
-        if single {
-            self.0.take().map(|bytes| f64::from(f32::from_le_bytes(bytes)))
-        } else {
-            self.0.take().map(f64::from_le_bytes)
-        }
-    }
-}
-
-/// Integers, one after another.
-pub(super) struct Integers<'f, 'a>(Values<'f, 'a>);
-
-impl Integers<'_, '_> {
-    pub(super) fn next(&mut self) -> Result<i64, ReadError> {
-        if let Source::Words(_) = self.0.source {
-            return self.0.word();
-        }
-        Ok(match self.0.array.kind {
-            Kind::I8 => i64::from(i8::from_le_bytes(self.0.take()?)),
-            Kind::U8 => i64::from(u8::from_le_bytes(self.0.take()?)),
-            Kind::I16 => i64::from(i16::from_le_bytes(self.0.take()?)),
-            Kind::U16 => i64::from(u16::from_le_bytes(self.0.take()?)),
-            Kind::I32 => i64::from(i32::from_le_bytes(self.0.take()?)),
-            Kind::U32 => i64::from(u32::from_le_bytes(self.0.take()?)),
-            Kind::I64 => i64::from_le_bytes(self.0.take()?),
-            Kind::U64 => {
-                let value = u64::from_le_bytes(self.0.take()?);
-                i64::try_from(value).map_err(|_| self.0.array.wrong(format!("{value} is too large")))?
-            }
-            Kind::F32 | Kind::F64 | Kind::String | Kind::Unknown => {
-                return Err(self.0.array.wrong("it has no integers"));
-            }
-        })
-    }
-}
-
 enum Source<'f> {
     Words(SplitAsciiWhitespace<'f>),
     Bytes(Box<dyn Read + 'f>),
 }
 
-/// The values of an array, on their way.
-struct Values<'f, 'a> {
+/// Numbers of an array, read one after another.
+pub(super) struct Values<'f, 'a> {
     file: &'f File<'a>,
     array: &'f Array<'a>,
+    scalar: Scalar,
     source: Source<'f>,
-    /// Bytes of values that come next, from `at` on.
+    /// Decoded bytes, consumed up to `at`.
     chunk: Vec<u8>,
     at: usize,
-    /// Values so far.
+    /// Number of values read so far.
     read: u64,
 }
 
-/// Bytes that are decoded at once.
+/// Bytes that are decoded at a time.
 const CHUNK: usize = 1 << 14;
 
 impl Values<'_, '_> {
-    /// The next value of an array of words.
+    /// Next value of an array of [`File::floats`].
+    pub(super) fn float(&mut self) -> Result<f64, ReadError> {
+        match (&self.source, self.scalar) {
+            (Source::Words(_), Scalar::Float(4)) => self.word::<f32>().map(f64::from),
+            (Source::Words(_), _) => self.word(),
+            (Source::Bytes(_), scalar) => self.bits().map(|bits| scalar.float(bits)),
+        }
+    }
+
+    /// Next value of an array of [`File::integers`].
+    pub(super) fn integer(&mut self) -> Result<i64, ReadError> {
+        if let Source::Words(_) = self.source {
+            return self.word();
+        }
+        let integer = self.scalar.integer(self.bits()?);
+        integer.map_err(|value| self.array.wrong(format!("{value} is too large")))
+    }
+
+    /// Next value of an array of words.
     fn word<T: std::str::FromStr>(&mut self) -> Result<T, ReadError> {
         let word = match &mut self.source {
             Source::Words(words) => words.next(),
@@ -280,20 +228,16 @@ impl Values<'_, '_> {
         word.parse().map_err(|_| self.array.wrong(format!("value {}: {} is not a number", self.read, quoted(word))))
     }
 
-    /// The bytes of the next value, in little-endian order.
+    /// Bits of the next value of an array of bytes.
     #[inline]
-    fn take<const N: usize>(&mut self) -> Result<[u8; N], ReadError> {
+    fn bits(&mut self) -> Result<u64, ReadError> {
         if self.at == self.chunk.len() {
             self.fill()?;
         }
-        let bytes = self.chunk.get(self.at..).and_then(|rest| rest.first_chunk::<N>()).copied();
-        let mut bytes = bytes.ok_or_else(|| self.ended())?;
-        self.at += N;
+        let bits = self.scalar.bits(&self.chunk[self.at..], self.file.little_endian).ok_or_else(|| self.ended())?;
+        self.at += self.scalar.size();
         self.read += 1;
-        if !self.file.little {
-            bytes.reverse();
-        }
-        Ok(bytes)
+        Ok(bits)
     }
 
     fn fill(&mut self) -> Result<(), ReadError> {
@@ -303,13 +247,9 @@ impl Values<'_, '_> {
             let read = source.take(CHUNK as u64).read_to_end(&mut self.chunk);
             read.map_err(|error| self.array.wrong(format!("after {} values: {error}", self.read)))?;
         }
-        // A value that the end of the data cuts is none.
-        self.chunk.truncate(self.chunk.len() - self.chunk.len() % self.array.kind.size());
-        self.spend(self.chunk.len())
-    }
-
-    fn spend(&self, bytes: usize) -> Result<(), ReadError> {
-        self.file.spend(self.array, bytes)
+        // An incomplete value at the end of the data does not count.
+        self.chunk.truncate(self.chunk.len() - self.chunk.len() % self.scalar.size());
+        self.file.spend(self.array, self.chunk.len())
     }
 
     fn ended(&self) -> ReadError {

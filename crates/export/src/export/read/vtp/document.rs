@@ -1,12 +1,13 @@
-//! The XML of a VTP file: where its arrays are.
+//! XML of a VTP file: finds the arrays and what the document states of them.
 //!
-//! The document ends at the appended data, which need not be text. Nothing that a document type declares is used: references to
-//! its entities are refused where they matter.
+//! The document ends at the appended data, which need not be text. Declarations of a document type
+//! are ignored, and references to its entities within an array are refused.
 
 use super::super::error::ReadError;
 use super::super::limits;
+use super::super::scalar::Scalar;
 use super::super::text::{quoted, wrong};
-use super::array::{Appended, Array, File, Kind, Place};
+use super::array::{Appended, Array, ArrayData, File, Kind};
 use quick_xml::XmlVersion;
 use quick_xml::events::{BytesStart, Event};
 use quick_xml::reader::Reader;
@@ -14,7 +15,7 @@ use std::borrow::Cow;
 use std::cell::Cell;
 use std::fmt::Display;
 
-/// What is read of a file.
+/// The parts of a file that are read.
 pub(super) struct Document<'a> {
     pub(super) file: File<'a>,
     pub(super) pieces: Vec<Piece<'a>>,
@@ -22,7 +23,7 @@ pub(super) struct Document<'a> {
     pub(super) patch_names: Option<Box<Array<'a>>>,
 }
 
-/// A piece, with the numbers that it states.
+/// A piece, with the numbers of points and cells that it states.
 #[derive(Default)]
 pub(super) struct Piece<'a> {
     pub(super) points: u64,
@@ -33,7 +34,7 @@ pub(super) struct Piece<'a> {
     pub(super) points_array: Option<Box<Array<'a>>>,
     pub(super) polys_arrays: Cells<'a>,
     pub(super) strips_arrays: Cells<'a>,
-    /// Cell data of this name.
+    /// Cell data with the name `patch`.
     pub(super) patch: Option<Box<Array<'a>>>,
 }
 
@@ -43,77 +44,59 @@ pub(super) struct Cells<'a> {
     pub(super) offsets: Option<Box<Array<'a>>>,
 }
 
-/// Parts of a document that hold arrays.
-#[derive(Clone, Copy, PartialEq)]
-enum Section {
-    Fields,
-    CellData,
-    Points,
-    Polys,
-    Strips,
-}
-
-impl Section {
-    fn of(name: &str) -> Option<Self> {
-        Some(match name {
-            "FieldData" => Self::Fields,
-            "CellData" => Self::CellData,
-            "Points" => Self::Points,
-            "Polys" => Self::Polys,
-            "Strips" => Self::Strips,
-            _ => return None,
-        })
-    }
-}
+/// Elements that contain arrays.
+const SECTIONS: [&str; 5] = ["FieldData", "CellData", "Points", "Polys", "Strips"];
 
 pub(super) fn parse(bytes: &[u8]) -> Result<Document<'_>, ReadError> {
-    // The reader of XML would leave the mark out of its positions.
+    // The XML reader would not count the byte order mark in its positions.
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let (text, is_text) = match str::from_utf8(bytes) {
         Ok(text) => (text, true),
         Err(error) => (str::from_utf8(&bytes[..error.valid_up_to()]).unwrap_or_default(), false),
     };
+    let lines = |from: usize, to: u64| {
+        let to = bytes.len().min(to as usize);
+        (to, bytes[from..to].iter().filter(|&&b| b == b'\n').count())
+    };
     let mut reader = Reader::from_str(text);
     let mut parser = Parser::default();
+    let (mut position, mut line) = (0, 1);
     loop {
         let event = reader.read_event();
-        // Errors of XML beyond the text mean nothing: there the text is merely cut off.
-        let cut_off = || ReadError::Byte { byte: text.len(), detail: "this is not text in UTF-8".to_owned() };
-        let at = |byte: u64| 1 + bytes[..bytes.len().min(byte as usize)].iter().filter(|&&b| b == b'\n').count();
-        let event = match event {
-            Ok(Event::Eof) if is_text => return parser.end(at(reader.buffer_position())),
-            Ok(Event::Eof) => return Err(cut_off()),
-            Err(_) if !is_text => return Err(cut_off()),
-            Err(error) => return Err(wrong(at(reader.error_position()), not_xml(&error))),
-            Ok(event) => event,
-        };
-        let line = || at(reader.buffer_position());
+        let (end, ended) = lines(position, reader.buffer_position());
+        (position, line) = (end, line + ended);
         match event {
-            Event::Start(tag) => {
-                if tag.name().as_ref() == "AppendedData" {
-                    let base64 = attribute(&tag, "encoding", line)?.as_deref() != Some("raw");
-                    let rest = bytes.get(reader.buffer_position() as usize..).unwrap_or_default();
-                    parser.appended = Some(Appended { data: appended(rest, base64), base64 });
-                    return parser.finish(line());
-                }
-                parser.start(&tag, line)?;
+            // The text is cut off at the first byte that is not UTF-8, so this error comes first.
+            Ok(Event::Eof) | Err(_) if !is_text => {
+                return Err(ReadError::Byte { byte: text.len(), detail: "this is not text in UTF-8".to_owned() });
             }
-            Event::Empty(tag) => {
+            Err(error) => return Err(wrong(1 + lines(0, reader.error_position()).1, not_xml(&error))),
+            Ok(Event::Eof) if parser.depth > 0 => return Err(wrong(line, "the file ends before its elements do")),
+            Ok(Event::Eof) => return parser.finish(line),
+            Ok(Event::Start(tag)) if tag.name().as_ref() == "AppendedData" => {
+                let base64 = attribute(&tag, "encoding", line)?.as_deref() != Some("raw");
+                if let Some(file) = &mut parser.file {
+                    file.appended = Some(Appended { data: appended(&bytes[position..], base64), base64 });
+                }
+                return parser.finish(line);
+            }
+            Ok(Event::Start(tag)) => parser.start(&tag, line)?,
+            Ok(Event::Empty(tag)) => {
                 parser.start(&tag, line)?;
                 parser.close(line)?;
             }
-            Event::End(_) => parser.close(line)?,
-            Event::Text(text) => parser.text(text.into_inner()),
-            Event::CData(text) => parser.text(text.into_inner()),
-            Event::GeneralRef(_) if parser.array.is_some() => {
-                return Err(wrong(line(), "an array holds a reference to an entity"));
+            Ok(Event::End(_)) => parser.close(line)?,
+            Ok(Event::Text(text)) => parser.text(text.into_inner()),
+            Ok(Event::CData(text)) => parser.text(text.into_inner()),
+            Ok(Event::GeneralRef(_)) if parser.array.is_some() => {
+                return Err(wrong(line, "an array holds a reference to an entity"));
             }
-            _ => {}
+            Ok(_) => {}
         }
     }
 }
 
-/// The data within the element: after the underscore, and in base64 up to the end of the element.
+/// Appended data: begins after the underscore; in base64 it ends with the element.
 fn appended(rest: &[u8], base64: bool) -> &[u8] {
     let Some(data) = rest.trim_ascii_start().strip_prefix(b"_") else { return &[] };
     let end = data.iter().position(|&b| base64 && b == b'<').unwrap_or(data.len());
@@ -122,41 +105,40 @@ fn appended(rest: &[u8], base64: bool) -> &[u8] {
 
 #[derive(Default)]
 struct Parser<'a> {
-    /// What the root element says of all arrays.
-    root: Option<(bool, bool, bool)>,
-    appended: Option<Appended<'a>>,
+    /// Set by the root element.
+    file: Option<File<'a>>,
     pieces: Vec<Piece<'a>>,
     units: Option<Box<Array<'a>>>,
     patch_names: Option<Box<Array<'a>>>,
-    /// Elements so far.
+    /// Number of elements so far.
     elements: u64,
-    /// Elements that are open.
+    /// Number of open elements.
     depth: usize,
-    /// Depth of the piece that is open.
+    /// Depth of the open piece.
     piece: Option<usize>,
-    /// With its depth.
-    section: Option<(Section, usize)>,
-    /// The array that is open, with its depth.
+    /// Name of the open section, with its depth.
+    section: Option<(&'static str, usize)>,
+    /// Open array, with its depth.
     array: Option<(Array<'a>, usize)>,
 }
 
 impl<'a> Parser<'a> {
-    fn start(&mut self, tag: &BytesStart<'a>, line: impl Fn() -> usize + Copy) -> Result<(), ReadError> {
+    fn start(&mut self, tag: &BytesStart<'a>, line: usize) -> Result<(), ReadError> {
         self.elements += 1;
         limits::limited("document", self.elements, "XML elements", limits::OBJECTS)?;
         self.depth += 1;
         let name = tag.name();
         let name = name.as_ref();
-        if self.root.is_none() {
+        if self.file.is_none() {
             if name != "VTKFile" {
-                return Err(wrong(line(), format!("the document is {} instead of \"VTKFile\"", quoted(name))));
+                return Err(wrong(line, format!("the document is {} instead of \"VTKFile\"", quoted(name))));
             }
-            self.root = Some(root(tag, line)?);
+            self.file = Some(root(tag, line)?);
         } else if self.array.is_some() {
-            // Keys within an array, such as its range.
+            // Elements within an array, such as `InformationKey`, are skipped.
         } else if name == "Piece" {
             if self.piece.is_some() {
-                return Err(wrong(line(), "a piece lies within another"));
+                return Err(wrong(line, "a piece lies within another"));
             }
             self.piece = Some(self.depth);
             let count = |name| count(tag, name, line);
@@ -168,7 +150,7 @@ impl<'a> Parser<'a> {
                 strips: count("NumberOfStrips")?,
                 ..Piece::default()
             });
-        } else if let Some(section) = Section::of(name)
+        } else if let Some(section) = SECTIONS.into_iter().find(|section| *section == name)
             && self.section.is_none()
         {
             self.section = Some((section, self.depth));
@@ -178,7 +160,7 @@ impl<'a> Parser<'a> {
         Ok(())
     }
 
-    fn close(&mut self, line: impl Fn() -> usize + Copy) -> Result<(), ReadError> {
+    fn close(&mut self, line: usize) -> Result<(), ReadError> {
         if let Some((array, _)) = self.array.take_if(|(_, depth)| *depth == self.depth) {
             self.keep(array, line)?;
         }
@@ -191,7 +173,7 @@ impl<'a> Parser<'a> {
     fn text(&mut self, text: Cow<'a, str>) {
         if let Some((array, depth)) = &mut self.array
             && *depth == self.depth
-            && let Place::Inline { text: known, .. } = &mut array.place
+            && let ArrayData::Inline { text: known, .. } = &mut array.data
             && !text.trim_ascii().is_empty()
         {
             if known.is_empty() {
@@ -202,93 +184,74 @@ impl<'a> Parser<'a> {
         }
     }
 
-    fn read_array(&self, tag: &BytesStart<'a>, line: impl Fn() -> usize + Copy) -> Result<Array<'a>, ReadError> {
+    fn read_array(&self, tag: &BytesStart<'a>, line: usize) -> Result<Array<'a>, ReadError> {
         let get = |name| attribute(tag, name, line);
         let name = get("Name")?.unwrap_or_default();
-        let section = match self.section {
-            Some((Section::Fields, _)) | None => "FieldData",
-            Some((Section::CellData, _)) => "CellData",
-            Some((Section::Points, _)) => "Points",
-            Some((Section::Polys, _)) => "Polys",
-            Some((Section::Strips, _)) => "Strips",
-        };
-        let path = if self.piece.is_some() {
-            format!("piece {}, {section}", self.pieces.len() - 1)
-        } else {
-            section.to_owned()
-        };
-        let path = format!("{path}, {}", quoted(&name).trim_matches('"'));
+        let section = self.section.map_or("FieldData", |(section, _)| section);
+        let piece = self.piece.map_or_else(String::new, |_| format!("piece {}, ", self.pieces.len() - 1));
+        let path = format!("{piece}{section}, {}", quoted(&name).trim_matches('"'));
         let kind = get("type")?.unwrap_or_default();
-        let place = match get("format")?.as_deref().unwrap_or("ascii") {
-            "ascii" => Place::Inline { text: Cow::Borrowed(""), binary: false },
-            "binary" => Place::Inline { text: Cow::Borrowed(""), binary: true },
+        let data = match get("format")?.as_deref().unwrap_or("ascii") {
+            "ascii" => ArrayData::Inline { text: Cow::Borrowed(""), binary: false },
+            "binary" => ArrayData::Inline { text: Cow::Borrowed(""), binary: true },
             "appended" => {
                 let offset = get("offset")?;
                 let number = offset.as_deref().and_then(|offset| offset.trim().parse().ok());
                 let Some(offset) = number else {
                     return Err(ReadError::document(path, "it states no offset into the appended data"));
                 };
-                Place::Appended(offset)
+                ArrayData::Appended(offset)
             }
             other => return Err(ReadError::document(path, format!("the format {} is not known", quoted(other)))),
         };
         let components = get("NumberOfComponents")?.unwrap_or_default().into_owned();
-        Ok(Array { path, name: name.into_owned(), kind: Kind::of(&kind), components, place })
+        Ok(Array { path, name: name.into_owned(), kind: Kind::named(&kind), components, data })
     }
 
-    /// Puts an array where it is used, if it is.
-    fn keep(&mut self, array: Array<'a>, line: impl Fn() -> usize) -> Result<(), ReadError> {
+    /// Stores an array that the reader uses; drops all others.
+    fn keep(&mut self, array: Array<'a>, line: usize) -> Result<(), ReadError> {
         let Some((section, _)) = self.section else { return Ok(()) };
         let piece = self.pieces.last_mut().filter(|_| self.piece.is_some());
         let slot = match (section, piece, array.name.as_str()) {
-            (Section::Fields, _, "units") => &mut self.units,
-            (Section::Fields, _, "patch_names") => &mut self.patch_names,
-            (Section::CellData, Some(piece), "patch") => &mut piece.patch,
-            (Section::Points, Some(piece), _) => &mut piece.points_array,
-            (Section::Polys, Some(piece), "connectivity") => &mut piece.polys_arrays.connectivity,
-            (Section::Polys, Some(piece), "offsets") => &mut piece.polys_arrays.offsets,
-            (Section::Strips, Some(piece), "connectivity") => &mut piece.strips_arrays.connectivity,
-            (Section::Strips, Some(piece), "offsets") => &mut piece.strips_arrays.offsets,
+            ("FieldData", _, "units") => &mut self.units,
+            ("FieldData", _, "patch_names") => &mut self.patch_names,
+            ("CellData", Some(piece), "patch") => &mut piece.patch,
+            ("Points", Some(piece), _) => &mut piece.points_array,
+            ("Polys", Some(piece), "connectivity") => &mut piece.polys_arrays.connectivity,
+            ("Polys", Some(piece), "offsets") => &mut piece.polys_arrays.offsets,
+            ("Strips", Some(piece), "connectivity") => &mut piece.strips_arrays.connectivity,
+            ("Strips", Some(piece), "offsets") => &mut piece.strips_arrays.offsets,
             _ => return Ok(()),
         };
         if slot.is_some() {
-            return Err(wrong(line(), format!("{}: there are two of these arrays", array.path)));
+            return Err(wrong(line, format!("{}: there are two of these arrays", array.path)));
         }
         *slot = Some(Box::new(array));
         Ok(())
     }
 
-    /// At the end of the text.
-    fn end(self, line: usize) -> Result<Document<'a>, ReadError> {
-        if self.depth > 0 {
-            return Err(wrong(line, "the file ends before its elements do"));
-        }
-        self.finish(line)
-    }
-
     fn finish(self, line: usize) -> Result<Document<'a>, ReadError> {
-        let Some((little, wide, zlib)) = self.root else { return Err(wrong(line, "there is no element \"VTKFile\"")) };
-        let file = File { little, wide, zlib, appended: self.appended, room: Cell::new(limits::BYTES) };
+        let Some(file) = self.file else { return Err(wrong(line, "there is no element \"VTKFile\"")) };
         Ok(Document { file, pieces: self.pieces, units: self.units, patch_names: self.patch_names })
     }
 }
 
-/// Whether numbers are in little-endian order, lengths have 64 bits, and arrays are compressed.
-fn root(tag: &BytesStart<'_>, line: impl Fn() -> usize + Copy) -> Result<(bool, bool, bool), ReadError> {
+/// Reads from the root element how arrays are encoded.
+fn root<'a>(tag: &BytesStart<'a>, line: usize) -> Result<File<'a>, ReadError> {
     let get = |name| attribute(tag, name, line);
-    let refuse = |what: &str, value: &str| Err(wrong(line(), format!("{what} {} is not read", quoted(value))));
+    let refuse = |what: &str, value: &str| Err(wrong(line, format!("{what} {} is not read", quoted(value))));
     match get("type")?.as_deref().unwrap_or_default() {
         "PolyData" => {}
-        other => return Err(wrong(line(), format!("the file holds {} instead of \"PolyData\"", quoted(other)))),
+        other => return Err(wrong(line, format!("the file holds {} instead of \"PolyData\"", quoted(other)))),
     }
-    let little = match get("byte_order")?.as_deref() {
+    let little_endian = match get("byte_order")?.as_deref() {
         Some("LittleEndian") | None => true,
         Some("BigEndian") => false,
         Some(other) => return refuse("the byte order", other),
     };
-    let wide = match get("header_type")?.as_deref() {
-        Some("UInt32") | None => false,
-        Some("UInt64") => true,
+    let header = match get("header_type")?.as_deref() {
+        Some("UInt32") | None => Scalar::Unsigned(4),
+        Some("UInt64") => Scalar::Unsigned(8),
         Some(other) => return refuse("the header type", other),
     };
     let zlib = match get("compressor")?.as_deref() {
@@ -296,34 +259,25 @@ fn root(tag: &BytesStart<'_>, line: impl Fn() -> usize + Copy) -> Result<(bool, 
         Some("vtkZLibDataCompressor") => true,
         Some(other) => return refuse("the compressor", other),
     };
-    Ok((little, wide, zlib))
+    Ok(File { little_endian, header, zlib, appended: None, room: Cell::new(limits::BYTES) })
 }
 
-/// A number of items; 0 if it is not stated.
-fn count(tag: &BytesStart<'_>, name: &str, line: impl Fn() -> usize + Copy) -> Result<u64, ReadError> {
+/// Number of items that an attribute states; 0 if there is no such attribute.
+fn count(tag: &BytesStart<'_>, name: &str, line: usize) -> Result<u64, ReadError> {
     let Some(text) = attribute(tag, name, line)? else { return Ok(0) };
-    text.trim().parse().map_err(|_| wrong(line(), format!("{name} is {}, not a number of items", quoted(&text))))
+    text.trim().parse().map_err(|_| wrong(line, format!("{name} is {}, not a number of items", quoted(&text))))
 }
 
-/// The value of an attribute.
-fn attribute<'t>(
-    tag: &'t BytesStart<'_>,
-    name: &str,
-    line: impl Fn() -> usize,
-) -> Result<Option<Cow<'t, str>>, ReadError> {
-    // The check against repeated names takes time in the square of their number.
-    for attribute in tag.attributes().with_checks(false) {
-        let attribute = attribute.map_err(|error| wrong(line(), not_xml(&error)))?;
-        if attribute.key.as_ref() == name {
-            let value = attribute.normalized_value(XmlVersion::Implicit1_0);
-            return value.map(Some).map_err(|error| wrong(line(), format!("{name}: {}", not_xml(&error))));
-        }
-    }
-    Ok(None)
+/// Value of an attribute. Unlike [`BytesStart::attributes`], this does not check for repeated
+/// names, which takes time in the square of their number.
+fn attribute<'t>(tag: &'t BytesStart<'_>, name: &str, line: usize) -> Result<Option<Cow<'t, str>>, ReadError> {
+    let found = tag.try_get_attribute(name).map_err(|error| wrong(line, not_xml(&error)))?;
+    let Some(attribute) = found else { return Ok(None) };
+    let value = attribute.normalized_value(XmlVersion::Implicit1_0);
+    value.map(Some).map_err(|error| wrong(line, format!("{name}: {}", not_xml(&error))))
 }
 
-/// What the reader of XML says, shortened: it quotes names of any length.
+/// Message for an error of the XML reader, shortened because it quotes names of any length.
 fn not_xml(error: &impl Display) -> String {
-    const LONGEST: usize = 200;
-    format!("this is not XML: {}", error.to_string().chars().take(LONGEST).collect::<String>())
+    format!("this is not XML: {}", error.to_string().chars().take(200).collect::<String>())
 }

@@ -1,43 +1,23 @@
-//! Encodings of the arrays of a VTP file: raw, base64, zlib in blocks.
+//! Encodings of the arrays of a VTP file: base64, and zlib in blocks.
 
+use super::super::text::BASE64;
 use base64::Engine;
-use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use flate2::bufread::ZlibDecoder;
 use std::io::{self, Cursor, Read};
 
-/// An array as it is in the file.
-pub(super) enum Encoded<'a> {
-    Raw(&'a [u8]),
-    Base64(Base64<'a>),
-}
-
-impl Read for Encoded<'_> {
-    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
-        match self {
-            Self::Raw(bytes) => bytes.read(out),
-            Self::Base64(base64) => base64.read(out),
-        }
-    }
-}
-
-/// Text in base64. VTK encodes some parts of an array by themselves, so that padding may occur within.
+/// Decoder of base64 text. VTK encodes some parts of an array separately, so padding may occur
+/// within.
 pub(super) struct Base64<'a> {
     text: &'a [u8],
     decoded: Box<[u8; DECODED]>,
-    /// What of `decoded` is still to be read.
+    /// Range of `decoded` that is still unread.
     begin: usize,
     end: usize,
 }
 
-/// Characters that are decoded at once; each four are three bytes.
+/// Characters that are decoded at a time; four of them are three bytes.
 const ENCODED: usize = 4096;
 const DECODED: usize = ENCODED / 4 * 3;
-const ENGINE: GeneralPurpose = GeneralPurpose::new(
-    &base64::alphabet::STANDARD,
-    GeneralPurposeConfig::new()
-        .with_decode_allow_trailing_bits(true)
-        .with_decode_padding_mode(DecodePaddingMode::Indifferent),
-);
 
 impl<'a> Base64<'a> {
     pub(super) fn new(text: &'a [u8]) -> Self {
@@ -57,7 +37,7 @@ impl<'a> Base64<'a> {
                 break;
             }
         }
-        let decoded = ENGINE.decode_slice(&run[..length], &mut self.decoded[..]);
+        let decoded = BASE64.decode_slice(&run[..length], &mut self.decoded[..]);
         self.end = decoded.map_err(|_| io::Error::new(io::ErrorKind::InvalidData, "this is not base64"))?;
         self.begin = 0;
         Ok(())
@@ -75,16 +55,16 @@ impl Read for Base64<'_> {
     }
 }
 
-/// Blocks of zlib, one after another.
+/// Decoder of consecutive blocks of zlib.
 pub(super) struct Zlib<'a> {
-    encoded: Encoded<'a>,
-    /// Bytes of the blocks that come next.
+    encoded: Box<dyn Read + 'a>,
+    /// Compressed sizes of the blocks that follow, bytes.
     sizes: std::vec::IntoIter<u64>,
     block: Option<ZlibDecoder<Cursor<Vec<u8>>>>,
 }
 
 impl<'a> Zlib<'a> {
-    pub(super) fn new(encoded: Encoded<'a>, sizes: Vec<u64>) -> Self {
+    pub(super) fn new(encoded: Box<dyn Read + 'a>, sizes: Vec<u64>) -> Self {
         Self { encoded, sizes: sizes.into_iter(), block: None }
     }
 }

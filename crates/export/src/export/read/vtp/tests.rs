@@ -335,7 +335,7 @@ fn what_is_decoded_is_limited_in_all() {
     let mut document = document::parse(&bytes).unwrap();
     document.file.room = std::cell::Cell::new(7_999_999);
     let mut integers = document.file.integers(document.pieces[0].patch.as_ref().unwrap()).unwrap();
-    let refused = std::iter::repeat_with(|| integers.next()).find_map(Result::err).unwrap().to_string();
+    let refused = std::iter::repeat_with(|| integers.integer()).find_map(Result::err).unwrap().to_string();
     assert!(refused.starts_with("piece 0, CellData, patch: the arrays of the file, decoded, have more"), "{refused}");
     // A header of as many blocks as there are bytes.
     let blocks = 1_000_000_u64;
