@@ -1,19 +1,20 @@
-//! The scale bar with its length, and the factor by which a tube is shortened.
+//! Scale bars, with their length and the factor on lengths along the tube.
 
 use super::glyphs;
-use super::picture::{Rgb, color};
-use tiny_skia::{Paint, Pixmap, Rect, Transform};
+use super::picture::{Rgb, paint};
+use tiny_skia::{Pixmap, Rect, Transform};
 
-/// Least longest side of a picture with a bar, pixels: in smaller ones its text could not be read.
-const LEAST: u32 = 256;
-/// Longest bar, as a fraction of the width of the picture.
+/// Minimum of the longest side of a picture with a bar, pixels. The text would be illegible in
+/// smaller ones.
+const MIN_SIDE: u32 = 256;
+/// Maximum length of a bar, as a fraction of the width of the picture.
 const LONGEST: f64 = 0.2;
-/// Height of digits, as a fraction of the longest side, and in pixels at least.
+/// Height of digits as a fraction of the longest side, and its minimum in pixels.
 const DIGIT: (f32, f32) = (0.0135, 7.0);
-/// Legible on light and on dark pages.
+/// Colour that is legible on light and on dark pages.
 const INK: Rgb = [0x8a, 0x80, 0x88];
 
-/// The bar of a picture.
+/// Style of the scale bar of a picture.
 pub(super) struct Bar {
     /// Height of digits, pixels.
     pub(super) digit: f32,
@@ -21,25 +22,26 @@ pub(super) struct Bar {
 }
 
 impl Bar {
-    /// None if the picture is too small.
+    /// Style for a picture; `None` if the picture is too small.
     pub(super) fn new([width, height]: [u32; 2]) -> Option<Self> {
         let side = width.max(height);
-        (side >= LEAST).then(|| Self { digit: (DIGIT.0 * side as f32).max(DIGIT.1), ink: INK })
+        (side >= MIN_SIDE).then(|| Self { digit: (DIGIT.0 * side as f32).max(DIGIT.1), ink: INK })
     }
 
-    /// Height of the strip at the bottom of the picture that it needs, pixels.
+    /// Height of the strip that the bar needs at the bottom of the picture, pixels.
     pub(super) fn strip(&self) -> f32 {
         2.0 * self.digit
     }
 
-    /// Draws it into the lower left corner. The picture shows a metre on `scale` pixels.
+    /// Draws the bar into the lower left corner. `scale` is in pixels per metre.
     pub(super) fn draw(&self, pixmap: &mut Pixmap, scale: f64, axial_scale: f64) {
         let place = [2.0 * self.digit, pixmap.height() as f32 - 2.2 * self.digit];
         let most = LONGEST * f64::from(pixmap.width());
         self.draw_at(pixmap, place, most, scale, axial_scale);
     }
 
-    /// Draws it from `left` on, its middle at `middle`, at most `most` pixels long without its text.
+    /// Draws the bar from `left`, centred vertically at `middle`. Without its text, it is at most
+    /// `most` pixels long.
     pub(super) fn draw_at(
         &self,
         pixmap: &mut Pixmap,
@@ -49,8 +51,7 @@ impl Bar {
         axial_scale: f64,
     ) {
         let (length, label) = round(most / scale);
-        let mut paint = Paint { anti_alias: true, ..Paint::default() };
-        paint.set_color(color(self.ink));
+        let paint = paint(self.ink);
         let (left, thickness) = (left.round(), (self.digit / 5.0).round().max(1.0));
         let middle = middle.round();
         let bar = Rect::from_xywh(left, middle - thickness, (length * scale) as f32, 2.0 * thickness);
@@ -65,9 +66,9 @@ impl Bar {
     }
 }
 
-/// The greatest length of 1, 2 or 5 times a power of ten up to `most`, in metres, and its text.
+/// Largest length up to `most` that is 1, 2 or 5 times a power of ten, metres, with its text.
 fn round(most: f64) -> (f64, String) {
-    // Powers of ten are counted, since logarithms may differ in their last bit.
+    // A loop instead of a logarithm, whose last bit may differ between machines.
     let mut power = -12;
     while 10f64.powi(power + 1) <= most && power < 12 {
         power += 1;
@@ -118,6 +119,6 @@ mod tests {
 
     #[test]
     fn small_pictures_have_no_bar() {
-        assert!(Bar::new([LEAST - 1, 100]).is_none() && Bar::new([LEAST, 100]).is_some());
+        assert!(Bar::new([MIN_SIDE - 1, 100]).is_none() && Bar::new([MIN_SIDE, 100]).is_some());
     }
 }

@@ -1,4 +1,4 @@
-//! A picture with its scale, to be put on a page.
+//! A picture with its scale, for placement on a page.
 
 use super::picture::{RenderError, encode};
 use tiny_skia::Pixmap;
@@ -7,7 +7,7 @@ use tiny_skia::Pixmap;
 #[derive(Clone, Debug)]
 pub struct Drawing {
     pub(super) pixmap: Pixmap,
-    /// Pixels per metre, across the tube.
+    /// Pixels per metre across the tube.
     pub(super) scale: f64,
     /// Factor on lengths along the tube.
     pub(super) axial_scale: f64,
@@ -20,13 +20,13 @@ impl Drawing {
         [self.pixmap.width(), self.pixmap.height()]
     }
 
-    /// Micrometres per pixel, across the tube.
+    /// Micrometres per pixel across the tube.
     #[must_use]
     pub fn um_per_pixel(&self) -> f64 {
         1e6 / self.scale
     }
 
-    /// A part of `size` pixels around the pixel at `middle`, or less where the drawing ends.
+    /// Part of `size` pixels around the pixel at `middle`, cropped at the borders of the drawing.
     #[must_use]
     pub fn around(&self, middle: [f64; 2], size: [u32; 2]) -> Self {
         let all = self.size();
@@ -41,10 +41,10 @@ impl Drawing {
         Self { pixmap, ..*self }
     }
 
-    /// The picture as PNG.
+    /// Encodes the picture as PNG.
     ///
     /// # Errors
-    /// [`RenderError::Encode`].
+    /// [`RenderError::Encode`] if encoding fails.
     pub fn png(&self) -> Result<Vec<u8>, RenderError> {
         encode(&self.pixmap)
     }

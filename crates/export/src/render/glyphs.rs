@@ -1,4 +1,4 @@
-//! Text of scale bars and panels: the few characters that they need, as strokes.
+//! Text of scale bars and panels, drawn with strokes. Only the characters that they need exist.
 
 use tiny_skia::{LineCap, LineJoin, Paint, PathBuilder, Pixmap, Stroke, Transform};
 
@@ -9,8 +9,8 @@ const PEN: f32 = 0.9;
 /// Space between glyphs, in units of the glyphs.
 const SPACING: f32 = 1.5;
 
-/// Characters with their widths and strokes: moves (M), lines (L) and quadratic curves (Q) of a path in SVG, y downwards from
-/// the top of a digit at 0 to the baseline at 7.
+/// Characters with their widths and strokes. Strokes are SVG path data of moves (M), lines (L) and
+/// quadratic curves (Q). y points down, from the top of a digit at 0 to the baseline at 7.
 const GLYPHS: [(char, f32, &str); 27] = [
     (' ', 1.6, ""),
     ('.', 0.2, "M.1 7 L.1 6.9"),
@@ -49,7 +49,8 @@ const GLYPHS: [(char, f32, &str); 27] = [
     ('µ', 3.7, "M0 2 L0 9.2 M0 4.7 Q0 7 1.8 7 Q3.7 7 3.7 4.6 M3.7 2 L3.7 7"),
 ];
 
-/// Draws a text from `left` on, its digits from `top` to `top + height`; leaves out characters without a glyph. Returns where the text ends.
+/// Draws a text from `left`, with digits from `top` to `top + height`. Characters without a glyph
+/// are omitted. Returns the x coordinate of the end of the text.
 pub(super) fn draw(pixmap: &mut Pixmap, text: &str, [left, top]: [f32; 2], height: f32, paint: &Paint<'_>) -> f32 {
     let unit = height / HEIGHT;
     let stroke = Stroke { width: PEN, line_cap: LineCap::Round, line_join: LineJoin::Round, ..Stroke::default() };
@@ -63,7 +64,7 @@ pub(super) fn draw(pixmap: &mut Pixmap, text: &str, [left, top]: [f32; 2], heigh
     x - SPACING * unit
 }
 
-/// Width of a text, in the unit of `height`.
+/// Width of a text in the unit of `height`.
 pub(super) fn width(text: &str, height: f32) -> f32 {
     let advances: f32 = text.chars().filter_map(glyph).map(|(width, _)| width + SPACING).sum();
     (advances - SPACING).max(0.0) * height / HEIGHT

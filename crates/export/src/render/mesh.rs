@@ -1,33 +1,38 @@
-//! A mesh as a solid body: smooth shading, occlusion, and flat cut faces where it is cut open.
+//! Pictures of a mesh as a solid body: smooth shading, occlusion, and flat faces where it is cut
+//! open.
 //!
-//! From outside, only the front of a closed surface is visible. If the back is visible after cutting, the line of sight
-//! entered the body through a cut: that sample is drawn as cut tissue, on the plane of the cut.
+//! From outside, only the front of a closed surface is visible. If the back is visible, the line of
+//! sight entered the body through a cut. Such a sample is drawn as cut tissue on the plane of the
+//! cut.
 
 use super::bar::Bar;
 use super::drawing::Drawing;
 use super::occlusion::AmbientLight;
-use super::picture::{OUTLINE, RenderError, Rgb, TISSUE, encode, pixmap};
-use super::raster::{NONE, Sample, rasterize};
-use super::staged::Staged;
-use super::view::{Camera, View};
+use super::picture::{OUTLINE, RenderError, Rgb, TISSUE, encode};
+use super::raster::{NONE, Sample};
+use super::staged::{SAMPLES, Staged};
+use super::view::View;
 use crate::geometry::patch::{PatchGeometry, patch_geometry};
 use crate::model::{Mesh, PatchKind};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::sync::LazyLock;
 
-/// Samples per pixel in each direction.
-const SAMPLES: usize = 2;
 /// Width of the rim of the lumen on cut faces, as a fraction of the longest side of the picture.
 const RIM: f32 = 0.0016;
-/// Colour of light that comes out of a hollow, relative to that which enters it: deep tissue is dark red, not black.
+/// Light that leaves a hollow relative to the light that enters it: deep tissue is dark red, not
+/// black.
 const DEEP: Vec3 = Vec3::new(0.30, 0.10, 0.16);
-/// Light on a surface that no lamp shines on, and on one that all shine on: shadows on tissue are warm.
+/// Light on a surface in shadow; shadows on tissue are warm.
 const SHADOW: Vec3 = Vec3::new(0.56, 0.42, 0.42);
+/// Light on a surface that faces all lamps.
 const LIT: Vec3 = Vec3::new(1.08, 1.08, 1.06);
 
-/// Draws a mesh on a transparent background, with a scale bar if the longest side has at least 256 pixels. The bar holds in
-/// the plane of the picture at any depth, and across the tube; it names the factor on lengths along it.
+/// Draws a mesh on a transparent background as PNG, with a scale bar if the longest side has at
+/// least 256 pixels.
+///
+/// The bar is valid at any depth for lengths in the plane of the picture across the tube. Its text
+/// states the factor on lengths along the tube.
 ///
 /// # Errors
 /// [`RenderError::Size`] and [`RenderError::View`] if the view is out of bounds.
@@ -45,7 +50,7 @@ pub fn mesh_png(mesh: &Mesh, view: &View) -> Result<Vec<u8>, RenderError> {
     encode(&pixmap)
 }
 
-/// As [`mesh_png`], without the bar.
+/// Draws a mesh as [`mesh_png`] does, without the bar.
 ///
 /// # Errors
 /// As [`mesh_png`].
@@ -56,58 +61,33 @@ pub fn mesh_drawing(mesh: &Mesh, view: &View) -> Result<Drawing, RenderError> {
     draw(mesh, view, 0.0)
 }
 
-/// Leaves `strip` pixels free at the bottom.
+/// Draws a mesh; the lowest `strip` pixels stay free.
 fn draw(mesh: &Mesh, view: &View, strip: f32) -> Result<Drawing, RenderError> {
-    view.check()?;
-    let mut pixmap = pixmap(view.width, view.height)?;
-    pixmap.fill(tiny_skia::Color::TRANSPARENT);
-    let scene = Scene::new(mesh, view, strip);
-    let width = view.width as usize * SAMPLES;
-    let size = [width, view.height as usize * SAMPLES];
-    let samples = rasterize(&scene.view, &scene.camera, &scene.positions, &mesh.triangles, size);
-    let depth_scale = (scene.camera.scale / SAMPLES as f64) as f32;
-    let light = AmbientLight::new(depths(&samples, width, depth_scale), view.width as usize);
-    let parts: Vec<Part> = samples.par_iter().map(|sample| scene.part(*sample)).collect();
-    let rim = Rim { parts: &parts, size, reach: (RIM * view.width.max(view.height) as f32 * SAMPLES as f32).round() };
-    let rows = pixmap.pixels_mut().par_chunks_mut(view.width as usize).enumerate();
-    rows.for_each(|(row, pixels)| {
-        for (column, pixel) in pixels.iter_mut().enumerate() {
-            let (mut sum, mut hits) = (Vec3::ZERO, 0_usize);
-            // Samples of one triangle share their colour.
-            let mut last = None;
-            for y in row * SAMPLES..(row + 1) * SAMPLES {
-                for x in column * SAMPLES..(column + 1) * SAMPLES {
-                    let sample = samples[y * width + x];
-                    if sample.surface == NONE {
-                        continue;
-                    }
-                    let key = (sample.surface, rim.covers(x, y));
-                    let color = match last {
-                        Some((known, color)) if known == key => color,
-                        _ => {
-                            let [u, v] = [x, y].map(|i| (i as f32 + 0.5) / SAMPLES as f32);
-                            let ambient = light.at(u, v, sample.depth * depth_scale);
-                            scene.shade(sample, [x, y], key.1, ambient)
-                        }
-                    };
-                    last = Some((key, color));
-                    sum += color;
-                    hits += 1;
-                }
+    let scene = Scene::new(mesh, Staged::new(mesh, view, strip)?);
+    let Staged { samples, size, .. } = &scene.staged;
+    let depth_scale = scene.staged.scale() as f32;
+    let light = AmbientLight::new(depths(samples, size[0], depth_scale), view.width as usize);
+    let tissues: Vec<TissuePart> = samples.par_iter().map(|sample| scene.tissue_part(*sample)).collect();
+    let reach = (RIM * view.width.max(view.height) as f32 * SAMPLES as f32).round();
+    let rim = Rim { tissues: &tissues, size: *size, reach: (reach as usize).max(1) };
+    // Samples of one triangle share their colour within a pixel.
+    scene.staged.draw(srgb, |sample, [x, y], last: &mut Option<((u32, bool), Vec3)>| {
+        let key = (sample.surface, rim.covers(x, y));
+        let color = match *last {
+            Some((known, color)) if known == key => color,
+            _ => {
+                let [u, v] = [x, y].map(|i| (i as f32 + 0.5) / SAMPLES as f32);
+                scene.shade(sample, [x, y], key.1, light.at(u, v, sample.depth * depth_scale))
             }
-            if hits > 0 {
-                let [r, g, b] = srgb(sum / hits as f32);
-                let alpha = (255 * hits).div_ceil(SAMPLES * SAMPLES) as u8;
-                *pixel = tiny_skia::ColorU8::from_rgba(r, g, b, alpha).premultiply();
-            }
-        }
-    });
-    Ok(Drawing { pixmap, scale: scene.camera.scale / SAMPLES as f64, axial_scale: view.axial_scale })
+        };
+        *last = Some((key, color));
+        color
+    })
 }
 
-/// Part of the tissue at a sample.
+/// Part of the tissue that a sample shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Part {
+enum TissuePart {
     /// A cross section of the tissue: the face of a cut, or an end.
     Face,
     /// The boundary of the lumen.
@@ -117,37 +97,33 @@ enum Part {
 
 /// The rim of the lumen on faces.
 struct Rim<'a> {
-    parts: &'a [Part],
+    tissues: &'a [TissuePart],
     size: [usize; 2],
-    /// Width in samples.
-    reach: f32,
+    /// Width of the rim in samples.
+    reach: usize,
 }
 
 impl Rim<'_> {
-    /// Whether a sample lies on a face, next to the lumen.
+    /// True if a sample lies on a face next to the lumen.
     fn covers(&self, x: usize, y: usize) -> bool {
         let [width, height] = self.size;
-        let is = |x: usize, y: usize, part| self.parts[y * width + x] == part;
-        is(x, y, Part::Face)
-            && (1..=(self.reach as usize).max(1)).any(|d| {
+        let is = |x: usize, y: usize, part| self.tissues[y * width + x] == part;
+        is(x, y, TissuePart::Face)
+            && (1..=self.reach).any(|d| {
                 let (right, below) = ((x + d).min(width - 1), (y + d).min(height - 1));
                 [(x.saturating_sub(d), y), (right, y), (x, y.saturating_sub(d)), (x, below)]
                     .into_iter()
-                    .any(|(x, y)| is(x, y, Part::Mucosa))
+                    .any(|(x, y)| is(x, y, TissuePart::Mucosa))
             })
     }
 }
 
 struct Scene<'a> {
     mesh: &'a Mesh,
-    /// The view with its planes in scaled space.
-    view: View,
-    camera: Camera,
-    /// Scaled along the tube.
-    positions: Vec<DVec3>,
+    staged: Staged,
     /// Each patch with its normals, which are not scaled.
     patches: Vec<PatchGeometry>,
-    /// Factor that makes normals perpendicular to the scaled surface.
+    /// Factors that make normals perpendicular to the scaled surface.
     inverse: Vec3,
     /// Linear light of each patch.
     colors: Vec<Vec3>,
@@ -158,61 +134,58 @@ struct Scene<'a> {
 }
 
 impl<'a> Scene<'a> {
-    fn new(mesh: &'a Mesh, view: &View, strip: f32) -> Self {
-        let Staged { view, positions, camera } = Staged::new(mesh, view, SAMPLES as u32, strip);
-        let inverse = Vec3::new(1.0, 1.0, (1.0 / view.axial_scale) as f32);
+    fn new(mesh: &'a Mesh, staged: Staged) -> Self {
+        let camera = &staged.camera;
         let key = (camera.up * 0.75 - camera.right * 0.55 - camera.forward * 0.6).as_vec3().normalize();
         Self {
             mesh,
-            view,
-            camera,
-            positions,
             patches: mesh.patches.par_iter().map(|patch| patch_geometry(mesh, patch)).collect(),
-            inverse,
-            colors: mesh.patches.iter().map(|patch| linear(paint(patch.kind))).collect(),
+            inverse: Vec3::new(1.0, 1.0, (1.0 / staged.view.axial_scale) as f32),
+            colors: mesh.patches.iter().map(|patch| linear(patch_color(patch.kind))).collect(),
             tissue: linear(TISSUE),
             rim: linear(OUTLINE),
             key,
+            staged,
         }
     }
 
-    /// The patch of a triangle.
+    /// Index of the patch of a triangle.
     fn patch(&self, triangle: usize) -> Option<usize> {
         self.mesh.patches.iter().position(|patch| patch.triangles.contains(&triangle))
     }
 
-    fn part(&self, sample: Sample) -> Part {
+    fn tissue_part(&self, sample: Sample) -> TissuePart {
         if sample.surface == NONE {
-            return Part::Other;
+            return TissuePart::Other;
         }
-        if sample.cut(self.view.cut.len()).is_some() {
-            return Part::Face;
+        if self.staged.cut(sample).is_some() {
+            return TissuePart::Face;
         }
         match self.patch(sample.surface as usize).map(|p| self.mesh.patches[p].kind) {
-            Some(PatchKind::CapIsthmus | PatchKind::CapAmpulla) => Part::Face,
-            Some(PatchKind::InnerWall | PatchKind::Wall) => Part::Mucosa,
-            _ => Part::Other,
+            Some(PatchKind::CapIsthmus | PatchKind::CapAmpulla) => TissuePart::Face,
+            Some(PatchKind::InnerWall | PatchKind::Wall) => TissuePart::Mucosa,
+            _ => TissuePart::Other,
         }
     }
 
     /// Linear light of a sample that shows something.
     fn shade(&self, sample: Sample, [x, y]: [usize; 2], rim: bool, ambient: f32) -> Vec3 {
-        let (color, normal) = match sample.cut(self.view.cut.len()) {
-            Some(k) => (self.tissue, DVec3::from(self.view.cut[k].normal).normalize_or(DVec3::Z).as_vec3()),
+        let (color, normal) = match self.staged.cut(sample) {
+            Some(k) => (self.tissue, DVec3::from(self.staged.view.cut[k].normal).normalize_or(DVec3::Z).as_vec3()),
             None => self.surface(sample, x, y),
         };
         self.light(if rim { self.rim } else { color }, normal, ambient)
     }
 
-    /// Colour and normal of a triangle at a sample: smooth within a patch, else flat.
+    /// Colour and normal of a triangle at a sample. Normals are interpolated within a patch.
     fn surface(&self, sample: Sample, x: usize, y: usize) -> (Vec3, Vec3) {
         let t = sample.surface as usize;
-        let corners = self.mesh.triangles[t].map(|v| self.positions[v as usize]);
-        let facet = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
+        let (corners, facet) = self.staged.triangle(self.mesh.triangles[t]);
         let Some(p) = self.patch(t) else {
             return (self.tissue, facet.normalize_or(DVec3::Z).as_vec3());
         };
-        let point = self.camera.at(x as f64 + 0.5, y as f64 + 0.5) + self.camera.forward * f64::from(sample.depth);
+        let camera = &self.staged.camera;
+        let point = camera.at(x as f64 + 0.5, y as f64 + 0.5) + camera.forward * f64::from(sample.depth);
         let weights = barycentric(corners, point, facet);
         let patch = &self.patches[p];
         let [a, b, c] = patch.triangles[t - self.mesh.patches[p].triangles.start]
@@ -220,22 +193,23 @@ impl<'a> Scene<'a> {
         (self.colors[p], (a * weights[0] + b * weights[1] + c * weights[2]).normalize_or(Vec3::Z))
     }
 
-    /// Light from all sides, a key light from the upper left, and a light at the camera; the same for both sides.
+    /// Light of a surface from all sides, from a key light at the upper left, and from a light at
+    /// the camera. Both sides of a surface have the same light.
     fn light(&self, color: Vec3, normal: Vec3, ambient: f32) -> Vec3 {
-        let toward = -self.camera.forward.as_vec3();
+        let toward = -self.staged.camera.forward.as_vec3();
         let normal = if normal.dot(toward) < 0.0 { -normal } else { normal };
         let light = 0.55 * normal.dot(self.key).max(0.0) + 0.45 * normal.dot(toward);
         color * SHADOW.lerp(LIT, light) * DEEP.lerp(Vec3::ONE, ambient)
     }
 }
 
-/// Depth of the first sample of each pixel, in pixels; `scale` is in pixels per unit of length.
+/// Depth of the first sample of each pixel, pixels. `scale` is in pixels per unit of length.
 fn depths(samples: &[Sample], width: usize, scale: f32) -> Vec<f32> {
     let rows = samples.chunks_exact(width).step_by(SAMPLES);
     rows.flat_map(|row| row.iter().step_by(SAMPLES)).map(|sample| sample.depth * scale).collect()
 }
 
-/// Weights of the corners at a point of the triangle's plane, clamped to the triangle.
+/// Barycentric weights of a point in the plane of a triangle, clamped to the triangle.
 fn barycentric([a, b, c]: [DVec3; 3], point: DVec3, facet: DVec3) -> [f32; 3] {
     let area = facet.length_squared();
     if area == 0.0 {
@@ -246,7 +220,7 @@ fn barycentric([a, b, c]: [DVec3; 3], point: DVec3, facet: DVec3) -> [f32; 3] {
     [u as f32, v as f32, (1.0 - u - v) as f32]
 }
 
-pub(super) fn paint(kind: PatchKind) -> Rgb {
+pub(super) fn patch_color(kind: PatchKind) -> Rgb {
     match kind {
         PatchKind::InnerWall | PatchKind::Wall => [0xc8, 0x6a, 0x86],
         PatchKind::OuterWall => [0xf0, 0xcf, 0xc4],
@@ -260,7 +234,7 @@ fn linear(color: Rgb) -> Vec3 {
     Vec3::from(color.map(|value| decoded(f32::from(value))))
 }
 
-/// Linear light of a value of sRGB, 0 to 255.
+/// Linear light of an sRGB value from 0 to 255.
 fn decoded(value: f32) -> f32 {
     let c = value / 255.0;
     if c <= 0.040_45 { c / 12.92 } else { libm::powf((c + 0.055) / 1.055, 2.4) }
@@ -268,7 +242,7 @@ fn decoded(value: f32) -> f32 {
 
 /// sRGB of linear light.
 fn srgb(color: Vec3) -> Rgb {
-    /// Linear light halfway between each value of sRGB and the next.
+    /// Linear light halfway between each sRGB value and the next.
     static BETWEEN: LazyLock<[f32; 255]> = LazyLock::new(|| std::array::from_fn(|value| decoded(value as f32 + 0.5)));
     color.to_array().map(|light| BETWEEN.partition_point(|&between| between < light) as u8)
 }
@@ -276,7 +250,7 @@ fn srgb(color: Vec3) -> Rgb {
 #[cfg(test)]
 mod tests {
     use super::super::NamedView;
-    use super::super::view::{Plane, tests::plain};
+    use super::super::view::{Plane, plain};
     use super::*;
     use crate::model::sample;
     use tiny_skia::Pixmap;

@@ -1,6 +1,8 @@
-//! Pictures of models without a GPU: sections as in a histological slide, meshes lit and cut open.
+//! Pictures of models without a GPU: sections as histological slides, and meshes, shaded and cut
+//! open.
 //!
-//! Everything is computed in a fixed order from the input alone: the same model gives the same picture.
+//! Everything is computed in a fixed order from the input alone, so the same model gives the same
+//! picture.
 
 mod bar;
 mod drawing;

@@ -1,21 +1,22 @@
-//! Views by name, fitted to the size and the proportions of a model, which may be bent.
+//! Named views, fitted to the size and the proportions of a model, which may be bent.
 
 use super::view::{Plane, View};
 use crate::model::{Mesh, PatchKind};
 use glam::{DVec3, Vec3};
 use std::str::FromStr;
 
-/// Greatest length of a tube in a picture of all of it, in widths of the tube.
-const MOST_WIDTHS: f64 = 3.0;
+/// Maximum length of a tube in a picture of the whole tube, in widths of the tube.
+const MAX_WIDTHS: f64 = 3.0;
 /// Factors on lengths along the tube, in descending order.
 const AXIAL_SCALES: [f64; 10] = [1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001];
-/// Part of the length, at either end, whose extent is taken as the width of that end.
+/// Fraction of the length at either end whose extent is the width of that end.
 const END: f64 = 0.02;
-/// Length of tube in a picture of an end, in widths of that end.
+/// Length of the tube in a picture of an end, in widths of that end.
 pub const END_WIDTHS: f64 = 0.8;
-/// Greatest elevation of the camera in a picture of all of a bent tube, whose plane may lie flat.
+/// Maximum elevation of the camera in a picture of a bent tube, whose plane may be horizontal,
+/// degrees.
 const HIGHEST_DEG: f64 = 70.0;
-/// Angle between the tube and the line of sight in a picture of an end.
+/// Angle between the tube and the line of sight in a picture of an end, degrees.
 const END_AZIMUTH_DEG: f64 = 24.0;
 
 /// A view by name.
@@ -40,7 +41,7 @@ impl NamedView {
     /// All views.
     pub const ALL: [Self; 4] = [Self::Whole, Self::Opened, Self::Isthmus, Self::Ampulla];
 
-    /// The name in requests and on the command line.
+    /// Name in requests and on the command line.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -71,17 +72,17 @@ impl NamedView {
             cut,
         };
         let end = |end: &End, far: &End| {
-            // A little from the side and from above.
+            // Slightly from the side and from above.
             let side = end.normal.cross(DVec3::Y).normalize_or(DVec3::X);
             let tilt = side * END_AZIMUTH_DEG.to_radians() + DVec3::Y * (END_AZIMUTH_DEG / 2.0).to_radians();
-            // Nothing is cut away of a piece that is no longer.
+            // A tube that is not longer than the piece is not cut.
             let kept = END_WIDTHS * end.width;
             let is_long = (end.middle - far.middle).length() > kept;
             let cut = if is_long { vec![plane(-end.normal, end.middle - end.normal * kept)] } else { Vec::new() };
             toward((end.normal + tilt).normalize(), HIGHEST_DEG, cut, size)
         };
         let (middle, normal) = nearest_plane(mesh);
-        // From above, or else from where the ampulla end faces.
+        // From above; for a vertical plane, from the side that the ampulla end faces.
         let normal = if normal.y < 0.0 || (normal.y == 0.0 && normal.z < 0.0) { -normal } else { normal };
         let height = (size * 3).div_ceil(4);
         match self {
@@ -134,14 +135,15 @@ impl FromStr for NamedView {
     }
 }
 
-/// The name is not that of a view.
+/// Error of parsing a name that no view has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("must be {}", NamedView::ALL.map(NamedView::name).join(", "))]
 pub struct UnknownView;
 
-/// The greatest round factor at which a tube of this size, in any unit, is at most [`MOST_WIDTHS`] long.
+/// The greatest round factor at which a tube of this size, in any unit, is at most [`MAX_WIDTHS`]
+/// long.
 fn axial_scale(width: f64, length: f64) -> f64 {
-    let fits = AXIAL_SCALES.into_iter().find(|factor| factor * length <= MOST_WIDTHS * width);
+    let fits = AXIAL_SCALES.into_iter().find(|factor| factor * length <= MAX_WIDTHS * width);
     fits.unwrap_or(AXIAL_SCALES[AXIAL_SCALES.len() - 1])
 }
 
@@ -186,7 +188,8 @@ impl Ends {
     }
 }
 
-/// A point and the normal of the plane from which the squares of the distances of the vertices are least.
+/// A point and the normal of the plane from which the squares of the distances of the vertices are
+/// least.
 fn nearest_plane(mesh: &Mesh) -> (DVec3, DVec3) {
     let points = || mesh.positions.iter().map(|p| Vec3::from(*p).as_dvec3());
     let middle = points().sum::<DVec3>() / mesh.positions.len().max(1) as f64;
@@ -197,7 +200,8 @@ fn nearest_plane(mesh: &Mesh) -> (DVec3, DVec3) {
         products += DVec3::new(d.y * d.z, d.z * d.x, d.x * d.y);
     }
     let ([xx, yy, zz], [yz, zx, xy]) = (squares.to_array(), products.to_array());
-    // Columns of the adjugate of the matrix of moments: the longest has the direction of the least moment.
+    // Columns of the adjugate of the matrix of moments: the longest has the direction of the least
+    // moment.
     let columns = [
         DVec3::new(yy * zz - yz * yz, zx * yz - xy * zz, xy * yz - zx * yy),
         DVec3::new(zx * yz - xy * zz, xx * zz - zx * zx, xy * zx - yz * xx),

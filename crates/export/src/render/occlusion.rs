@@ -1,24 +1,28 @@
-//! Ambient occlusion from the depths of a picture: how much of the light from all sides a hollow keeps off.
+//! Ambient occlusion from the depths of a picture: the share of light from all sides that hollows
+//! block.
 //!
-//! At several distances, from a pixel to a tenth of the default picture, the neighbourhood of a pixel is compared with the
-//! pixel. The occlusion at a distance is the mean, over pairs of opposite directions, of the sines of the angles under which the
-//! neighbours rise above the picture plane: 0 on any plane, however inclined, positive in a hollow, negative on a ridge.
-//! Farther neighbours are means over as many pixels, so that no noise arises that would have to be blurred.
+//! A pixel is compared with its neighbours at several distances, from a pixel to a tenth of the
+//! default picture. The occlusion at a distance is the mean over pairs of opposite directions. Each
+//! direction contributes the sine of the angle at which the neighbour rises above the picture
+//! plane. The occlusion is therefore 0 on any plane, positive in a hollow and negative on a ridge.
+//!
+//! Far neighbours are means over many pixels, so the result has no noise that would have to be
+//! blurred.
 
 use rayon::prelude::*;
 
-/// Neighbours are at 1.5 texels of these levels; a texel of level k has 2ᵏ pixels a side.
+/// Levels that provide neighbours; a texel of level k has 2ᵏ pixels per side.
 const LEVELS: [u32; 4] = [0, 2, 4, 6];
-/// Distance of neighbours, in texels.
+/// Distance of neighbours, texels.
 const REACH: f32 = 1.5;
-/// Directions of half of the neighbours; the others are opposite.
+/// Directions of half of the neighbours; the other half lies opposite.
 const DIRECTIONS: [[f32; 2]; 4] = [[1.0, 0.0], [0.707_106_77, 0.707_106_77], [0.0, 1.0], [-0.707_106_77, 0.707_106_77]];
-/// Factor on the sum of the occlusion at all distances.
+/// Factor on the sum of the occlusions at all distances.
 const STRENGTH: f32 = 0.7;
-/// Empty texels around a level, so that neighbours need no test of bounds.
+/// Width of the empty border of a level, texels. With it, neighbours need no test of bounds.
 const BORDER: usize = 3;
 
-/// Light that reaches each pixel.
+/// Share of the ambient light that reaches each pixel.
 pub(super) struct AmbientLight {
     width: usize,
     depths: Vec<f32>,
@@ -26,7 +30,8 @@ pub(super) struct AmbientLight {
 }
 
 impl AmbientLight {
-    /// `depths` has one depth a pixel, in pixels; it is infinite where nothing is visible, and the light there is 1.
+    /// Computes the light from one depth per pixel, in pixels. A depth is infinite where nothing is
+    /// visible; the light is 1 there.
     pub(super) fn new(depths: Vec<f32>, width: usize) -> Self {
         let levels = levels(&depths, width);
         let light = |i: usize| match depths[i] {
@@ -36,8 +41,9 @@ impl AmbientLight {
         Self { width, light: (0..depths.len()).into_par_iter().map(light).collect(), depths }
     }
 
-    /// The light, from 0 to 1, at a place of the picture and a depth: that of the nearby pixel of the most similar depth, since
-    /// a pixel at an edge holds more than one surface.
+    /// Light from 0 to 1 at a position of the picture and a depth. It is the light of the nearby
+    /// pixel with the most similar depth, because a pixel at an edge contains more than one
+    /// surface.
     pub(super) fn at(&self, x: f32, y: f32, depth: f32) -> f32 {
         let (width, height) = (self.width, self.depths.len() / self.width);
         let (column, row) = (x as usize, y as usize);
@@ -54,7 +60,7 @@ impl AmbientLight {
     }
 }
 
-/// The light at a place, in pixels, where the visible surface has this depth.
+/// Light at a position, in pixels, where the visible surface has the given depth.
 fn light(levels: &[Level], x: f32, y: f32, depth: f32) -> f32 {
     let mut occlusion = 0.0;
     for (level, k) in levels.iter().zip(LEVELS) {
@@ -67,14 +73,14 @@ fn light(levels: &[Level], x: f32, y: f32, depth: f32) -> f32 {
             };
             let (a, v) = rise(level.at(x + REACH * dx, y + REACH * dy));
             let (b, w) = rise(level.at(x - REACH * dx, y - REACH * dy));
-            // The outline of the model is open.
+            // Nothing beyond the outline of the model blocks light.
             occlusion += (a + b) * v * w;
         }
     }
     (1.0 - STRENGTH * occlusion / (2 * DIRECTIONS.len()) as f32).clamp(0.0, 1.0)
 }
 
-/// The levels of [`LEVELS`].
+/// Computes the levels of [`LEVELS`].
 fn levels(depths: &[f32], width: usize) -> Vec<Level> {
     let mut level = Level::empty(width, depths.len() / width);
     for (i, depth) in depths.iter().enumerate().filter(|(_, depth)| depth.is_finite()) {
@@ -92,7 +98,8 @@ fn levels(depths: &[f32], width: usize) -> Vec<Level> {
     levels
 }
 
-/// Depths of a picture: each texel has the sum of the visible depths, and the visible part, both divided by its area.
+/// Depths of a picture. A texel contains the sum of the visible depths and the visible area, both
+/// divided by its area.
 struct Level {
     width: usize,
     height: usize,
@@ -104,12 +111,12 @@ impl Level {
         Self { width, height, texels: vec![[0.0; 2]; (width + 2 * BORDER) * (height + 2 * BORDER)] }
     }
 
-    /// Place of a texel, counted without the border.
+    /// Index of a texel whose coordinates exclude the border.
     fn index(&self, x: usize, y: usize) -> usize {
         (y + BORDER) * (self.width + 2 * BORDER) + x + BORDER
     }
 
-    /// The means over squares of 2 × 2.
+    /// Next level: means over squares of 2 × 2 texels.
     fn halved(&self) -> Self {
         let mut half = Self::empty(self.width.div_ceil(2), self.height.div_ceil(2));
         for y in 0..half.height {
@@ -123,11 +130,11 @@ impl Level {
         half
     }
 
-    /// Interpolated between the centres of texels; at most [`REACH`] outside of the picture.
+    /// Value interpolated between the centres of texels, at most [`REACH`] outside the picture.
     #[inline]
     fn at(&self, x: f32, y: f32) -> [f32; 2] {
         let (x, y) = (x + (BORDER as f32 - 0.5), y + (BORDER as f32 - 0.5));
-        // Not negative, so this rounds down.
+        // Both are positive, so the cast rounds down.
         let (column, row) = (x as u32, y as u32);
         let (u, v) = (x - column as f32, y - row as f32);
         let stride = self.width + 2 * BORDER;

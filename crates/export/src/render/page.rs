@@ -1,34 +1,34 @@
-//! A figure: drawings on a white page, each with its letter, its scale bar and a note.
+//! Figures: drawings on a white page, each with a letter, a scale bar and a note.
 
 use super::bar::Bar;
 use super::drawing::Drawing;
 use super::glyphs;
-use super::picture::{INK, RenderError, color, encode, pixmap};
-use tiny_skia::{FilterQuality, Paint, PixmapPaint, Transform};
+use super::picture::{INK, RenderError, encode, paint, pixmap};
+use tiny_skia::{FilterQuality, PixmapPaint, Transform};
 
-/// Pixels of a drawing for each pixel of the page, in each direction: drawings are smoothed on the page.
+/// Pixels of a drawing per pixel of the page in each direction; the page smooths its drawings.
 pub const OVERSAMPLING: u32 = 2;
-/// Height of digits, as a fraction of the width of the page, and in pixels at least.
+/// Height of digits as a fraction of the width of the page, and its minimum in pixels.
 const DIGIT: (f32, f32) = (0.0105, 7.0);
-/// Longest bar, as a fraction of the width of its panel.
+/// Maximum length of a bar, as a fraction of the width of its panel.
 const LONGEST: f64 = 0.3;
 
-/// A drawing and its place on a page. What its bar cannot say stands in the figure's caption.
+/// A drawing and its place on a page.
 #[derive(Clone, Copy, Debug)]
 pub struct Panel<'a> {
     /// Left, top, width and height, pixels of the page.
     pub place: [u32; 4],
-    /// The drawing, [`OVERSAMPLING`] times as large as it shall appear; in the middle of its place.
+    /// Drawing in the middle of the place, [`OVERSAMPLING`] times as large as on the page.
     pub drawing: &'a Drawing,
     /// Letter in the upper left corner.
     pub letter: Option<char>,
-    /// Text in the middle below the drawing, of the characters of scale bars; above the bar, if there is one.
+    /// Text below the drawing, above the bar. It may have the characters of scale bars.
     pub note: &'a str,
-    /// Whether it has a scale bar, in the lower left corner.
+    /// True if the panel has a scale bar in its lower left corner.
     pub bar: bool,
 }
 
-/// Height of the line of a note or bar on a page of this width, pixels.
+/// Height of the line of a note or bar, for a page of the given width, pixels.
 #[must_use]
 pub fn line_height(width: u32) -> u32 {
     (3.0 * digit(width)).ceil() as u32
@@ -45,8 +45,7 @@ fn digit(width: u32) -> f32 {
 pub fn page_png([width, height]: [u32; 2], panels: &[Panel<'_>]) -> Result<Vec<u8>, RenderError> {
     let mut page = pixmap(width, height)?;
     let digit = digit(width);
-    let mut paint = Paint { anti_alias: true, ..Paint::default() };
-    paint.set_color(color(INK));
+    let paint = paint(INK);
     for panel in panels {
         let [left, top, wide, high] = panel.place.map(|side| side as f32);
         let line = line_height(width) as f32;
@@ -54,7 +53,7 @@ pub fn page_png([width, height]: [u32; 2], panels: &[Panel<'_>]) -> Result<Vec<u
         let strip = f32::from(lines) * line;
         let factor = 1.0 / OVERSAMPLING as f32;
         let shown = panel.drawing.size().map(|side| side as f32 * factor);
-        // At whole pixels, so that each pixel of the page is the mean of those that it covers.
+        // At whole pixels, so that each pixel of the page is the mean of the pixels that it covers.
         let corner = [left + (wide - shown[0]) / 2.0, top + (high - strip - shown[1]) / 2.0].map(f32::round);
         let how = PixmapPaint { quality: FilterQuality::Bilinear, ..PixmapPaint::default() };
         let at = Transform::from_row(factor, 0.0, 0.0, factor, corner[0], corner[1]);

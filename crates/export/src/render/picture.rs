@@ -1,12 +1,12 @@
-//! A picture: size, colours, encoding, and errors.
+//! Size, colours, encoding and errors of pictures.
 
-/// Greatest width and height of a picture, pixels.
+/// Maximum width and height of a picture, pixels.
 pub const MAX_SIZE: u32 = 8192;
 
-/// Why a picture could not be made.
+/// Reason why a picture could not be drawn.
 #[derive(Debug, thiserror::Error)]
 pub enum RenderError {
-    /// A side is 0 or over [`MAX_SIZE`].
+    /// A side is 0 or above [`MAX_SIZE`].
     #[error("a picture of {width} × {height} pixels is out of bounds (1 to {MAX_SIZE} each)")]
     Size {
         /// Requested width.
@@ -22,20 +22,23 @@ pub enum RenderError {
     Encode(String),
 }
 
-/// A colour as in CSS: red, green, blue of sRGB.
+/// A colour: red, green and blue of sRGB.
 pub(super) type Rgb = [u8; 3];
 
-/// Cut tissue.
+/// Colour of cut tissue.
 pub(super) const TISSUE: Rgb = [0xe6, 0xa6, 0xb4];
-/// Boundary of the lumen.
+/// Colour of the boundary of the lumen.
 pub(super) const OUTLINE: Rgb = [0x7d, 0x3a, 0x78];
-/// Inside of the lumen in a section.
+/// Colour of the lumen in a section.
 pub(super) const LUMEN: Rgb = [0xff, 0xfa, 0xf8];
 pub(super) const BACKGROUND: Rgb = [0xff, 0xff, 0xff];
-/// Scale bars.
+/// Colour of text, and of the scale bars of sections.
 pub(super) const INK: Rgb = [0x3b, 0x2a, 0x38];
 
-/// A white picture of valid size.
+/// Creates a white picture.
+///
+/// # Errors
+/// [`RenderError::Size`] unless each side is from 1 to [`MAX_SIZE`].
 pub(super) fn pixmap(width: u32, height: u32) -> Result<tiny_skia::Pixmap, RenderError> {
     let sides = 1..=MAX_SIZE;
     let valid = sides.contains(&width) && sides.contains(&height);
@@ -45,8 +48,15 @@ pub(super) fn pixmap(width: u32, height: u32) -> Result<tiny_skia::Pixmap, Rende
     Ok(pixmap)
 }
 
-pub(super) fn color([r, g, b]: Rgb) -> tiny_skia::Color {
+fn color([r, g, b]: Rgb) -> tiny_skia::Color {
     tiny_skia::Color::from_rgba8(r, g, b, 255)
+}
+
+/// Paint of one colour with smooth edges.
+pub(super) fn paint(rgb: Rgb) -> tiny_skia::Paint<'static> {
+    let mut paint = tiny_skia::Paint { anti_alias: true, ..tiny_skia::Paint::default() };
+    paint.set_color(color(rgb));
+    paint
 }
 
 pub(super) fn encode(pixmap: &tiny_skia::Pixmap) -> Result<Vec<u8>, RenderError> {

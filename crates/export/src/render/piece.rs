@@ -1,9 +1,9 @@
-//! A part of a surface, with the vertices of the whole.
+//! Part of a surface, with all vertices of the surface.
 
 use crate::model::{Mesh, Patch, PatchKind};
 
-/// The triangles of a mesh for which `keep` holds, given their patch and their corners in metres; patches that lose all of
-/// theirs are left out.
+/// Selects the triangles of a mesh for which `keep` returns true. Its arguments are the patch and
+/// the corners in metres. Patches without triangles are omitted.
 ///
 /// # Panics
 /// If the mesh's indices or patch ranges are out of bounds.

@@ -1,18 +1,20 @@
-//! The visible triangle of each sample of a picture: a depth buffer, filled in horizontal bands in parallel.
+//! Rasterizer: finds the visible triangle of each sample of a picture with a depth buffer.
+//! Horizontal bands are filled in parallel.
 //!
-//! Shading follows once per sample, so that its cost does not depend on hidden triangles.
+//! Each sample is shaded once afterwards, so the cost of shading does not depend on hidden
+//! triangles.
 
 use super::view::{Camera, Projected, View};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// No triangle.
+/// Value of [`Sample::surface`] where nothing is visible.
 pub(super) const NONE: u32 = u32::MAX;
 
 /// Rows of samples per task.
 const BAND: usize = 128;
-/// Columns of a triangle that are all tested.
+/// Maximum width of triangles whose columns are all tested, in samples.
 const NARROW: usize = 8;
 
 /// The visible surface at a sample.
@@ -20,26 +22,21 @@ const NARROW: usize = 8;
 pub(super) struct Sample {
     /// Distance along the line of sight; infinite if nothing is visible.
     pub depth: f32,
-    /// Triangle, [`NONE`], or [`face`] of a cut.
+    /// Index of a triangle, [`NONE`], or [`face`] of a cut.
     pub surface: u32,
 }
 
-/// The value of [`Sample::surface`] for the flat face of cut `k`.
-const fn face(k: usize) -> u32 {
+/// Value of [`Sample::surface`] for the flat face of cut `k`.
+pub(super) const fn face(k: usize) -> u32 {
     NONE - 1 - k as u32
 }
 
 impl Sample {
     const EMPTY: Self = Self { depth: f32::INFINITY, surface: NONE };
-
-    /// Which of `cuts` cuts shows its face here.
-    pub(super) fn cut(self, cuts: usize) -> Option<usize> {
-        (0..cuts).find(|&k| self.surface == face(k))
-    }
 }
 
-/// Finds the nearest triangle of each sample that is not cut away there. Where the back of a
-/// closed surface is seen through a cut, the sample lies on the face of the cut.
+/// Finds the nearest triangle of each sample that is not cut away there. If the back of a closed
+/// surface is visible through a cut, the sample shows the face of the cut.
 pub(super) fn rasterize(
     view: &View,
     camera: &Camera,
@@ -50,7 +47,7 @@ pub(super) fn rasterize(
     let projected: Vec<Projected> = positions.par_iter().map(|p| camera.project(*p)).collect();
     let removed: Vec<bool> = positions.par_iter().map(|p| view.is_cut(*p)).collect();
     let corners_of = |t: u32| triangles[t as usize].map(|v| projected[v as usize]);
-    // The removed part is convex: it contains a triangle if it contains its corners.
+    // The removed part is convex, so it contains a triangle if it contains its corners.
     let visible = |t: &u32| triangles[*t as usize].map(|v| removed[v as usize]) != [true; 3];
     let mut candidates: Vec<Candidate> = (0..triangles.len() as u32)
         .into_par_iter()
@@ -62,7 +59,7 @@ pub(super) fn rasterize(
             Some(Candidate { triangle: t, rows: rows.start as u32..rows.end as u32, nearest })
         })
         .collect();
-    // From front to back, so that what is hidden is found to be so at once.
+    // From front to back, so that hidden triangles are rejected early.
     candidates.par_sort_unstable_by(|a, b| a.nearest.total_cmp(&b.nearest).then(a.triangle.cmp(&b.triangle)));
     let mut samples = vec![Sample::EMPTY; width * height];
     samples.par_chunks_mut(BAND * width).enumerate().for_each(|(band, samples)| {
@@ -97,7 +94,8 @@ pub(super) fn rasterize(
             return;
         }
         for (i, sample) in samples.iter_mut().enumerate().filter(|(_, sample)| sample.surface != NONE) {
-            // The back of a body is visible only from inside, where the line of sight has entered it through a cut.
+            // The back is visible only from inside, after the line of sight entered the body
+            // through a cut.
             let [a, b, c] = corners_of(sample.surface);
             let is_back = Edge::new(a, b).at(c.x, c.y) > 0.0;
             let face = || cut_before(view, camera, i % width, band.start + i / width, sample.depth);
@@ -109,7 +107,8 @@ pub(super) fn rasterize(
     samples
 }
 
-/// The face of the cut where the line of sight leaves the removed part, if it does so before `depth`.
+/// Face of the cut through which the line of sight leaves the removed part, if it does so before
+/// `depth`.
 fn cut_before(view: &View, camera: &Camera, x: usize, y: usize, depth: f32) -> Option<Sample> {
     let from = camera.at(x as f64 + 0.5, y as f64 + 0.5);
     let (mut enters, mut leaves) = (f64::NEG_INFINITY, (f64::INFINITY, 0));
@@ -132,14 +131,15 @@ fn cut_before(view: &View, camera: &Camera, x: usize, y: usize, depth: f32) -> O
 struct Candidate {
     triangle: u32,
     rows: Range<u32>,
-    /// Least depth of its corners.
+    /// Minimum depth of the corners.
     nearest: f32,
 }
 
-/// A triangle in the picture: its bounds and its edge functions.
+/// A triangle in the picture, with its bounds and edge functions.
 struct Setup {
+    /// Depths of the corners.
     depths: [f32; 3],
-    /// Opposite to the corners.
+    /// Edges opposite to the corners.
     edges: [Edge; 3],
     doubled_area: f64,
     columns: Range<usize>,
@@ -147,7 +147,7 @@ struct Setup {
 }
 
 impl Setup {
-    /// None if it covers no centre of a sample or has no area.
+    /// `None` if the triangle covers no centre of a sample or has no area.
     #[inline]
     fn new(corners: [Projected; 3], [width, height]: [usize; 2]) -> Option<Self> {
         let [a, b, c] = corners;
@@ -162,7 +162,8 @@ impl Setup {
         has_area.then_some(Self { depths: corners.map(|corner| corner.depth), edges, doubled_area, columns, rows })
     }
 
-    /// The columns of a row that the triangle may cover: of a long thin one, a small part of its bounds.
+    /// Columns of a row that the triangle may cover; for a long thin triangle, a small part of its
+    /// bounds.
     #[inline]
     fn span(&self, y: f32) -> Range<usize> {
         if self.columns.len() <= NARROW {
@@ -170,7 +171,7 @@ impl Setup {
         }
         let (mut low, mut high) = (self.columns.start as f64, self.columns.end as f64);
         for Edge { from, along } in &self.edges {
-            // Where the edge crosses the row, with a margin of a column for rounding.
+            // The crossing of the edge and the row, with a margin of a column for rounding.
             let x = from[0] + along[0] * (f64::from(y) - from[1]) / along[1];
             if along[1] * self.doubled_area > 0.0 {
                 high = high.min((x + 1.5).ceil());
@@ -181,7 +182,7 @@ impl Setup {
         low as usize..high.max(0.0) as usize
     }
 
-    /// Calls `visit` with column and row of each sample in a band of rows that the triangle may cover.
+    /// Calls `visit` with the column and row of each sample in a band that the triangle may cover.
     #[inline]
     fn visit(&self, band: &Range<usize>, mut visit: impl FnMut(usize, usize)) {
         for row in self.rows.start.max(band.start)..self.rows.end.min(band.end) {
@@ -191,7 +192,7 @@ impl Setup {
         }
     }
 
-    /// The depth at a sample, if the triangle covers it; it covers those on its borders.
+    /// Depth at a sample, if the triangle covers it. Samples on the borders are covered.
     #[inline]
     fn depth(&self, column: usize, row: usize) -> Option<f32> {
         let [x, y] = [column, row].map(|i| i as f32 + 0.5);
@@ -208,7 +209,7 @@ impl Setup {
     }
 }
 
-/// Indices below `end` whose centres (i + ½) lie from `low` to `high`.
+/// Indices i below `end` whose centres i + ½ lie between `low` and `high`.
 fn centres(low: f32, high: f32, end: usize) -> Range<usize> {
     // Casts of floats saturate, and map NaN to 0.
     let first = (low - 0.5).ceil().max(0.0) as usize;
@@ -216,7 +217,8 @@ fn centres(low: f32, high: f32, end: usize) -> Range<usize> {
     first..last.min(end)
 }
 
-/// An edge of a triangle. Computed from the lesser end, so that triangles with a common edge leave no gap.
+/// An edge of a triangle. Values are computed relative to the smaller end, so triangles with a
+/// common edge leave no gap.
 struct Edge {
     from: [f64; 2],
     along: [f64; 2],
@@ -230,8 +232,8 @@ impl Edge {
         Self { from, along: [q[0] - p[0], q[1] - p[1]] }
     }
 
-    /// Twice the signed area of the edge and a point, positive if they are clockwise in the picture; that of the reverse
-    /// edge is exactly the negative.
+    /// Twice the signed area of the edge and a point, positive if they are clockwise in the
+    /// picture. The value of the reversed edge is exactly the negative.
     #[inline]
     fn at(&self, x: f32, y: f32) -> f64 {
         let [x, y] = [f64::from(x) - self.from[0], f64::from(y) - self.from[1]];
@@ -241,7 +243,7 @@ impl Edge {
 
 #[cfg(test)]
 mod tests {
-    use super::super::view::tests::plain;
+    use super::super::view::plain;
     use super::*;
 
     fn square_at(z: f64) -> [DVec3; 4] {

@@ -1,19 +1,21 @@
-//! Sections as in a histological slide: tissue filled, lumen outlined, y up, a scale bar of 500 µm.
+//! Pictures of sections: tissue filled, lumen outlined, y up, with a scale bar of 500 µm.
 
 use super::drawing::Drawing;
-use super::picture::{INK, LUMEN, OUTLINE, RenderError, Rgb, TISSUE, color, encode, pixmap};
+use super::picture::{INK, LUMEN, OUTLINE, RenderError, TISSUE, encode, paint, pixmap};
 use crate::model::{Border, Section};
-use tiny_skia::{FillRule, LineJoin, Paint, Path, PathBuilder, Pixmap, Rect, Stroke, Transform};
+use tiny_skia::{FillRule, LineJoin, Path, PathBuilder, Pixmap, Rect, Stroke, Transform};
 
 /// Length of the scale bar, micrometres.
 const BAR_UM: f32 = 500.0;
 /// Margin of a picture, as a fraction of its side.
 const MARGIN: f32 = 0.05;
 
-/// Draws sections, or cuts, side by side in rows of `columns`, each in a square of `cell` pixels, all to one scale.
+/// Draws sections or cuts in rows of `columns`, each in a square of `cell` pixels, all at the same
+/// scale.
 ///
 /// # Errors
-/// [`RenderError::Size`] unless each side of the whole picture is from 1 to [`MAX_SIZE`](super::MAX_SIZE).
+/// [`RenderError::Size`] unless each side of the whole picture is from 1 to
+/// [`MAX_SIZE`](super::MAX_SIZE).
 pub fn sheet_png(sections: &[[Border; 2]], columns: usize, cell: u32) -> Result<Vec<u8>, RenderError> {
     let columns = columns.clamp(1, sections.len().max(1));
     let rows = sections.len().div_ceil(columns);
@@ -30,22 +32,23 @@ pub fn sheet_png(sections: &[[Border; 2]], columns: usize, cell: u32) -> Result<
     encode(&pixmap)
 }
 
-/// How a section is drawn.
+/// Style of the drawing of a section.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SectionStyle {
     /// Tissue filled, lumen outlined, as in [`sheet_png`].
     Tissue,
-    /// Both loops as lines, as in the paper's Figure 4.
+    /// Both contours as lines, as in the paper's Figure 4.
     Loops {
         /// Width of the lines, pixels.
         pen: f32,
     },
 }
 
-/// Draws a section to scale on a transparent background, with a margin around it and without a bar.
+/// Draws a section to scale on a transparent background, with a margin and without a bar.
 ///
 /// # Errors
-/// [`RenderError::Size`] if a side is over [`MAX_SIZE`](super::MAX_SIZE), or the section has no finite point.
+/// [`RenderError::Size`] if a side is above [`MAX_SIZE`](super::MAX_SIZE) or the section has no
+/// finite point.
 pub fn section_drawing(section: &Section, um_per_pixel: f64, style: SectionStyle) -> Result<Drawing, RenderError> {
     let scale = (1.0 / um_per_pixel) as f32;
     let borders = section.borders();
@@ -70,19 +73,19 @@ pub fn section_drawing(section: &Section, um_per_pixel: f64, style: SectionStyle
     Ok(Drawing { pixmap, scale: 1e6 * f64::from(scale), axial_scale: 1.0 })
 }
 
-/// Width and height of a section, micrometres; none if it has no finite point.
+/// Width and height of a section, micrometres; `None` if it has no finite point.
 #[must_use]
 pub fn extent_um(section: &Section) -> Option<[f64; 2]> {
     bounds(&section.borders()).map(|bounds| [f64::from(bounds.width()), f64::from(bounds.height())])
 }
 
-/// Puts the middle of `bounds` at a place of the picture, y up.
+/// Transform that moves the middle of `bounds` to a position in the picture, y up.
 fn centred(bounds: &Rect, [x, y]: [f32; 2], scale: f32) -> Transform {
     let middle = [(bounds.left() + bounds.right()) / 2.0, (bounds.top() + bounds.bottom()) / 2.0];
     Transform::from_row(scale, 0.0, 0.0, -scale, x - scale * middle[0], y + scale * middle[1])
 }
 
-/// Fills the tissue and outlines the lumen; `line` is the width of the outline in micrometres.
+/// Fills the tissue and outlines the lumen. `line` is the width of the outline, micrometres.
 fn tissue(pixmap: &mut Pixmap, section: &[Border; 2], place: Transform, line: f32) {
     let [mucosa, outside] = section;
     if let Some(tissue) = path(&[outside, mucosa]) {
@@ -95,7 +98,7 @@ fn tissue(pixmap: &mut Pixmap, section: &[Border; 2], place: Transform, line: f3
     }
 }
 
-/// Draws into the cell at `corner`; `scale` is in pixels per micrometre.
+/// Draws a section with its bar into the cell at `corner`. `scale` is in pixels per micrometre.
 fn draw(pixmap: &mut Pixmap, section: &[Border; 2], corner: [f32; 2], cell: f32, scale: f32) {
     if let Some(bounds) = bounds(section) {
         let place = centred(&bounds, [corner[0] + cell / 2.0, corner[1] + cell / 2.0], scale);
@@ -110,13 +113,7 @@ fn draw(pixmap: &mut Pixmap, section: &[Border; 2], corner: [f32; 2], cell: f32,
     }
 }
 
-fn paint(rgb: Rgb) -> Paint<'static> {
-    let mut paint = Paint { anti_alias: true, ..Paint::default() };
-    paint.set_color(color(rgb));
-    paint
-}
-
-/// Bounds in micrometres with y up (`top` is the least y); none if no point is finite.
+/// Bounds in micrometres with y up, so `top` is the minimum y; `None` if no point is finite.
 fn bounds(section: &[Border; 2]) -> Option<Rect> {
     let points = || section.iter().flat_map(Border::points).filter(is_finite);
     let range = |axis: usize| {
@@ -126,7 +123,8 @@ fn bounds(section: &[Border; 2]) -> Option<Rect> {
     Rect::from_ltrb(left, top, right, bottom)
 }
 
-/// One path of the lines of some borders, closed; none if fewer than three points of each are finite.
+/// Path of the closed lines of borders. Lines with fewer than three finite points are omitted;
+/// `None` if no line remains.
 fn path(borders: &[&Border]) -> Option<Path> {
     let mut builder = PathBuilder::new();
     for line in borders.iter().flat_map(|border| &border.lines) {
@@ -152,7 +150,7 @@ fn is_finite(point: &[f32; 2]) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::picture::BACKGROUND;
+    use super::super::picture::{BACKGROUND, Rgb};
     use super::*;
     use crate::model::{Ring, sample};
 

@@ -1,4 +1,4 @@
-//! The camera, and the planes that cut parts of a model away.
+//! Views of a mesh: the camera, and the planes that cut parts of the mesh away.
 
 use super::picture::{MAX_SIZE, RenderError};
 use glam::{DVec2, DVec3};
@@ -6,19 +6,14 @@ use glam::{DVec2, DVec3};
 /// Margin of a picture, as a fraction of its longest side.
 const MARGIN: f64 = 0.035;
 
-/// A half-space: the points p with `normal · p > offset` lie in front. Metres, axes of the mesh.
+/// A plane in the axes of the mesh, metres. The points p with `normal · p > offset` lie in front of
+/// it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
-    /// Direction of the front side; need not have unit length.
+    /// Direction of the front side, of any length.
     pub normal: [f64; 3],
-    /// Distance along the normal.
+    /// Value of `normal · p` on the plane.
     pub offset: f64,
-}
-
-impl Plane {
-    pub(super) fn is_in_front(&self, point: DVec3) -> bool {
-        DVec3::from(self.normal).dot(point) > self.offset
-    }
 }
 
 /// A view of a mesh: an orthographic projection that frames the part that remains after cutting.
@@ -28,13 +23,16 @@ pub struct View {
     pub width: u32,
     /// Height of the picture, pixels.
     pub height: u32,
-    /// Degrees around the vertical axis; 0 looks at the ampulla end along the tube, 90 at its side (from +x).
+    /// Angle around the vertical axis, degrees. 0 looks at the ampulla end along the tube, 90 at
+    /// the side of the tube from +x.
     pub azimuth_deg: f64,
-    /// Degrees above the horizontal plane.
+    /// Angle above the horizontal plane, degrees.
     pub elevation_deg: f64,
-    /// Factor on lengths along the tube, to fit a long thin organ into a picture; 1 keeps the proportions.
+    /// Factor on lengths along the tube, to fit a long thin tube into a picture. 1 keeps the
+    /// proportions.
     pub axial_scale: f64,
-    /// The part in front of all of these is cut away: one plane halves the model, two remove a wedge.
+    /// Planes of the cut. The part in front of all planes is removed: one plane halves the model,
+    /// two remove a wedge.
     pub cut: Vec<Plane>,
 }
 
@@ -53,7 +51,7 @@ impl View {
         Ok(())
     }
 
-    /// Where the segment from `a` to `b` enters and leaves the part that is cut away; none if it begins or ends there.
+    /// Points where the segment from `a` to `b` enters and leaves the part that is cut away.
     pub(super) fn crossings(&self, a: DVec3, b: DVec3) -> impl Iterator<Item = DVec3> {
         let (mut enters, mut leaves) = (f64::NEG_INFINITY, f64::INFINITY);
         for plane in &self.cut {
@@ -71,9 +69,9 @@ impl View {
         [enters, leaves].into_iter().filter(move |at| crosses && (0.0..=1.0).contains(at)).map(move |at| a.lerp(b, at))
     }
 
-    /// Whether a point is cut away.
+    /// True if a point is cut away.
     pub(super) fn is_cut(&self, point: DVec3) -> bool {
-        !self.cut.is_empty() && self.cut.iter().all(|plane| plane.is_in_front(point))
+        !self.cut.is_empty() && self.cut.iter().all(|plane| DVec3::from(plane.normal).dot(point) > plane.offset)
     }
 }
 
@@ -85,8 +83,9 @@ pub(super) struct Camera {
     pub forward: DVec3,
     /// Samples per unit of length.
     pub scale: f64,
-    /// The point shown at `middle`; depths are measured from it.
+    /// Point of depth 0 that is shown at `middle`.
     centre: DVec3,
+    /// Position of `centre` in the picture, samples.
     middle: DVec2,
 }
 
@@ -95,12 +94,13 @@ pub(super) struct Camera {
 pub(super) struct Projected {
     pub x: f32,
     pub y: f32,
-    /// Distance along the line of sight; less is nearer.
+    /// Distance along the line of sight, in units of length.
     pub depth: f32,
 }
 
 impl Camera {
-    /// Frames `points` (scaled already) in `width` × `height` samples, of which the lowest `strip` stay free.
+    /// Frames `points`, which are scaled already, in `width` × `height` samples. The lowest `strip`
+    /// rows stay free.
     pub(super) fn framing(view: &View, points: &[DVec3], [width, height]: [u32; 2], strip: f64) -> Self {
         let (sin_a, cos_a) = sin_cos_deg(view.azimuth_deg);
         let (sin_e, cos_e) = sin_cos_deg(view.elevation_deg);
@@ -134,27 +134,28 @@ impl Camera {
         }
     }
 
-    /// The point of depth 0 at a place of the picture.
+    /// Point of depth 0 at a position in the picture.
     pub(super) fn at(&self, x: f64, y: f64) -> DVec3 {
         let [x, y] = [(x - self.middle.x) / self.scale, (self.middle.y - y) / self.scale];
         self.centre + self.right * x + self.up * y
     }
 }
 
-/// Sine and cosine by a library that gives the same bits on every machine.
+/// Sine and cosine, with the same bits on every machine.
 fn sin_cos_deg(degrees: f64) -> (f64, f64) {
     libm::sincos(degrees.to_radians())
 }
 
+/// A view without cuts.
 #[cfg(test)]
-pub(super) mod tests {
+pub(super) fn plain(width: u32, height: u32) -> View {
+    View { width, height, azimuth_deg: 38.0, elevation_deg: 22.0, axial_scale: 1.0, cut: Vec::new() }
+}
+
+#[cfg(test)]
+mod tests {
     use super::*;
     use proptest::prelude::*;
-
-    /// An uncut view.
-    pub(in crate::render) fn plain(width: u32, height: u32) -> View {
-        View { width, height, azimuth_deg: 38.0, elevation_deg: 22.0, axial_scale: 1.0, cut: Vec::new() }
-    }
 
     proptest! {
         #[test]

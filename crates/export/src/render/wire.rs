@@ -1,29 +1,30 @@
-//! Triangles as a wire frame: the edges of what is visible, on a pale surface that hides what lies behind it.
+//! Wire frames: the edges of the visible triangles, on a pale surface that hides what lies behind
+//! it.
 //!
-//! An edge is not drawn as a line: a sample belongs to it if it lies near an edge of the triangle that it shows. So edges need
-//! no depth test of their own, and each half of an edge is hidden with its triangle.
+//! An edge is not drawn as a line. A sample belongs to an edge if it lies near an edge of the
+//! triangle that it shows. Edges therefore need no depth test, and each half of an edge is hidden
+//! with its triangle.
 
 use super::drawing::Drawing;
-use super::mesh::paint;
-use super::picture::{BACKGROUND, RenderError, Rgb, pixmap};
-use super::raster::{NONE, Sample, rasterize};
-use super::staged::Staged;
+use super::mesh::patch_color;
+use super::picture::{BACKGROUND, RenderError, Rgb};
+use super::raster::Sample;
+use super::staged::{SAMPLES, Staged};
 use super::view::{Projected, View};
 use crate::model::Mesh;
 use glam::{DVec3, Vec2, Vec3};
-use rayon::prelude::*;
+use rayon::slice::ParallelSliceMut;
 
-/// Samples per pixel in each direction.
-const SAMPLES: usize = 2;
-/// Edges.
+/// Colour of edges.
 const WIRE: Rgb = [0x2c, 0x22, 0x38];
-/// Share of a patch's colour in the surface; the rest is white.
+/// Share of the patch's colour in the colour of a surface; the rest is white.
 const TINT: f32 = 0.55;
-/// Brightness of a surface seen edge-on, of one seen from the front.
+/// Brightness of a surface seen edge-on, and of a surface seen from the front.
 const SHADES: [f32; 2] = [0.72, 1.0];
 
-/// Draws the triangles of a mesh with their edges, `pen` pixels wide, on a transparent background. The mesh may be open: of a
-/// part of a surface, both sides are visible. Faces of cuts have no triangles.
+/// Draws the triangles of a mesh with their edges, `pen` pixels wide, on a transparent background.
+///
+/// The mesh may be open; both sides of a surface are visible. Faces of cuts have no triangles.
 ///
 /// # Errors
 /// [`RenderError::Size`] and [`RenderError::View`] if the view is out of bounds.
@@ -31,38 +32,13 @@ const SHADES: [f32; 2] = [0.72, 1.0];
 /// # Panics
 /// If the mesh's indices are out of bounds.
 pub fn wire_drawing(mesh: &Mesh, view: &View, pen: f32) -> Result<Drawing, RenderError> {
-    view.check()?;
-    let mut pixmap = pixmap(view.width, view.height)?;
-    pixmap.fill(tiny_skia::Color::TRANSPARENT);
-    let staged = Staged::new(mesh, view, SAMPLES as u32, 0.0);
-    let width = view.width as usize * SAMPLES;
-    let size = [width, view.height as usize * SAMPLES];
-    let samples = rasterize(&staged.view, &staged.camera, &staged.positions, &mesh.triangles, size);
+    let staged = Staged::new(mesh, view, 0.0)?;
     let wires = Wires { mesh, staged: &staged, reach: 0.5 * pen * SAMPLES as f32 };
-    let rows = pixmap.pixels_mut().par_chunks_mut(view.width as usize).enumerate();
-    rows.for_each(|(row, pixels)| {
-        for (column, pixel) in pixels.iter_mut().enumerate() {
-            let (mut sum, mut hits) = (Vec3::ZERO, 0_usize);
-            for y in row * SAMPLES..(row + 1) * SAMPLES {
-                for x in column * SAMPLES..(column + 1) * SAMPLES {
-                    if let Some(color) = wires.color(samples[y * width + x], [x, y]) {
-                        sum += color;
-                        hits += 1;
-                    }
-                }
-            }
-            if hits > 0 {
-                let [r, g, b] = (sum / hits as f32).to_array().map(|value| value.round() as u8);
-                let alpha = (255 * hits).div_ceil(SAMPLES * SAMPLES) as u8;
-                *pixel = tiny_skia::ColorU8::from_rgba(r, g, b, alpha).premultiply();
-            }
-        }
-    });
-    let scale = staged.camera.scale / SAMPLES as f64;
-    Ok(Drawing { pixmap, scale, axial_scale: view.axial_scale })
+    let encode = |color: Vec3| color.to_array().map(|value| value.round() as u8);
+    staged.draw(encode, |sample, at, (): &mut ()| wires.color(sample, at))
 }
 
-/// The number of edges of the triangles of a mesh; an edge that triangles share counts once.
+/// Number of edges of the triangles of a mesh. An edge that triangles share counts once.
 #[must_use]
 pub fn edge_count(mesh: &Mesh) -> usize {
     let sides = mesh.triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
@@ -80,29 +56,25 @@ struct Wires<'a> {
 }
 
 impl Wires<'_> {
-    /// The colour at a sample, 0 to 255; none where nothing is visible.
-    fn color(&self, sample: Sample, [x, y]: [usize; 2]) -> Option<Vec3> {
-        if sample.surface == NONE {
-            return None;
-        }
-        if sample.cut(self.staged.view.cut.len()).is_some() {
-            return Some(rgb(BACKGROUND));
+    /// Colour of a sample, 0 to 255.
+    fn color(&self, sample: Sample, [x, y]: [usize; 2]) -> Vec3 {
+        if self.staged.cut(sample).is_some() {
+            return rgb(BACKGROUND);
         }
         let t = sample.surface as usize;
-        let corners = self.mesh.triangles[t].map(|v| self.staged.positions[v as usize]);
+        let (corners, normal) = self.staged.triangle(self.mesh.triangles[t]);
         let at = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
         if distance(at, corners.map(|corner| self.staged.camera.project(corner))) < self.reach {
-            return Some(rgb(WIRE));
+            return rgb(WIRE);
         }
         let kind = self.mesh.patches.iter().find(|patch| patch.triangles.contains(&t)).map(|patch| patch.kind);
-        let tint = rgb(BACKGROUND).lerp(kind.map_or(rgb(BACKGROUND), |kind| rgb(paint(kind))), TINT);
-        let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or(DVec3::Z);
-        let facing = normal.dot(self.staged.camera.forward).abs() as f32;
-        Some(tint * (SHADES[0] + (SHADES[1] - SHADES[0]) * facing))
+        let tint = rgb(BACKGROUND).lerp(kind.map_or(rgb(BACKGROUND), |kind| rgb(patch_color(kind))), TINT);
+        let facing = normal.normalize_or(DVec3::Z).dot(self.staged.camera.forward).abs() as f32;
+        tint * (SHADES[0] + (SHADES[1] - SHADES[0]) * facing)
     }
 }
 
-/// Distance to the nearest edge of a triangle that contains the point.
+/// Distance of a point in a triangle to its nearest edge.
 fn distance(at: Vec2, corners: [Projected; 3]) -> f32 {
     let [a, b, c] = corners.map(|corner| Vec2::new(corner.x, corner.y));
     let to = |p: Vec2, q: Vec2| (q - p).perp_dot(at - p).abs() / (q - p).length().max(f32::MIN_POSITIVE);
@@ -115,7 +87,7 @@ fn rgb(color: Rgb) -> Vec3 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::view::tests::plain;
+    use super::super::view::plain;
     use super::*;
     use crate::model::{BodyKind, Patch, PatchKind, sample};
 
@@ -141,7 +113,8 @@ mod tests {
         let red = |x: u32, y: u32| {
             drawing.pixmap.pixel(x, y).filter(|p| p.alpha() == 255).map(tiny_skia::PremultipliedColorU8::red)
         };
-        // Its corners are at 7 and 193 pixels: in the middle of each side the edge is dark, 2 pixels wide within the triangle.
+        // Its corners are at 7 and 193 pixels: in the middle of each side the edge is dark, 2
+        // pixels wide within the triangle.
         for (edge, beyond, inner) in [((8, 120), (5, 120), (11, 120)), ((80, 191), (80, 195), (80, 188))] {
             assert_eq!(red(edge.0, edge.1), Some(WIRE[0]), "{edge:?}");
             assert_eq!(red(beyond.0, beyond.1), None, "{beyond:?}");

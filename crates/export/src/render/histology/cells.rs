@@ -1,38 +1,40 @@
-//! Nuclei: those of the epithelium in a row along the mucosa, those of other tissues scattered.
+//! Nuclei: in a row along the mucosa for the epithelium, scattered for other tissues.
 
 use crate::random::{Stream, unit, words};
 use crate::tissue::Contour;
 
-/// Distance of neighbouring nuclei in the row of the epithelium, µm; chosen, about the width of a columnar cell.
+/// Distance of neighbouring nuclei in the row of the epithelium, µm; about the width of a columnar
+/// cell.
 const SPACING_UM: f32 = 4.3;
-/// Steps along the mucosa in which nuclei are placed, µm.
+/// Step along the mucosa in which nuclei are placed, µm.
 const STEP_UM: f64 = 0.5;
-/// Distance to either side over which the direction of the mucosa is taken, µm.
+/// Distance to either side over which the direction of the mucosa is measured, µm.
 const SMOOTH_UM: f64 = 9.0;
-/// Length of mucosa that is looked up together, µm.
+/// Length of a bin of the mucosa, µm. Nuclei are looked up by bins.
 const BIN_UM: f32 = 8.0;
 
-/// An ellipse.
+/// A nucleus: an ellipse.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Nucleus {
     middle: [f32; 2],
-    /// Unit vector of its long axis.
+    /// Unit vector of the long axis.
     axis: [f32; 2],
-    /// Half of its length and half of its width, µm.
+    /// Half of the length and half of the width, µm.
     half: [f32; 2],
-    /// How much dye it takes, about 1.
+    /// Relative uptake of dye, about 1.
     pub(super) dark: f32,
 }
 
 impl Nucleus {
-    /// The share of a pixel that it covers. What is smaller than a pixel covers it faintly.
+    /// Share of a pixel at `p` that the nucleus covers, from 0 to 1.
     pub(super) fn cover(&self, p: [f32; 2], um_per_pixel: f32) -> f32 {
         let (dx, dy) = (p[0] - self.middle[0], p[1] - self.middle[1]);
         cover([dx * self.axis[0] + dy * self.axis[1], dy * self.axis[0] - dx * self.axis[1]], self.half, um_per_pixel)
     }
 }
 
-/// The share of a pixel at `p` from the middle of an ellipse that it covers.
+/// Share of a pixel that an ellipse covers. `p` is the position of the pixel relative to the
+/// middle. An ellipse that is smaller than a pixel covers it faintly.
 fn cover(p: [f32; 2], half: [f32; 2], um_per_pixel: f32) -> f32 {
     let least = 0.6 * um_per_pixel;
     let wide = half.map(|h| h.max(least));
@@ -47,13 +49,13 @@ fn cover(p: [f32; 2], half: [f32; 2], um_per_pixel: f32) -> f32 {
 /// The nuclei of the epithelium, in the order of the mucosa.
 pub(super) struct Row {
     nuclei: Vec<Nucleus>,
-    /// The first nucleus of each bin of the mucosa, and the end.
+    /// First nucleus of each bin, and the end of the last bin.
     starts: Vec<u32>,
 }
 
 impl Row {
-    /// Places nuclei at about the same distance from each other, in the basal half of an epithelium of this height, upright on
-    /// the mucosa.
+    /// Places nuclei at about equal distances in the basal half of the epithelium, upright on the
+    /// mucosa. `height_um` is the height of the epithelium.
     pub(super) fn new(seed: u64, index: u32, mucosa: &Contour, height_um: f32) -> Self {
         let bins = (mucosa.length() as f32 / BIN_UM).ceil() as usize;
         let mut row = Self { nuclei: Vec::new(), starts: vec![0] };
@@ -67,7 +69,7 @@ impl Row {
             let (at, before, after) = (mucosa.at(along), mucosa.at(along - SMOOTH_UM), mucosa.at(along + SMOOTH_UM));
             let (tx, ty) = (after[0] - before[0], after[1] - before[1]);
             let length = (tx * tx + ty * ty).sqrt().max(1e-9);
-            // The ring is counter-clockwise, so the tissue is to its right.
+            // The contour is counter-clockwise, so the tissue lies to its right.
             let inward = [(ty / length) as f32, (-tx / length) as f32];
             let point = |depth: f32| [at[0] as f32 + inward[0] * depth, at[1] as f32 + inward[1] * depth];
             let middle = point(0.64 * height_um);
@@ -78,7 +80,7 @@ impl Row {
             let random = words(seed, Stream::Histology, index, CELLS + step).map(unit);
             last = Some(middle);
             due = SPACING_UM * (0.75 + 0.5 * random[0]);
-            // Slender, dark nuclei of secretory cells stand among the rounder ones of ciliated cells.
+            // Secretory cells have slender, dark nuclei; ciliated cells have rounder ones.
             let slender = random[1] < 0.3;
             let lift = (random[2] - 0.5) * 0.26 * height_um;
             let half = if slender { [4.6, 1.35] } else { [3.9, 1.95] };
@@ -99,7 +101,8 @@ impl Row {
         row
     }
 
-    /// The nuclei that may cover a pixel whose nearest point of the mucosa is at this arc length.
+    /// Nuclei that may cover a pixel whose nearest point of the mucosa is at the arc length
+    /// `along_um`.
     pub(super) fn near(&self, along_um: f32) -> &[Nucleus] {
         let bin = (along_um / BIN_UM) as usize;
         let last = self.starts.len() - 1;
@@ -112,28 +115,30 @@ fn distance(a: [f32; 2], b: [f32; 2]) -> f32 {
     ((a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)).sqrt()
 }
 
-/// First counters of the random numbers of each kind; a lattice of noise uses those below.
+/// First counter of the random numbers of cells. The lattice of [`Noise`](super::noise::Noise) uses
+/// lower counters.
 const CELLS: u32 = 1 << 24;
 
-/// Nuclei scattered over cells of a plane: at most one in each.
+/// Nuclei scattered over the cells of a plane, at most one per cell.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Scatter {
-    /// Distinguishes the scatters of a section, from 1.
+    /// Number that distinguishes the scatters of a section, from 1.
     pub(super) kind: u32,
     /// Sides of a cell, µm.
     pub(super) cell: [f32; 2],
-    /// Share of the cells that hold one.
+    /// Share of the cells that contain a nucleus.
     pub(super) share: f32,
-    /// Half of the length and half of the width, µm; at most 0.55 of a cell.
+    /// Half of the length and half of the width of a nucleus, at most 0.55 of a cell, µm.
     pub(super) half: [f32; 2],
-    /// Whether each is turned at random; otherwise they lie along the first direction.
+    /// True if nuclei have random directions; otherwise they lie along the first direction.
     pub(super) turned: bool,
-    /// Cells after which they repeat in the first direction; 0 if they do not.
+    /// Number of cells after which the pattern repeats in the first direction; 0 if it does not
+    /// repeat.
     pub(super) period: i32,
 }
 
 impl Scatter {
-    /// Cover and darkness of the nucleus at a point, in µm; 0 if there is none.
+    /// Cover and uptake of dye of the nucleus at a point `p`, µm; zeros if there is none.
     pub(super) fn at(&self, seed: u64, index: u32, p: [f32; 2], um_per_pixel: f32) -> (f32, f32) {
         let (u, v) = (p[0] / self.cell[0], p[1] / self.cell[1]);
         let (i0, j0) = ((u - 0.5).floor(), (v - 0.5).floor());

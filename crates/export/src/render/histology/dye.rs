@@ -1,6 +1,8 @@
-//! Amounts of haematoxylin and eosin, and the colours that they give on a slide with light from below (Beer–Lambert).
+//! Amounts of haematoxylin and eosin, and the resulting colours of transmitted light (Beer–Lambert
+//! law).
 
-/// Amounts of the two dyes in a pixel; 1 of haematoxylin is a dark nucleus, 1 of eosin a red blood cell.
+/// Amounts of the two dyes in a pixel. An amount of 1 is a dark nucleus (haematoxylin) or a red
+/// blood cell (eosin).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Dyes {
     /// Haematoxylin, blue: nuclei.
@@ -14,7 +16,7 @@ impl Dyes {
         Self { blue, pink }
     }
 
-    /// These, with a share of the others instead.
+    /// Mixture in which `other` has the given share.
     pub(super) fn mixed(self, other: Self, share: f32) -> Self {
         let mix = |a: f32, b: f32| a + (b - a) * share;
         Self { blue: mix(self.blue, other.blue), pink: mix(self.pink, other.pink) }
@@ -25,29 +27,32 @@ impl Dyes {
     }
 }
 
-/// Optical density of each dye in red, green and blue; chosen by eye, with the hues of H&E slides.
+/// Optical density of haematoxylin in red, green and blue; chosen by eye from the hues of H&E
+/// slides.
 const BLUE: [f32; 3] = [1.02, 1.16, 0.62];
+/// Optical density of eosin in red, green and blue; chosen by eye from the hues of H&E slides.
 const PINK: [f32; 3] = [0.16, 0.86, 0.52];
-/// The slide without tissue.
+/// Colour of the slide without tissue.
 const GLASS: [f32; 3] = [247.0, 245.0, 247.0];
-/// Steps of the table for an amount of 1, and the greatest amount.
+/// Steps of the table per amount of 1.
 const STEPS: f32 = 128.0;
-const MOST: usize = 255;
+/// Maximum amount in the table, steps.
+const MAX_STEP: usize = 255;
 
-/// Colours by amounts.
+/// Table of colours by the amounts of both dyes.
 pub(super) struct Colors(Vec<[u8; 3]>);
 
 impl Colors {
     pub(super) fn new() -> Self {
         let color = |i: usize| {
-            let (blue, pink) = ((i / (MOST + 1)) as f32 / STEPS, (i % (MOST + 1)) as f32 / STEPS);
+            let (blue, pink) = ((i / (MAX_STEP + 1)) as f32 / STEPS, (i % (MAX_STEP + 1)) as f32 / STEPS);
             [0, 1, 2].map(|c| (GLASS[c] * libm::expf(-(BLUE[c] * blue + PINK[c] * pink))).round() as u8)
         };
-        Self((0..(MOST + 1) * (MOST + 1)).map(color).collect())
+        Self((0..(MAX_STEP + 1) * (MAX_STEP + 1)).map(color).collect())
     }
 
     pub(super) fn of(&self, dyes: Dyes) -> [u8; 3] {
-        let step = |amount: f32| ((amount * STEPS + 0.5) as usize).min(MOST);
-        self.0[step(dyes.blue) * (MOST + 1) + step(dyes.pink)]
+        let step = |amount: f32| ((amount * STEPS + 0.5) as usize).min(MAX_STEP);
+        self.0[step(dyes.blue) * (MAX_STEP + 1) + step(dyes.pink)]
     }
 }

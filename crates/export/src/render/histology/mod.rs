@@ -1,14 +1,14 @@
-//! Sections as a pathologist sees them: stained with haematoxylin and eosin; and the same sections as label images.
+//! Sections stained with haematoxylin and eosin, as a pathologist sees them, and as label images.
 //!
-//! Both are drawn from one [`TissueMap`]: a pixel of the stained picture is coloured as the tissue that the label image gives
-//! it. Height and place of the layers are those of the specification; cells, fibres and stain are texture, drawn at random from
-//! the model's seed and the index of the section.
+//! Both pictures are drawn from one [`TissueMap`], so the stain of a pixel is that of the tissue in
+//! the label image. The specification determines the layers. Cells, fibres and stain are random
+//! texture, determined by the model's seed and the index of the section.
 //!
 //! | file | subject |
 //! |---|---|
-//! | `dye` | amounts of the two dyes, and the colours that they give |
+//! | `dye` | amounts of the two dyes, and the resulting colours |
 //! | `noise` | smooth random fields |
-//! | `cells` | nuclei: rows of the epithelium, and scattered ones |
+//! | `cells` | nuclei: rows in the epithelium, and scattered nuclei |
 //! | `texture` | the dyes of each tissue |
 
 mod cells;
@@ -30,24 +30,24 @@ use std::io::Cursor;
 use texture::Texture;
 use tiny_skia::Pixmap;
 
-/// A section, or a cut, to be drawn.
+/// A section or a cut to be drawn.
 #[derive(Clone, Debug)]
 pub struct Slide {
-    /// The surface of the mucosa, and the outside of the wall.
+    /// Surface of the mucosa, and outside of the wall.
     pub borders: [Border; 2],
-    /// Heights of its layers.
+    /// Heights of the layers.
     pub layers: Layers,
     /// Seed of the model.
     pub seed: u64,
-    /// Index of the section in the model, or a number for the cut: the texture depends on it.
+    /// Index of the section in the model, or any number for a cut. The texture depends on it.
     pub index: u32,
 }
 
 impl Slide {
-    /// The stained section, its longer side `size` pixels long, with a scale bar.
+    /// Draws the stained section as PNG with a scale bar. `size` is the longer side, pixels.
     ///
     /// # Errors
-    /// [`RenderError::Size`] if `size` is 0 or over [`MAX_SIZE`].
+    /// [`RenderError::Size`] if `size` is 0 or above [`MAX_SIZE`].
     pub fn stained(&self, size: u32) -> Result<Vec<u8>, RenderError> {
         let (grid, mut pixmap) = self.paint(size, true)?;
         if let Some(bar) = Bar::new([grid.width, grid.height]) {
@@ -57,7 +57,8 @@ impl Slide {
         encode(&grid, png::ColorType::Rgb, &rgb)
     }
 
-    /// The stained section on a transparent background, its longer side `size` pixels long, without a bar.
+    /// Draws the stained section on a transparent background without a bar. `size` is the longer
+    /// side, pixels.
     ///
     /// # Errors
     /// As [`stained`](Self::stained).
@@ -66,7 +67,7 @@ impl Slide {
         Ok(Drawing { pixmap, scale: 1e6 / grid.um_per_pixel, axial_scale: 1.0 })
     }
 
-    /// Paints all pixels, or only those within the tube.
+    /// Paints the pixels within the tube, and with `glass` all others too.
     fn paint(&self, size: u32, glass: bool) -> Result<(Grid, Pixmap), RenderError> {
         let (grid, map) = self.prepare(size)?;
         let texture = Texture::new(self.seed, self.index, &map, &grid);
@@ -90,11 +91,11 @@ impl Slide {
         Ok((grid, pixmap))
     }
 
-    /// The tissue of every pixel as 8-bit grey values, those of [`Tissue`](crate::tissue::Tissue), on the same pixels as
-    /// [`stained`](Self::stained).
+    /// Draws the label image as PNG: the number of the [`Tissue`] of each pixel as an 8-bit grey
+    /// value, on the pixels of [`stained`](Self::stained).
     ///
     /// # Errors
-    /// [`RenderError::Size`] if `size` is 0 or over [`MAX_SIZE`].
+    /// [`RenderError::Size`] if `size` is 0 or above [`MAX_SIZE`].
     pub fn labels(&self, size: u32) -> Result<Vec<u8>, RenderError> {
         let (grid, map) = self.prepare(size)?;
         let rows: Vec<Vec<u8>> = bands(&grid)
@@ -115,7 +116,8 @@ impl Slide {
     }
 }
 
-/// Encodes rows of pixels of eight bits a channel; the `pHYs` chunk has the pixels per metre.
+/// Encodes rows of pixels with eight bits per channel. The `pHYs` chunk states the pixels per
+/// metre.
 fn encode(grid: &Grid, color: png::ColorType, pixels: &[u8]) -> Result<Vec<u8>, RenderError> {
     let failed = |error: png::EncodingError| RenderError::Encode(error.to_string());
     let mut file = Vec::new();
@@ -132,7 +134,8 @@ fn encode(grid: &Grid, color: png::ColorType, pixels: &[u8]) -> Result<Vec<u8>, 
     Ok(file)
 }
 
-/// Side of a pixel of an encoded picture, µm, from its `pHYs` chunk; `None` if it has none.
+/// Side of a pixel of an encoded picture according to its `pHYs` chunk, µm; `None` if there is no
+/// such chunk.
 #[must_use]
 pub fn um_per_pixel(png: &[u8]) -> Option<f64> {
     let reader = png::Decoder::new(Cursor::new(png)).read_info().ok()?;

@@ -1,27 +1,28 @@
-//! Smooth random fields of the plane: values on a lattice, interpolated.
+//! Smooth random fields in the plane, interpolated between values on a lattice.
 
 use crate::random::{Stream, words};
 
-/// Lattice points a side; the field repeats after as many.
+/// Number of lattice points per side, after which the field repeats.
 const SIDE: usize = 256;
 
 /// A field of values from 0 to 1 with mean 0.5.
 pub(super) struct Noise(Vec<f32>);
 
 impl Noise {
-    /// The field of a section.
+    /// Creates the field of a section.
     pub(super) fn new(seed: u64, index: u32) -> Self {
         let word = |i: usize| words(seed, Stream::Histology, index, i as u32);
         let values = (0..SIDE * SIDE / 16).flat_map(|i| word(i).into_iter().flat_map(u32::to_le_bytes));
         Self(values.map(|byte| f32::from(byte) / 255.0).collect())
     }
 
-    /// The value at a point in units of the lattice.
+    /// Value at a point, in units of the lattice.
     pub(super) fn at(&self, u: f32, v: f32) -> f32 {
         self.around(u, v, SIDE as i32)
     }
 
-    /// The value at a point, repeating in the first direction after `period` lattice points.
+    /// Value at a point of the field that repeats in the first direction after `period` lattice
+    /// points.
     pub(super) fn around(&self, u: f32, v: f32, period: i32) -> f32 {
         let (u0, v0) = (u.floor(), v.floor());
         let (s, t) = (smooth(u - u0), smooth(v - v0));
@@ -34,8 +35,8 @@ impl Noise {
         low + (high - low) * t
     }
 
-    /// Cells around random points of the plane, one a unit square: how much farther the second nearest point is than the
-    /// nearest, and a value of the cell.
+    /// Cells around random points, one per unit square. Returns the distance to the second nearest
+    /// point minus the distance to the nearest point, and a random value of the cell.
     pub(super) fn bundle(&self, u: f32, v: f32) -> (f32, f32) {
         let value = |i: i32, j: i32, k: i32| {
             let side = SIDE as i32;
@@ -62,7 +63,7 @@ fn smooth(t: f32) -> f32 {
     t * t * (3.0 - 2.0 * t)
 }
 
-/// 0 below `from`, 1 above `to`, smooth between.
+/// Smooth step from 0 below `from` to 1 above `to`.
 pub(super) fn ramp(from: f32, to: f32, value: f32) -> f32 {
     smooth(((value - from) / (to - from)).clamp(0.0, 1.0))
 }

@@ -1,23 +1,28 @@
-//! The dyes of each tissue: what cells and fibres look like at the scale of a section. All of it is texture; the layers are
-//! those of the tissue map.
+//! Dyes of each tissue: the appearance of cells and fibres at the scale of a section. All of this
+//! is texture; the tissue map determines the layers.
 
 use super::cells::{Row, Scatter};
 use super::dye::Dyes;
 use super::noise::{Noise, ramp};
 use crate::tissue::{Grid, Place, Tissue, TissueMap};
 
-/// A nucleus, and the glass without tissue.
+/// Dyes of a nucleus.
 const NUCLEUS: Dyes = Dyes::of(1.02, 0.32);
+/// Dyes of the glass without tissue.
 const GLASS: Dyes = Dyes::of(0.0, 0.0);
-/// Height of the cilia, µm; chosen, within the epithelium's height.
+/// Height of the cilia within the epithelium, µm; chosen by eye.
 const CILIA_UM: f32 = 4.0;
 
-/// Connective tissue, small vessels, muscle cut along and across its fibres, flat cells of the serosa.
+/// Nuclei of connective tissue.
 const CONNECTIVE: Scatter =
     Scatter { kind: 1, cell: [9.0, 9.0], share: 0.3, half: [3.0, 1.3], turned: true, period: 0 };
+/// Small vessels.
 const VESSEL: Scatter = Scatter { kind: 2, cell: [62.0, 62.0], share: 0.3, half: [9.0, 5.5], turned: true, period: 0 };
+/// Nuclei of muscle that is cut along its fibres.
 const ALONG: Scatter = Scatter { kind: 3, cell: [22.0, 6.5], share: 0.42, half: [7.5, 1.15], turned: false, period: 0 };
+/// Nuclei of muscle that is cut across its fibres.
 const ACROSS: Scatter = Scatter { kind: 4, cell: [7.5, 7.5], share: 0.36, half: [1.6, 1.5], turned: true, period: 0 };
+/// Nuclei of the flat cells of the serosa.
 const FLAT: Scatter = Scatter { kind: 5, cell: [16.0, 7.0], share: 0.4, half: [5.0, 0.9], turned: false, period: 0 };
 
 /// The texture of a section.
@@ -27,8 +32,9 @@ pub(super) struct Texture {
     noise: Noise,
     row: Row,
     height_um: f32,
-    /// Length of the outside, µm, and a point in its middle.
+    /// Length of the outer contour, µm.
     round_um: f32,
+    /// Middle of the picture, µm.
     middle: [f32; 2],
     um_per_pixel: f32,
 }
@@ -48,7 +54,7 @@ impl Texture {
         }
     }
 
-    /// The dyes of a pixel with its middle at `p`, µm.
+    /// Dyes of a pixel with its middle at `p`, µm.
     pub(super) fn dyes(&self, place: &Place, p: [f32; 2]) -> Dyes {
         let tissue = match place.tissue {
             Tissue::Outside => return GLASS,
@@ -59,16 +65,18 @@ impl Texture {
             Tissue::LongitudinalMuscle => self.longitudinal(p),
             Tissue::Serosa => self.serosa(place, p),
         };
-        // How thick the slice is cut, and how much dye it takes.
+        // Variation of the thickness of the slice and of its uptake of dye.
         let cut = self.noise.at(p[0] / 420.0, p[1] / 420.0) + 0.4 * self.noise.at(p[0] / 90.0, p[1] / 90.0);
         let tissue = tissue.scaled(0.86 + 0.2 * cut);
-        // A pixel at the border shows both sides; more than half of it is what its middle is.
+        // A pixel at the border mixes both sides. The tissue at its middle covers more than half of
+        // it.
         let edge_um = if place.tissue == Tissue::Serosa { place.depth_um } else { place.lumen_um };
         let within = (edge_um / self.um_per_pixel).min(0.5);
         let share = if place.tissue == Tissue::Lumen { 0.5 - within } else { 0.5 + within };
         GLASS.mixed(tissue, share)
     }
 
+    /// Draws a scattered nucleus over the dyes `under`.
     fn nucleus(&self, scatter: &Scatter, p: [f32; 2], under: Dyes) -> Dyes {
         let (cover, dark) = scatter.at(self.seed, self.index, p, self.um_per_pixel);
         under.mixed(NUCLEUS.scaled(dark), cover)
@@ -80,7 +88,7 @@ impl Texture {
         let cell = self.noise.at(along / 5.0, 3.5) - 0.5;
         let basal = ramp(0.75 * self.height_um, self.height_um, deep);
         let mut dyes = Dyes::of(0.24 + 0.12 * grain + 0.1 * cell + 0.06 * basal, 0.36 + 0.14 * grain + 0.12 * cell);
-        // Ciliated cells, in groups, have a pale fringe above a darker line.
+        // Groups of ciliated cells have a pale fringe above a darker line.
         let cilia = CILIA_UM.min(0.2 * self.height_um);
         let ciliated = ramp(0.38, 0.5, self.noise.at(along / 40.0, 7.5));
         let fringe = Dyes::of(0.12 + 0.1 * cell, 0.22 + 0.25 * self.noise.at(along / 1.3, 11.5));
@@ -88,7 +96,7 @@ impl Texture {
         dyes = dyes.mixed(fringe, top * ciliated);
         let line = ramp(0.8 * cilia, cilia, deep) * (1.0 - ramp(1.2 * cilia, 1.6 * cilia, deep));
         dyes = dyes.mixed(Dyes::of(0.42, 0.52), 0.6 * line * ciliated);
-        // The membrane that it stands on.
+        // The basement membrane.
         dyes = dyes.mixed(Dyes::of(0.16, 0.55), 0.6 * ramp(self.height_um - 1.8, self.height_um - 0.4, deep));
         let mut most = (0.0, 0.0);
         for nucleus in self.row.near(along) {
@@ -103,7 +111,7 @@ impl Texture {
 
     fn connective(&self, place: &Place, p: [f32; 2]) -> Dyes {
         let noise = &self.noise;
-        // Wavy fibres, finer and looser here and there.
+        // Wavy fibres of varying density.
         let (wx, wy) = (noise.at(p[0] / 31.0, p[1] / 31.0), noise.at(p[1] / 31.0 + 50.0, p[0] / 31.0));
         let (x, y) = (p[0] + 46.0 * wx, p[1] + 46.0 * wy);
         let fibres =
@@ -112,7 +120,7 @@ impl Texture {
         let mut dyes = Dyes::of(0.05 + 0.08 * fibres, 0.1 + 0.42 * fibres + 0.1 * dense);
         let cleft = 1.0 - ramp(0.27 - 0.1 * dense, 0.4 - 0.1 * dense, fibres);
         dyes = dyes.mixed(Dyes::of(0.02, 0.05), 0.8 * cleft);
-        // Denser right under the epithelium.
+        // Denser directly below the epithelium.
         let near = 1.0 - ramp(self.height_um, self.height_um + 7.0, place.lumen_um);
         dyes = dyes.mixed(Dyes::of(0.12, 0.46), 0.6 * near);
         let (vessel, _) = VESSEL.at(self.seed, self.index, p, self.um_per_pixel);
@@ -122,11 +130,19 @@ impl Texture {
         if vessel > 0.5 { dyes } else { self.nucleus(&CONNECTIVE, p, dyes) }
     }
 
-    /// How far around the tube a point is, in cells of about this length; it closes after a whole number of them.
+    /// Position of a point around the tube, in cells of about `cell_um`, and the number of cells,
+    /// which is whole, so that the texture closes.
     fn turn(&self, p: [f32; 2], cell_um: f32) -> (f32, i32) {
         let cells = (self.round_um / cell_um).round().max(1.0);
         let angle = libm::atan2f(p[1] - self.middle[1], p[0] - self.middle[0]);
         ((angle / std::f32::consts::TAU + 0.5) * cells, cells as i32)
+    }
+
+    /// As [`nucleus`](Self::nucleus), for nuclei along the tube's circumference at the depth
+    /// `deep`, µm.
+    fn nucleus_around(&self, scatter: Scatter, p: [f32; 2], deep: f32, under: Dyes) -> Dyes {
+        let (u, period) = self.turn(p, scatter.cell[0]);
+        self.nucleus(&Scatter { period, ..scatter }, [u * scatter.cell[0], deep], under)
     }
 
     fn circular(&self, place: &Place, p: [f32; 2]) -> Dyes {
@@ -141,20 +157,18 @@ impl Texture {
         let fibres =
             0.4 * streak(48.0, 4.6, 0.0) + 0.35 * streak(19.0, 2.1, 91.0) + 0.25 * noise.at(p[0] / 2.0, p[1] / 2.0);
         let mut dyes = Dyes::of(0.11 + 0.1 * (fibres - 0.5), 0.56 + 0.42 * (fibres - 0.5));
-        // Connective tissue between bundles, and clefts.
+        // Connective tissue and clefts between bundles.
         let septum = ramp(0.7, 0.84, streak(170.0, 19.0, 30.0));
         let cleft = ramp(0.78, 0.88, streak(85.0, 5.0, 140.0));
         dyes = dyes.mixed(Dyes::of(0.06, 0.22 + 0.2 * fibres), 0.8 * septum).mixed(Dyes::of(0.03, 0.1), 0.75 * cleft);
-        let (u, period) = self.turn(p, ALONG.cell[0]);
-        let scatter = Scatter { period, ..ALONG };
-        self.nucleus(&scatter, [u * ALONG.cell[0], deep], dyes)
+        self.nucleus_around(ALONG, p, deep, dyes)
     }
 
     fn longitudinal(&self, p: [f32; 2]) -> Dyes {
         let noise = &self.noise;
         let wave = |u: f32, v: f32| 16.0 * (noise.at(u / 24.0, v / 24.0) - 0.5);
         let (x, y) = (p[0] + wave(p[0], p[1]), p[1] + wave(p[1] + 2000.0, p[0]));
-        // Fibres cut across, in bundles with connective tissue between them.
+        // Fibres are cut across and lie in bundles, separated by connective tissue.
         let fibre = 0.6 * noise.at(p[0] / 2.4, p[1] / 2.4) + 0.4 * noise.at(p[0] / 6.0, p[1] / 6.0);
         let (border, bundle) = noise.bundle(x / 44.0, y / 44.0);
         let mut dyes = Dyes::of(0.09 + 0.05 * fibre, 0.3 + 0.3 * fibre + 0.12 * bundle);
@@ -171,10 +185,8 @@ impl Texture {
         let fibres = noise.around(u, deep / 3.4, period);
         let loose = ramp(0.3, 0.62, fibres);
         let mut dyes = Dyes::of(0.03, 0.07).mixed(Dyes::of(0.09, 0.44), loose);
-        // The flat cells of the surface.
+        // Flat cells of the surface.
         dyes = dyes.mixed(Dyes::of(0.2, 0.5), 1.0 - ramp(1.2, 2.6, place.depth_um));
-        let (u, period) = self.turn(p, FLAT.cell[0]);
-        let scatter = Scatter { period, ..FLAT };
-        self.nucleus(&scatter, [u * FLAT.cell[0], place.depth_um], dyes)
+        self.nucleus_around(FLAT, p, place.depth_um, dyes)
     }
 }
