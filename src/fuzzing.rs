@@ -4,6 +4,8 @@
 //! refused names a place, and indices lie within what they index. The functions are beside the code that they test, in
 //! files named `fuzzing.rs`. Only builds with the feature `fuzzing` have them.
 
+use crate::export::fuzzing::surface;
+use crate::export::read::Format;
 use crate::{export, fit, generate, http, measure, sim};
 
 /// One target. Its corpus is `fuzz/corpus/<name>`, its program `fuzz/fuzz_targets/<name>.rs`.
@@ -38,15 +40,15 @@ pub const HEADERS: Target = Target { name: "headers", run: http::fuzzing::header
 /// A merge patch on a specification.
 pub const PATCH: Target = Target { name: "patch", run: generate::fuzzing::patch, memory: in_proportion };
 /// glTF, binary or JSON.
-pub const GLTF: Target = Target { name: "gltf", run: export::fuzzing::gltf, memory: at_most };
+pub const GLTF: Target = Target { name: "gltf", run: |bytes| surface(bytes, Format::Gltf), memory: at_most };
 /// Wavefront OBJ.
-pub const OBJ: Target = Target { name: "obj", run: export::fuzzing::obj, memory: in_proportion };
+pub const OBJ: Target = Target { name: "obj", run: |bytes| surface(bytes, Format::Obj), memory: in_proportion };
 /// STL, binary or text.
-pub const STL: Target = Target { name: "stl", run: export::fuzzing::stl, memory: in_proportion };
+pub const STL: Target = Target { name: "stl", run: |bytes| surface(bytes, Format::Stl), memory: in_proportion };
 /// PLY, binary or text.
-pub const PLY: Target = Target { name: "ply", run: export::fuzzing::ply, memory: in_proportion };
+pub const PLY: Target = Target { name: "ply", run: |bytes| surface(bytes, Format::Ply), memory: in_proportion };
 /// VTK XML.
-pub const VTP: Target = Target { name: "vtp", run: export::fuzzing::vtp, memory: at_most };
+pub const VTP: Target = Target { name: "vtp", run: |bytes| surface(bytes, Format::Vtp), memory: at_most };
 /// `sections.bin`.
 pub const SECTIONS: Target = Target { name: "sections", run: export::sections_bin::fuzzing::sections, memory: at_most };
 /// Requests for fits, with their images.

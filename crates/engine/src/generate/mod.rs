@@ -207,7 +207,7 @@ impl Finishing<'_> {
         );
         // Planes across the straight tube are planes across the centre line.
         let cuts = leaned.and_then(|_| cuts(&Body::from(straight), &regions));
-        let centreline = Centreline::of(&sections, course);
+        let centreline = Centreline::new(&sections, course);
         let meta = self.request.metadata(sections.len());
         let added = sections.iter().filter(|s| s.added).count();
         let ends = [&sections[0], &sections[sections.len() - 1]].map(Section::particles);

@@ -1,42 +1,45 @@
-//! A series of surfaces with the same triangles as one binary glTF file: the first frame is the surface, each other one a morph target
-//! (displacements of positions and normals), and the animation leads from frame to frame and back to the first.
+//! A contraction as one animated binary glTF file. The first frame is the surface. Every other
+//! frame is a morph target (displacements of positions and normals). The animation runs through all
+//! frames and returns to the first one.
 
 use super::Metadata;
 use super::chunks::{vec3, write_items};
-use super::glb::scene::{Counts, Scene, accessor, buffer, buffer_view, primitive, write_head};
+use super::glb::scene::{Layout, Scene, buffer, primitive, write_head};
 use crate::geometry::patch::{PatchGeometry, patch_geometry};
 use crate::model::Mesh;
 use gltf_json as json;
 use json::accessor::{ComponentType, Type};
 use json::animation::{Channel, Interpolation, Property, Sampler, Target};
-use json::validation::{Checked, USize64};
+use json::buffer::Target as BufferTarget;
+use json::validation::Checked;
 use serde_json::{Map, Value, json};
 use std::io::{self, Write};
 
-/// Name of the file.
+/// File name.
 pub const FILE: &str = "animation.glb";
 
-/// Frames of one period, two or more, that differ in positions only.
+/// Two or more frames of one period, which differ only in positions.
 pub struct Frames<'a> {
-    /// The first frame.
+    /// First frame.
     pub first: &'a Mesh,
-    /// Positions of the others, metres.
+    /// Positions of the other frames, metres.
     pub others: &'a [Vec<[f32; 3]>],
     /// Period, seconds.
     pub period_s: f64,
 }
 
-/// Vectors of the vertices of a patch, or indices of its triangles, with the data of the frames beside them.
-struct Part {
+/// A patch with its morph targets.
+struct MorphPatch {
     geometry: PatchGeometry,
     name: &'static str,
-    /// Displacements of positions and normals by frame.
+    /// Displacements of positions and normals, by frame.
     targets: Vec<[Vec<[f32; 3]>; 2]>,
     positions: Vec<[f32; 3]>,
 }
 
-impl Part {
-    fn of(frames: &Frames<'_>) -> Vec<Self> {
+impl MorphPatch {
+    /// All patches that have triangles.
+    fn all(frames: &Frames<'_>) -> Vec<Self> {
         let patches = frames.first.patches.iter().filter(|patch| !patch.triangles.is_empty());
         let of = |patch| {
             let geometry = patch_geometry(frames.first, patch);
@@ -45,7 +48,7 @@ impl Part {
             let target = |moved: &Vec<[f32; 3]>| {
                 let mesh = Mesh { positions: moved.clone(), ..frames.first.clone() };
                 let normals = patch_geometry(&mesh, patch).normals;
-                [apart(&at(moved), &positions), apart(&normals, &geometry.normals)]
+                [differences(&at(moved), &positions), differences(&normals, &geometry.normals)]
             };
             let targets = frames.others.iter().map(target).collect();
             Self { name: patch.kind.name(), targets, positions, geometry }
@@ -54,30 +57,30 @@ impl Part {
     }
 }
 
-/// Writes the frames; `meta` and `more` go into the extras.
+/// Writes the frames. `meta` and `more` become members of the asset's extras.
 ///
 /// # Errors
-/// Those of `out`; [`io::ErrorKind::InvalidInput`] if the file would exceed 4 GiB.
+/// Returns any error of writing to `out`, and [`io::ErrorKind::InvalidInput`] if the file would
+/// exceed 4 GiB.
 pub fn write_animation(
     frames: &Frames<'_>,
     meta: &Metadata,
     more: Map<String, Value>,
     out: &mut impl Write,
 ) -> io::Result<()> {
-    let parts = Part::of(frames);
+    let parts = MorphPatch::all(frames);
     let mut scene = Scene::new(frames.first.body.name(), format!("oviduct {}", meta.engine), Some(meta), more)?;
-    let mut data = Data { buffer: scene.root.push(buffer(0)), offset: 0 };
+    let mut layout = Layout::new(&mut scene.root);
     for part in &parts {
-        let positions = data.vectors(&mut scene.root, &part.positions, true);
-        let normals = data.vectors(&mut scene.root, &part.geometry.normals, false);
-        let count = 3 * part.geometry.triangles.len();
-        let mut indices = accessor(Type::Scalar, ComponentType::U32, count);
-        indices.buffer_view =
-            Some(data.view(&mut scene.root, 4 * count, Some(json::buffer::Target::ElementArrayBuffer)));
-        let indices = scene.root.push(indices);
+        let root = &mut scene.root;
+        let positions = push_vectors(&mut layout, root, &part.positions, true);
+        let normals = push_vectors(&mut layout, root, &part.geometry.normals, false);
+        let (count, target) = (3 * part.geometry.triangles.len(), BufferTarget::ElementArrayBuffer);
+        let indices = layout.append(root, Type::Scalar, ComponentType::U32, count, Some(target));
+        let indices = root.push(indices);
         let target = |[positions, normals]: &[Vec<[f32; 3]>; 2]| json::mesh::MorphTarget {
-            positions: Some(data.vectors(&mut scene.root, positions, true)),
-            normals: Some(data.vectors(&mut scene.root, normals, false)),
+            positions: Some(push_vectors(&mut layout, root, positions, true)),
+            normals: Some(push_vectors(&mut layout, root, normals, false)),
             tangents: None,
         };
         let targets = part.targets.iter().map(target).collect();
@@ -87,20 +90,19 @@ pub fn write_animation(
         };
         scene.add_patch(part.name, primitive)?;
     }
-    let counts = Counts { vertices: frames.first.positions.len(), triangles: frames.first.triangles.len() };
-    let mut root = scene.finish(&counts, json::Node::default())?;
+    let Mesh { positions, triangles, .. } = frames.first;
+    let mut root = scene.finish(positions.len(), triangles.len(), json::Node::default())?;
 
     let steps = frames.others.len() + 1;
     let times: Vec<f32> = (0..=steps).map(|k| (frames.period_s * k as f64 / steps as f64) as f32).collect();
-    let mut input = accessor(Type::Scalar, ComponentType::F32, times.len());
-    input.buffer_view = Some(data.view(&mut root, 4 * times.len(), None));
+    let mut input = layout.append(&mut root, Type::Scalar, ComponentType::F32, times.len(), None);
     (input.min, input.max) = (Some(json!([times[0]])), Some(json!([times[steps]])));
     let input = root.push(input);
-    // At its time a frame alone has weight 1. The first one has no weight, at the beginning and at the end.
+    // At its time, a frame has weight 1 and all others 0. The first frame is no target, so all
+    // weights are 0.
     let weights: Vec<f32> =
         (0..=steps).flat_map(|k| (1..steps).map(move |target| if k == target { 1.0 } else { 0.0 })).collect();
-    let mut output = accessor(Type::Scalar, ComponentType::F32, weights.len());
-    output.buffer_view = Some(data.view(&mut root, 4 * weights.len(), None));
+    let output = layout.append(&mut root, Type::Scalar, ComponentType::F32, weights.len(), None);
     let output = root.push(output);
     let sampler =
         Sampler { input, output, interpolation: Checked::Valid(Interpolation::Linear), extensions: None, extras: None };
@@ -124,9 +126,9 @@ pub fn write_animation(
         extensions: None,
         extras: None,
     });
-    root.buffers[0].byte_length = USize64::from(data.offset);
+    root.buffers[0] = buffer(layout.length);
 
-    write_head(&root, data.offset, out)?;
+    write_head(&root, layout.length, out)?;
     for part in &parts {
         write_items(&part.positions, out, |p| vec3(*p))?;
         write_items(&part.geometry.normals, out, |p| vec3(*p))?;
@@ -138,44 +140,27 @@ pub fn write_animation(
     write_items(times.iter().chain(&weights), out, |x| x.to_le_bytes())
 }
 
-/// The binary part so far.
-struct Data {
-    buffer: json::Index<json::Buffer>,
-    offset: usize,
+/// Adds an accessor for one vector per vertex. `bounded` states their minimum and maximum, which
+/// the format requires of positions.
+fn push_vectors(
+    layout: &mut Layout,
+    root: &mut json::Root,
+    vectors: &[[f32; 3]],
+    bounded: bool,
+) -> json::Index<json::Accessor> {
+    let target = Some(BufferTarget::ArrayBuffer);
+    let mut accessor = layout.append(root, Type::Vec3, ComponentType::F32, vectors.len(), target);
+    if bounded {
+        let fold = |from: f32, pick: fn(f32, f32) -> f32| {
+            [0, 1, 2].map(|axis| vectors.iter().map(|v| v[axis]).fold(from, pick))
+        };
+        accessor.min = Some(json!(fold(f32::INFINITY, f32::min)));
+        accessor.max = Some(json!(fold(f32::NEG_INFINITY, f32::max)));
+    }
+    root.push(accessor)
 }
 
-impl Data {
-    fn view(
-        &mut self,
-        root: &mut json::Root,
-        length: usize,
-        target: Option<json::buffer::Target>,
-    ) -> json::Index<json::buffer::View> {
-        let of_vertices = json::buffer::Target::ArrayBuffer;
-        let mut view = buffer_view(self.buffer, self.offset, length, target.unwrap_or(of_vertices));
-        if target.is_none() {
-            view.target = None;
-        }
-        self.offset += length;
-        root.push(view)
-    }
-
-    /// Describes vectors that are written here; bounds are for positions.
-    fn vectors(&mut self, root: &mut json::Root, vectors: &[[f32; 3]], bounds: bool) -> json::Index<json::Accessor> {
-        let mut of = accessor(Type::Vec3, ComponentType::F32, vectors.len());
-        of.buffer_view = Some(self.view(root, 12 * vectors.len(), Some(json::buffer::Target::ArrayBuffer)));
-        if bounds {
-            let fold = |from: f32, pick: fn(f32, f32) -> f32| {
-                [0, 1, 2].map(|axis| vectors.iter().map(|v| v[axis]).fold(from, pick))
-            };
-            of.min = Some(json!(fold(f32::INFINITY, f32::min)));
-            of.max = Some(json!(fold(f32::NEG_INFINITY, f32::max)));
-        }
-        root.push(of)
-    }
-}
-
-fn apart(a: &[[f32; 3]], b: &[[f32; 3]]) -> Vec<[f32; 3]> {
+fn differences(a: &[[f32; 3]], b: &[[f32; 3]]) -> Vec<[f32; 3]> {
     a.iter().zip(b).map(|(a, b)| [0, 1, 2].map(|axis| a[axis] - b[axis])).collect()
 }
 

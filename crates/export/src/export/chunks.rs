@@ -1,36 +1,45 @@
-//! Pieces in which the writers hand on what they write, and text that must stay on one line.
+//! Helpers of the writers: writing in large chunks, joining bytes, text that must stay on one line.
 
 use std::io::{self, Write};
 
-/// Size of a piece.
+/// Size of a chunk, bytes.
 pub(super) const CHUNK: usize = 1 << 16;
 
-/// Writes `items` of `N` bytes each, in pieces.
+/// Writes `items` of `N` bytes each, in chunks.
 pub(super) fn write_items<T, const N: usize>(
     items: impl IntoIterator<Item = T>,
     out: &mut (impl Write + ?Sized),
     bytes: impl Fn(T) -> [u8; N],
 ) -> io::Result<()> {
-    let mut piece = Vec::with_capacity(CHUNK);
+    let mut chunk = Vec::with_capacity(CHUNK);
     for item in items {
-        if piece.len() + N > CHUNK {
-            out.write_all(&piece)?;
-            piece.clear();
+        if chunk.len() + N > CHUNK {
+            out.write_all(&chunk)?;
+            chunk.clear();
         }
-        piece.extend_from_slice(&bytes(item));
+        chunk.extend_from_slice(&bytes(item));
     }
-    out.write_all(&piece)
+    out.write_all(&chunk)
 }
 
-/// The three numbers in little-endian order.
+/// Writes `text` and clears it, once it is as long as a chunk.
+pub(super) fn write_full(text: &mut Vec<u8>, out: &mut impl Write) -> io::Result<()> {
+    if text.len() >= CHUNK {
+        out.write_all(text)?;
+        text.clear();
+    }
+    Ok(())
+}
+
+/// Three numbers in little-endian order.
 pub(super) fn vec3([x, y, z]: [f32; 3]) -> [u8; 12] {
     join([x.to_le_bytes(), y.to_le_bytes(), z.to_le_bytes()])
 }
 
-/// `parts` one after another. `N` is their length together.
+/// Joins `parts` and pads them with zeros to `N` bytes.
 ///
 /// # Panics
-/// If `N` is less.
+/// If the parts have more than `N` bytes.
 pub(super) fn join<const N: usize>(parts: impl IntoIterator<Item = impl AsRef<[u8]>>) -> [u8; N] {
     let mut all = [0; N];
     let mut at = 0;
@@ -42,7 +51,7 @@ pub(super) fn join<const N: usize>(parts: impl IntoIterator<Item = impl AsRef<[u
     all
 }
 
-/// Free text without line ends and zeros, which would end it in the file.
+/// Replaces line ends and zeros, which would end the text in a file, by spaces.
 pub(super) fn one_line(text: &str) -> String {
     text.replace(['\n', '\r', '\0'], " ")
 }

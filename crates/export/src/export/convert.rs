@@ -1,4 +1,4 @@
-//! A surface that was read, made ready to be written in another format or unit.
+//! Conversion of a surface that was read, for writing in another format or unit.
 
 use super::read::Surface;
 use super::shape::{NamedPatch, Shape};
@@ -15,21 +15,25 @@ pub struct Converted {
     triangles: Vec<[u32; 3]>,
     patches: Vec<(String, Range<usize>)>,
     unit: LengthUnit,
-    /// Farthest that rounding to single precision moved a coordinate, in units of the result.
+    /// Maximum change of a coordinate by rounding to single precision, in units of the result.
     pub rounded: f64,
-    /// Triangles that were left out because two of their corners are the same, as where strips are joined.
+    /// Number of omitted triangles, two corners of which are the same, for example where strips are
+    /// joined.
     pub collapsed: usize,
 }
 
 impl Converted {
-    /// Takes a surface over into `unit`. Vertices at exactly the same position become one, and each name of a group becomes one
-    /// patch; triangles in no group are the patch `surface`. The body is called `name` unless its patches tell which it is.
+    /// Converts a surface to `unit`.
+    ///
+    /// Vertices at exactly the same position are merged. All groups with the same name become one
+    /// patch, and triangles in no group become the patch `surface`. The body is called `name`,
+    /// unless its patches identify it as a body of a model.
     #[must_use]
     pub fn new(surface: &Surface, unit: LengthUnit, name: &str) -> Self {
         let (from, to) = (surface.unit.metres(), unit.metres());
-        // Multiplied or divided by a number that is exact for all decimal units.
+        // The factor or divisor of decimal units is an integer, so it is exact.
         let scaled =
-            |x: f64| if from >= to { x * (from / to).round_if_close() } else { x / (to / from).round_if_close() };
+            |x: f64| if from >= to { x * rounded_if_close(from / to) } else { x / rounded_if_close(to / from) };
         let (mut positions, mut rounded, mut seen) = (Vec::new(), 0.0_f64, HashMap::new());
         let index: Vec<u32> = (surface.positions.iter())
             .map(|p| {
@@ -66,7 +70,8 @@ impl Converted {
         }
     }
 
-    /// Takes a surface over in the unit of its file.
+    /// Converts a surface without changing its unit, or to metres if its unit is not a
+    /// [`LengthUnit`].
     #[must_use]
     pub fn in_its_unit(surface: &Surface) -> Self {
         let metres = surface.unit.metres();
@@ -75,7 +80,7 @@ impl Converted {
         Self::new(surface, unit, "surface")
     }
 
-    /// As a body that can be cut.
+    /// Converts to a body that can be cut.
     #[must_use]
     pub fn into_body(self) -> Body<'static> {
         let patches: Vec<(PatchKind, Range<usize>)> =
@@ -83,7 +88,7 @@ impl Converted {
         Body::new(self.positions, self.triangles, &patches, 1e6 * self.unit.metres())
     }
 
-    /// As the writers take it.
+    /// Shape for the writers.
     #[must_use]
     pub fn shape(&self) -> Shape<'_> {
         Shape {
@@ -99,19 +104,13 @@ impl Converted {
     }
 }
 
-trait RoundIfClose {
-    /// The nearest integer if the number is within rounding of it.
-    fn round_if_close(self) -> Self;
+/// The nearest integer, if the number differs from it only by rounding.
+fn rounded_if_close(number: f64) -> f64 {
+    let whole = number.round();
+    if (number - whole).abs() <= 1e-12 * whole { whole } else { number }
 }
 
-impl RoundIfClose for f64 {
-    fn round_if_close(self) -> Self {
-        let whole = self.round();
-        if (self - whole).abs() <= 1e-12 * whole { whole } else { self }
-    }
-}
-
-/// The triangles of each name, in the order of the names' first appearance.
+/// Triangles by name, in the order in which the names first appear.
 fn parts(surface: &Surface) -> Vec<(String, Vec<Range<usize>>)> {
     let mut parts: Vec<(String, Vec<Range<usize>>)> = Vec::new();
     let mut place: HashMap<String, usize> = HashMap::new();
@@ -136,7 +135,7 @@ fn parts(surface: &Surface) -> Vec<(String, Vec<Range<usize>>)> {
     parts
 }
 
-/// The body that has these patches and no others.
+/// Body of a model that has exactly these patches.
 fn body(patches: &[(String, Range<usize>)]) -> Option<BodyKind> {
     BodyKind::ALL.into_iter().find(|body| {
         let of_body = body.patches();

@@ -1,14 +1,16 @@
-//! The course of a tube as JSON: its centre line with frames.
+//! JSON document of the course of a tube: the centre line with its local frames.
 
 use crate::geometry::course::Course;
 use crate::spec::{CourseShape, ModelSpec};
 use serde::Serialize;
 use serde_json::Value;
 
-/// Greatest distance of straight lines between points from the centre line, µm.
+/// Maximum distance between the centre line and straight lines between its points, µm.
 const TOLERANCE_UM: f64 = 1.0;
-/// Most points.
-const MOST_POINTS: f64 = 16_384.0;
+/// Maximum number of spans between points.
+const MAX_SPANS: f64 = 16_384.0;
+/// Maximum turn between two points, radians.
+const TWIST_STEP: f64 = 0.02;
 
 /// The centre line that a model follows.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -55,7 +57,7 @@ pub struct CoursePoint {
 }
 
 impl CourseDocument {
-    /// The course of a specification.
+    /// Computes the course of a specification.
     #[must_use]
     pub fn of(spec: &ModelSpec) -> Self {
         let [from, to] = spec.piece_um();
@@ -79,7 +81,7 @@ impl CourseDocument {
         }
     }
 
-    /// The course of a specification as it is stored; none if it cannot be read.
+    /// Computes the course of a stored specification; `None` if it cannot be read.
     #[must_use]
     pub fn of_stored(spec: &Value) -> Option<Self> {
         ModelSpec::from_stored(spec).map(|spec| Self::of(&spec))
@@ -88,15 +90,15 @@ impl CourseDocument {
 
 fn least_radius(course: &Course) -> Option<f64> {
     let most = course.places().iter().map(|&at| course.curvature(at)).fold(0.0, f64::max);
-    // Rounding leaves a little.
+    // Rounding leaves a small curvature on a straight line.
     Some(1.0 / most).filter(|radius| *radius < 1e6 * course.length())
 }
 
 fn points(course: &Course, from: f64, to: f64) -> Vec<CoursePoint> {
     let step = least_radius(course).map_or(f64::INFINITY, |radius| (8.0 * TOLERANCE_UM * radius).sqrt());
-    // A twist turns the frames, not the line.
+    // A twist turns the frames even where the line is straight.
     let step = step.min(course.length() * TWIST_STEP / course.twist().abs());
-    let spans = ((to - from) / step).ceil().clamp(1.0, MOST_POINTS);
+    let spans = ((to - from) / step).ceil().clamp(1.0, MAX_SPANS);
     let point = |k: u32| {
         let s = from + (to - from) * f64::from(k) / spans;
         let frame = course.at(s);
@@ -111,9 +113,6 @@ fn points(course: &Course, from: f64, to: f64) -> Vec<CoursePoint> {
     };
     (0..=spans as u32).map(point).collect()
 }
-
-/// Greatest turn between points, radians.
-const TWIST_STEP: f64 = 0.02;
 
 #[cfg(test)]
 mod tests {

@@ -1,4 +1,4 @@
-//! A cut as JSON.
+//! JSON document of a cut.
 
 use crate::model::{Cut, CutRing, Plane, RingKind};
 use serde::Serialize;

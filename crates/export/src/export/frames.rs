@@ -1,46 +1,45 @@
-//! A series of surfaces with the same triangles: positions frame by frame in a binary file, described by an XDMF file (version 3),
-//! which `ParaView` and VTK read as a time series.
+//! A time series of surfaces with the same triangles, for `ParaView` and VTK: a binary file with
+//! the positions of all frames, and an XDMF file (version 3) that describes it.
 //!
-//! The data are little-endian: the triangles (three 32-bit indices each), the patch of each triangle (one byte, its place in the
-//! patches of the body), then for each frame the positions in metres, single precision, as they were certified.
+//! The binary file is little-endian. It contains, in this order:
+//!
+//! 1. the triangles, three 32-bit indices each;
+//! 2. the patch of each triangle, one byte: its index among the patches of the body;
+//! 3. for each frame, the certified positions in metres, single precision.
 
-use super::chunks::{vec3, write_items};
+use super::chunks::{join, vec3, write_items};
 use crate::model::Mesh;
 use std::io::{self, Write};
 
-/// Names of the description and of its data.
+/// Names of the XDMF file and of the binary file.
 pub const FILES: [&str; 2] = ["frames.xdmf", "frames.bin"];
-/// Their media types.
+/// Media types of [`FILES`].
 pub const MEDIA_TYPES: [&str; 2] = ["application/xml", "application/octet-stream"];
 
-/// Writes what frames have in common.
+/// Writes the triangles and patches, which all frames share.
 ///
 /// # Errors
-/// Those of `out`.
+/// Returns any error of writing to `out`.
 pub fn write_common(mesh: &Mesh, out: &mut dyn Write) -> io::Result<()> {
-    write_items(&mesh.triangles, out, |t| -> [u8; 12] {
-        let mut bytes = [0; 12];
-        bytes.chunks_exact_mut(4).zip(t).for_each(|(slot, v)| slot.copy_from_slice(&v.to_le_bytes()));
-        bytes
-    })?;
+    write_items(&mesh.triangles, out, |t| join::<12>(t.map(u32::to_le_bytes)))?;
     for (number, patch) in mesh.patches.iter().enumerate() {
         out.write_all(&vec![number as u8; patch.triangles.len()])?;
     }
     Ok(())
 }
 
-/// Writes a frame.
+/// Writes the positions of a frame.
 ///
 /// # Errors
-/// Those of `out`.
+/// Returns any error of writing to `out`.
 pub fn write_frame(mesh: &Mesh, out: &mut dyn Write) -> io::Result<()> {
     write_items(&mesh.positions, out, |p| vec3(*p))
 }
 
-/// Writes the description: frames at these times in seconds.
+/// Writes the XDMF file. `times` are the times of the frames, seconds.
 ///
 /// # Errors
-/// Those of `out`.
+/// Returns any error of writing to `out`.
 pub fn write_description(mesh: &Mesh, times: &[f64], out: &mut dyn Write) -> io::Result<()> {
     let (vertices, triangles) = (mesh.positions.len(), mesh.triangles.len());
     let names: Vec<String> =
@@ -52,7 +51,8 @@ pub fn write_description(mesh: &Mesh, times: &[f64], out: &mut dyn Write) -> io:
     writeln!(out, r#"    <Grid Name="contraction" GridType="Collection" CollectionType="Temporal">"#)?;
     for (frame, time) in times.iter().enumerate() {
         let seek = 13 * triangles + 12 * vertices * frame;
-        // VTK takes the positions of the time step before if they are in a file of the same path.
+        // VTK reuses the positions of the previous time step if the path is the same, so each frame
+        // has its own.
         let own = "./".repeat(frame) + FILES[1];
         let item = |kind: &str, precision: u32, seek: usize, size: &str, data: &str| {
             format!(

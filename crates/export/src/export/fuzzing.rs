@@ -1,34 +1,12 @@
-//! Targets of the fuzzers: readers of surfaces.
+//! Fuzz targets for the readers of surfaces.
 
 use super::read::{Format, parse};
 
-/// glTF, binary or JSON.
-pub fn gltf(bytes: &[u8]) {
-    surface(bytes, Format::Gltf);
-}
-
-/// Wavefront OBJ.
-pub fn obj(bytes: &[u8]) {
-    surface(bytes, Format::Obj);
-}
-
-/// STL, binary or text.
-pub fn stl(bytes: &[u8]) {
-    surface(bytes, Format::Stl);
-}
-
-/// PLY, binary or text.
-pub fn ply(bytes: &[u8]) {
-    surface(bytes, Format::Ply);
-}
-
-/// VTK XML.
-pub fn vtp(bytes: &[u8]) {
-    surface(bytes, Format::Vtp);
-}
-
-/// Triangles name vertices that exist, and groups triangles; groups follow each other. A refusal is short.
-fn surface(bytes: &[u8], format: Format) {
+/// Parses bytes and checks the invariants of the surface.
+///
+/// Triangles name existing vertices, groups follow each other within the triangles, and the unit is
+/// positive. An error message must be short.
+pub fn surface(bytes: &[u8], format: Format) {
     match parse(bytes, format, None) {
         Ok(surface) => {
             let vertices = surface.positions.len();

@@ -1,9 +1,10 @@
-//! glTF 2.0, binary in one file or text with its data in another: metres, y up, z along the tube.
+//! glTF 2.0, binary in one file or text with its data in a second file: metres, y up, z along the
+//! tube.
 //!
-//! The body (`tissue`, `lumen`, `regions`) is a node without a mesh; each patch is a child node with a mesh and a
-//! material of the patch's name. Patches do not share vertices, since a cap and a wall that meet at an edge need
-//! different normals; a reader that merges equal positions obtains the closed surface.
-//! The binary data are written accessor by accessor from the surface, in little-endian order on every host.
+//! The body (`tissue`, `lumen`, `regions`) is a node without a mesh. Each patch is a child node
+//! with a mesh and a material of the patch's name. Patches do not share vertices, because a cap and
+//! a wall need different normals at their common edge. A reader that merges equal positions obtains
+//! the closed surface.
 
 mod part;
 pub(super) mod scene;
@@ -11,9 +12,10 @@ pub(super) mod scene;
 use super::shape::Shape;
 use crate::model::LengthUnit;
 use gltf_json as json;
-use json::validation::USize64;
-use part::Part;
-use scene::{Counts, Scene, accessor, buffer, buffer_view, primitive, write_head};
+use json::accessor::{ComponentType, Type};
+use json::buffer::Target;
+use part::PatchWriter;
+use scene::{Layout, Scene, buffer, primitive, write_head};
 use serde_json::Map;
 use std::io::{self, Write};
 
@@ -24,19 +26,21 @@ pub const TEXT_MEDIA_TYPE: &str = "model/gltf+json";
 /// Media type of the data of glTF as text.
 pub const BUFFER_MEDIA_TYPE: &str = "application/gltf-buffer";
 
-/// Options of the writer.
+/// Options of the glTF writers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct GlbOptions {
-    /// Writes triangle strips instead of single triangles: one strip per patch, its pieces joined by triangles without area.
-    /// This needs fewer indices; turn it off for readers that cannot drop triangles without area.
+    /// Writes one triangle strip per patch instead of a list of triangles, which takes fewer
+    /// indices. The pieces of the strip are joined by triangles without area; some readers cannot
+    /// drop these.
     pub strips: bool,
 }
 
 /// Writes a surface as GLB.
 ///
 /// # Errors
-/// Those of the surface and of `out`; [`io::ErrorKind::InvalidInput`], before anything is written, if the surface has no
-/// triangles, is not in metres, or the file would exceed 4 GiB, the limit of GLB.
+/// Returns any error of writing to `out`. Before anything is written, returns
+/// [`io::ErrorKind::InvalidInput`] if the surface has no triangles, is not in metres, or the file
+/// would exceed 4 GiB, the limit of GLB.
 ///
 /// # Panics
 /// If the indices or patch ranges of a shape are out of bounds.
@@ -47,10 +51,10 @@ pub fn write_glb(surface: &Shape<'_>, options: &GlbOptions, out: &mut impl Write
     parts.iter().try_for_each(|part| part.write(out))
 }
 
-/// Writes a surface as glTF text without its data, which it finds beside it under the name `data`.
+/// Writes a surface as glTF text that refers to its data by the relative URI `data`.
 ///
 /// # Errors
-/// As [`write_glb`], but for the limit of 4 GiB.
+/// As [`write_glb`], except for the limit of 4 GiB.
 ///
 /// # Panics
 /// As [`write_glb`].
@@ -61,7 +65,7 @@ pub fn write_gltf(surface: &Shape<'_>, options: &GlbOptions, data: &str, out: &m
     out.write_all(b"\n")
 }
 
-/// Writes the data of [`write_gltf`].
+/// Writes the data that the text of [`write_gltf`] refers to.
 ///
 /// # Errors
 /// As [`write_gltf`].
@@ -72,15 +76,15 @@ pub fn write_gltf_data(surface: &Shape<'_>, options: &GlbOptions, out: &mut impl
     parts(surface, options)?.iter().try_for_each(|part| part.write(out))
 }
 
-/// The patches of a surface that have triangles.
-fn parts<'a>(surface: &'a Shape<'_>, options: &GlbOptions) -> io::Result<Vec<Part<'a>>> {
+/// Patches of a surface that have triangles.
+fn parts<'a>(surface: &'a Shape<'_>, options: &GlbOptions) -> io::Result<Vec<PatchWriter<'a>>> {
     let refused = |detail| Err(io::Error::new(io::ErrorKind::InvalidInput, detail));
     if surface.unit != LengthUnit::Metre {
         return refused("glTF is in metres");
     }
     let parts: Vec<_> = (surface.patches.iter())
         .filter(|patch| !patch.triangles.is_empty())
-        .map(|patch| Part::new(surface, patch, options.strips))
+        .map(|patch| PatchWriter::new(surface, patch, options.strips))
         .collect();
     if parts.is_empty() {
         return refused("the mesh has no triangles");
@@ -88,39 +92,29 @@ fn parts<'a>(surface: &'a Shape<'_>, options: &GlbOptions) -> io::Result<Vec<Par
     Ok(parts)
 }
 
-/// The JSON part, and the length of the binary part.
-fn document(surface: &Shape<'_>, parts: &[Part<'_>]) -> io::Result<(json::Root, usize)> {
+/// Builds the JSON document, and returns it with the length of the binary data.
+fn document(surface: &Shape<'_>, parts: &[PatchWriter<'_>]) -> io::Result<(json::Root, usize)> {
     let mut scene = Scene::new(surface.name, surface.generator(), surface.meta, Map::new())?;
-    let data = scene.root.push(buffer(0));
-    let mut offset = 0;
+    let mut layout = Layout::new(&mut scene.root);
+    let [vertices, indices] = [Target::ArrayBuffer, Target::ElementArrayBuffer].map(Some);
     for part in parts {
         let root = &mut scene.root;
-        let vertices = part.vertices;
-        let mut vectors = accessor(json::accessor::Type::Vec3, json::accessor::ComponentType::F32, vertices);
-        let mut view = |root: &mut json::Root, length: usize, target| {
-            let view = root.push(buffer_view(data, offset, length, target));
-            offset += length.next_multiple_of(4);
-            Some(view)
-        };
-        vectors.buffer_view = view(root, vertices * 12, json::buffer::Target::ArrayBuffer);
-        let positions = root.push(json::Accessor {
+        let positions = json::Accessor {
             min: Some(serde_json::json!(part.bounds.0)),
             max: Some(serde_json::json!(part.bounds.1)),
-            ..vectors.clone()
-        });
-        vectors.buffer_view = view(root, vertices * 12, json::buffer::Target::ArrayBuffer);
-        let normals = root.push(vectors);
-        let index_type = part.index_type();
-        let mut indices = accessor(json::accessor::Type::Scalar, index_type, part.index_count());
-        let index_bytes = part.index_count() * index_type.size();
-        indices.buffer_view = view(root, index_bytes, json::buffer::Target::ElementArrayBuffer);
+            ..layout.append(root, Type::Vec3, ComponentType::F32, part.vertices, vertices)
+        };
+        let positions = root.push(positions);
+        let normals = layout.append(root, Type::Vec3, ComponentType::F32, part.vertices, vertices);
+        let normals = root.push(normals);
+        let indices = layout.append(root, Type::Scalar, part.index_type(), part.index_count(), indices);
         let indices = root.push(indices);
         let mode = if part.strip.is_some() { json::mesh::Mode::TriangleStrip } else { json::mesh::Mode::Triangles };
         scene.add_patch(part.name, primitive(mode, positions, normals, indices))?;
     }
-    scene.root.buffers[0].byte_length = USize64::from(offset);
-    let counts = Counts { vertices: surface.positions.len(), triangles: surface.triangles.len() };
-    Ok((scene.finish(&counts, json::Node::default())?, offset))
+    scene.root.buffers[0] = buffer(layout.length);
+    let root = scene.finish(surface.positions.len(), surface.triangles.len(), json::Node::default())?;
+    Ok((root, layout.length))
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Counts and hashes the bytes of a file while it is written, so that no file need be read again.
+//! Counts and hashes the bytes of a file while it is written, so that the file is not read again.
 
 use sha2::{Digest, Sha256};
 use std::io::{self, Write};
@@ -6,15 +6,15 @@ use std::io::{self, Write};
 /// Size and hash of a written file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FileDigest {
-    /// Bytes.
+    /// Size, bytes.
     pub bytes: u64,
-    /// SHA-256, lower-case hex.
+    /// SHA-256 in lower-case hex.
     pub sha256: String,
 }
 
-/// Passes writes on to another writer, and counts and hashes their bytes.
+/// Forwards writes to another writer, and counts and hashes their bytes.
 ///
-/// Put a buffer around it, not inside: hashing is fastest for large writes.
+/// Wrap this writer in a buffer, not the inner one: hashing is fastest for large writes.
 #[derive(Debug)]
 pub struct HashingWriter<W> {
     inner: W,
@@ -23,12 +23,12 @@ pub struct HashingWriter<W> {
 }
 
 impl<W: Write> HashingWriter<W> {
-    /// Wraps a writer; the count begins at 0.
+    /// Wraps a writer.
     pub fn new(inner: W) -> Self {
         Self { inner, hash: Sha256::new(), bytes: 0 }
     }
 
-    /// Bytes written so far.
+    /// Number of bytes written so far.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         self.bytes

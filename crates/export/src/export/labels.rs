@@ -1,16 +1,14 @@
 //! Label volumes: the tissue of every voxel of a piece of the tube, as OME-TIFF and as NIfTI-1.
 //!
-//! A slice is an exact cut of the finished surface by the plane through its middle. Slices are cut, classified and compressed
-//! in parallel, a few at a time, and written in order, so that neither the memory nor the bytes depend on the number of
-//! threads. Both files hold the same array: column x, row y with row 0 at the greatest y, slice z from the isthmus end.
+//! A slice is an exact cut of the finished surface by the plane through its middle. Slices are cut,
+//! classified and compressed in parallel, a few at a time, and written in order. Neither the memory
+//! nor the bytes depend on the number of threads. Both files contain the same array: columns along
+//! x, rows along y with row 0 at the maximum y, slices along z from the isthmus end.
 
 mod nifti;
 mod ome;
 #[cfg(test)]
 mod tests;
-mod volume;
-
-pub use volume::{FILES, LabelReport, LabelVolume, MEDIA_TYPES};
 
 use super::Metadata;
 use crate::geometry::cut::Slicer;
@@ -19,23 +17,64 @@ use crate::tissue::{Grid, Layers, TissueMap};
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use rayon::prelude::*;
+use serde::Serialize;
 use std::io::{self, Seek, Write};
 
-/// Slices in memory at a time.
-pub const SLICES_AT_A_TIME: u32 = 16;
+/// File names.
+pub const FILES: [&str; 2] = ["labels.ome.tif", "labels.nii.gz"];
+/// Media types of [`FILES`].
+pub const MEDIA_TYPES: [&str; 2] = ["image/tiff", "application/gzip"];
+/// Number of slices in memory at a time. `generate/cost` predicts the memory from it.
+pub const SLICES_AT_A_TIME: usize = 16;
 
-/// A classified slice, as it is and compressed.
+/// Piece of the tube to be labelled, and size of the voxels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LabelVolume {
+    /// Side of a voxel in the plane of a section, µm.
+    pub voxel_um: f64,
+    /// Distance of slices, µm.
+    pub slice_um: f64,
+    /// Beginning of the first slice, µm from the isthmus end.
+    pub from_um: f64,
+    /// Number of slices.
+    pub slices: u32,
+}
+
+impl LabelVolume {
+    /// z of the middle of a slice, µm.
+    #[must_use]
+    pub fn z_um(&self, slice: u32) -> f64 {
+        self.from_um + (f64::from(slice) + 0.5) * self.slice_um
+    }
+}
+
+/// Description of a written volume, for the report of a model.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LabelReport {
+    /// Number of voxels along x, y and z.
+    pub size: [u32; 3],
+    /// Sides of a voxel along x, y and z, µm.
+    pub voxel_um: [f64; 3],
+    /// Middle of the voxel of column 0, row 0 and slice 0, µm. y decreases from row to row.
+    pub first_um: [f64; 3],
+}
+
+/// Labels of a slice, plain and compressed.
 struct Slice {
     labels: Vec<u8>,
     deflated: Vec<u8>,
 }
 
-/// Writes both files. `cancelled` is asked between slices.
+/// Writes both files. Calls `cancelled` before each slice and stops if it returns true.
 ///
 /// # Errors
-/// Errors of the writers; [`io::ErrorKind::InvalidData`] if a cut is not one closed line in the outer wall, which a certified
-/// surface excludes; [`io::ErrorKind::Interrupted`] if it was cancelled; [`io::ErrorKind::InvalidInput`] if the piece is not of the
-/// tube, or a side of it has more than 32,767 voxels.
+/// Returns any error of writing, and:
+///
+/// - [`io::ErrorKind::InvalidData`] if a cut of the outer wall is not one closed line. The cuts of
+///   a certified surface are.
+/// - [`io::ErrorKind::Interrupted`] if it was cancelled.
+/// - [`io::ErrorKind::InvalidInput`] if the piece lies outside the tube, or a side of a slice has
+///   more than 32,767 voxels.
 pub fn write_labels(
     surface: &Mesh,
     layers: &Layers,
@@ -54,7 +93,7 @@ pub fn write_labels(
     let mut tiff = ome::OmeTiff::new(outputs.0, &report, meta)?;
     let mut nifti = nifti::Nifti::new(outputs.1, &report, meta)?;
     let all: Vec<u32> = (0..volume.slices).collect();
-    for some in all.chunks(SLICES_AT_A_TIME as usize) {
+    for some in all.chunks(SLICES_AT_A_TIME) {
         let slices = some
             .par_iter()
             .map(|&slice| {
@@ -70,12 +109,11 @@ pub fn write_labels(
         );
         tiff.and(nifti)?;
     }
-    tiff.finish()?;
     nifti.finish()?;
     Ok(report)
 }
 
-/// Both walls of a surface.
+/// A surface and slicers of its walls.
 struct Walls<'a> {
     surface: &'a Mesh,
     inner: Slicer<'a>,
@@ -92,10 +130,11 @@ impl<'a> Walls<'a> {
         Ok(Self { surface, inner: wall(PatchKind::InnerWall)?, outer: wall(PatchKind::OuterWall)? })
     }
 
-    /// Voxels over the whole piece, with at least one of the outside on each side. They lie on the multiples of their side, so
-    /// that two pieces fit together.
+    /// Grid of a slice that covers the whole piece, with a margin of at least one voxel on each
+    /// side. The borders of voxels are multiples of their side, so that the volumes of two pieces
+    /// fit together.
     fn grid(&self, volume: &LabelVolume) -> io::Result<Grid> {
-        // The corners of a slab that begins before the piece belong to it too.
+        // Includes the corners of slabs that lie only partly in the piece.
         let slab_um = f64::from(self.outer.height()) * 1e6;
         let piece = volume.from_um - slab_um..=volume.from_um + f64::from(volume.slices) * volume.slice_um + slab_um;
         let mut range = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
@@ -124,7 +163,7 @@ impl<'a> Walls<'a> {
 
     fn slice(&self, z_um: f64, grid: &Grid, layers: &Layers) -> io::Result<Slice> {
         let [mucosa, outside] = [&self.inner, &self.outer].map(|wall| wall.cut(z_um * 1e-6, 1e6));
-        // The mucosa may have islands; the outside is one line.
+        // The cut of the inner wall may have islands.
         if mucosa.is_empty() || outside.len() != 1 {
             let lines = [mucosa.len(), outside.len()];
             let text =

@@ -1,13 +1,15 @@
-//! Levels of detail for viewers: three GLB files with all, about 300,000 and about 60,000 triangles.
+//! Levels of detail for viewers: three GLB files with all, about 300,000 and about 60,000
+//! triangles.
 //!
-//! Each has the nodes, names and materials of [`glb`](super::glb). Positions are rounded to a grid and normals to 16 bits
-//! (`KHR_mesh_quantization`), and all data are compressed (`EXT_meshopt_compression`); a viewer must support both. Merging
-//! equal positions gives a closed surface with the Euler number of the body, as in the full file. It is not certified: walls
-//! that nearly touch may pass through each other by less than the level's distance.
+//! Each level has the nodes, names and materials of [`glb`](super::glb). Positions are rounded to a
+//! grid and normals to 16 bits (`KHR_mesh_quantization`), and all data are compressed
+//! (`EXT_meshopt_compression`). A viewer must support both extensions. Merging equal positions
+//! results in a closed surface with the Euler number of the body. This surface is not certified:
+//! walls with a small gap may intersect by less than the level's distance.
 //!
-//! The bytes do not depend on the number of threads or on vector units. Simplification compares errors computed in f32, so
-//! that they are the same on all machines only if the C++ compiler does not contract products and sums; `.cargo/config.toml`
-//! asks for that.
+//! The bytes do not depend on the number of threads or on vector units. Simplification compares
+//! errors computed in f32. They are equal on all machines only if the C++ compiler does not
+//! contract products and sums, which `.cargo/config.toml` therefore disables.
 
 mod encode;
 mod full;
@@ -22,7 +24,7 @@ use super::Metadata;
 use crate::geometry::distance::Triangles;
 use crate::model::{Mesh, Patch};
 use encode::Encoded;
-use full::{Full, Level as Triangulation, number};
+use full::{Full, PatchTriangles, number};
 use rayon::prelude::*;
 use serde::Serialize;
 use serde_json::Map;
@@ -33,28 +35,27 @@ use std::io::{self, Write};
 /// Maximum number of triangles of the simplified levels of detail, the finer level first.
 pub const LEVEL_TRIANGLES: [usize; 2] = [300_000, 60_000];
 
-/// Names of the files, the finest level first.
+/// File names, the finest level first.
 pub const FILES: [&str; 3] = ["model.lod0.glb", "model.lod1.glb", "model.lod2.glb"];
 
-/// What is known of a level; carried in its file and in the report.
+/// Description of a level, stored in its file and in the report.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LevelReport {
-    /// Name of the file.
+    /// File name.
     pub file: &'static str,
-    /// Vertices of the closed surface; those that patches share are counted once.
+    /// Number of vertices of the closed surface. Vertices that patches share count once.
     pub vertices: usize,
-    /// Triangles.
+    /// Number of triangles.
     pub triangles: usize,
-    /// Step of the grid along x, y and z, micrometres: the precision of positions.
+    /// Step of the grid along x, y and z, which is the precision of positions, micrometres.
     pub precision_um: [f64; 3],
-    /// Largest distance measured between the level and the full surface, patch by patch and in both directions, micrometres;
-    /// see [`levels`].
+    /// Maximum distance between the level and the full surface, micrometres; see [`levels`].
     pub distance_um: f64,
 }
 
-/// A level, ready to be written.
+/// A level that is ready to be written.
 pub struct Level {
-    /// What is known of it.
+    /// Description of the level.
     pub report: LevelReport,
     encoded: Encoded,
 }
@@ -63,26 +64,33 @@ impl Level {
     /// Writes the level as GLB.
     ///
     /// # Errors
-    /// Those of `out`; [`io::ErrorKind::InvalidInput`] if the file would exceed 4 GiB.
+    /// Returns any error of writing to `out`, and [`io::ErrorKind::InvalidInput`] if the file would
+    /// exceed 4 GiB.
     pub fn write(&self, meta: &Metadata, out: &mut impl Write) -> io::Result<()> {
         let more = Map::from_iter([("level".to_owned(), serde_json::to_value(&self.report)?)]);
         self.encoded.write(meta, more, out)
     }
 }
 
-/// Makes the levels of a closed surface, whose walls have no vertices in common, the finest first.
+/// Computes the levels of a closed surface whose walls have no common vertices, the finest first.
 ///
-/// A level has no more triangles than asked for, except that the vertices of borders and the ends of the tube stay; one that
-/// would have more than the finer level has the triangles of that.
+/// A level has at most the target number of triangles, except that vertices of borders and the ends
+/// of the tube are kept. A level that would have more triangles than the finer level has the
+/// triangles of the finer level.
 ///
-/// The distance of a patch that has all of its triangles is that of the vertex that rounding moves farthest, which no point
-/// of a triangle exceeds. That of a simplified patch is measured from all vertices of the full surface to the level, and from
-/// the edge midpoints and centroids of the level to the full surface; it is at least that of the farthest moved vertex.
+/// The distance of a level is the maximum over its patches:
 ///
-/// `stop` is asked between steps, whether to give up.
+/// - For a patch with all triangles, the maximum distance by which rounding moves a vertex. This
+///   bounds the distance of all points of its triangles.
+/// - For a simplified patch, the maximum distance from the vertices of the full surface to the
+///   level, and from the edge midpoints and centroids of the level to the full surface. It is at
+///   least the maximum distance by which rounding moves a vertex.
+///
+/// Calls `stop` between steps and gives up if it returns true.
 ///
 /// # Errors
-/// [`io::ErrorKind::InvalidInput`] if the mesh has no triangles; [`io::ErrorKind::Interrupted`] if it was stopped.
+/// [`io::ErrorKind::InvalidInput`] if the mesh has no triangles, [`io::ErrorKind::Interrupted`] if
+/// it was stopped.
 ///
 /// # Panics
 /// If the mesh's indices or patch ranges are out of bounds.
@@ -93,14 +101,15 @@ pub fn levels(mesh: &Mesh, stop: &(dyn Fn() -> bool + Sync)) -> io::Result<Vec<L
     levels_of(mesh, LEVEL_TRIANGLES, stop).ok_or_else(|| io::ErrorKind::Interrupted.into())
 }
 
-/// The surface of a simplified level with about `target` triangles, not rounded, and which vertices of the full one it has.
+/// Simplifies a surface to about `target` triangles without rounding. Also returns the vertices of
+/// `mesh` that remain.
 ///
 /// # Panics
 /// As [`levels`].
 #[must_use]
 pub fn reduced(mesh: &Mesh, target: usize) -> (Mesh, Vec<u32>) {
     let full = Full::new(mesh);
-    let level = coarser(&full, &full.level(), target);
+    let level = coarser(&full, &full.triangles(), target);
     let mut patches = Vec::new();
     let mut triangles: Vec<[u32; 3]> = Vec::new();
     for (patch, own) in full.patches.iter().zip(&level) {
@@ -113,11 +122,11 @@ pub fn reduced(mesh: &Mesh, target: usize) -> (Mesh, Vec<u32>) {
     (Mesh { body: mesh.body, positions, triangles, patches }, kept)
 }
 
-/// The levels, unless it was stopped.
+/// Computes the levels; `None` if it was stopped.
 fn levels_of<'a>(mesh: &'a Mesh, targets: [usize; 2], stop: &(dyn Fn() -> bool + Sync)) -> Option<Vec<Level>> {
     let full = Full::new(mesh);
-    let all = full.level();
-    let level = |n: usize, triangles: &Triangulation<'_>| {
+    let all = full.triangles();
+    let level = |n: usize, triangles: &PatchTriangles<'_>| {
         if stop() {
             return None;
         }
@@ -131,11 +140,11 @@ fn levels_of<'a>(mesh: &'a Mesh, targets: [usize; 2], stop: &(dyn Fn() -> bool +
         };
         Some(Level { report, encoded })
     };
-    let coarser = |finer: &Triangulation<'a>, target| (!stop()).then(|| coarser(&full, finer, target));
+    let coarser = |finer: &PatchTriangles<'a>, target| (!stop()).then(|| coarser(&full, finer, target));
     let one = coarser(&all, targets[0])?;
     let (second, third) = rayon::join(|| level(1, &one), || level(2, &coarser(&one, targets[1])?));
     drop(one);
-    // The finest is the last one, since it takes the most memory.
+    // The finest level comes last, because it takes the most memory.
     Some(vec![level(0, &all)?, second?, third?])
 }
 
@@ -144,8 +153,8 @@ fn micrometres(metres: f64) -> f64 {
     (metres * 1e10).ceil() / 1e4
 }
 
-/// Largest distance between a level and the full surface, metres.
-fn distance(full: &Full<'_>, level: &Triangulation<'_>) -> f64 {
+/// Maximum distance between a level and the full surface, metres.
+fn distance(full: &Full<'_>, level: &PatchTriangles<'_>) -> f64 {
     let of_patch = |(patch, triangles): (&&Patch, &Cow<'_, [[u32; 3]]>)| {
         let source = &full.mesh.triangles[patch.triangles.clone()];
         let vertices = vertices(source, full.cells.len());
@@ -155,14 +164,14 @@ fn distance(full: &Full<'_>, level: &Triangulation<'_>) -> f64 {
     full.patches.iter().zip(level).map(of_patch).fold(0.0, f64::max)
 }
 
-/// The vertices of triangles, which are less than `count`, in ascending order.
+/// Vertices of triangles, all below `count`, in ascending order.
 fn vertices(triangles: &[[u32; 3]], count: usize) -> Vec<u32> {
     let mut is_used = vec![false; count];
     triangles.as_flattened().iter().for_each(|&v| is_used[v as usize] = true);
     (0..count as u32).filter(|&v| is_used[v as usize]).collect()
 }
 
-/// Largest distance by which rounding moves one of the vertices.
+/// Maximum distance by which rounding moves one of the vertices, metres.
 fn moved(full: &Full<'_>, vertices: &[u32]) -> f64 {
     let square = |&v: &u32| -> f64 {
         let (p, q) = (full.mesh.positions[v as usize], full.placed(v));
@@ -171,8 +180,8 @@ fn moved(full: &Full<'_>, vertices: &[u32]) -> f64 {
     vertices.par_iter().map(square).reduce(|| 0.0, f64::max).sqrt()
 }
 
-/// Largest distance between the samples of a patch, which has the triangles `source` and these vertices, and its simplification, both
-/// ways.
+/// Maximum distance between samples of a patch and its simplification in both directions, metres.
+/// The patch has the triangles `source` and the given vertices.
 fn simplified(full: &Full<'_>, source: &[[u32; 3]], vertices: &[u32], triangles: &[[u32; 3]]) -> f64 {
     let position = |v: u32| full.mesh.positions[v as usize].map(f64::from);
     let corners = |i: usize| triangles[i].map(|v| full.placed(v).map(f64::from));
@@ -185,14 +194,15 @@ fn simplified(full: &Full<'_>, source: &[[u32; 3]], vertices: &[u32], triangles:
         };
         visit(mean(&[a, b, c]));
         let [u, v, w] = triangles[i];
-        // Two triangles have an edge within a patch, in opposite directions. An edge of a border is one of the full surface.
+        // Two triangles share an inner edge in opposite directions. Border edges belong to the full
+        // surface.
         for (from, to, ends) in [(u, v, [a, b]), (v, w, [b, c]), (w, u, [c, a])] {
             if from < to {
                 visit(mean(&ends));
             }
         }
     };
-    // The vertices of the level are vertices of the full surface.
+    // The vertices of the level need no test, because they are vertices of the full surface.
     let back = Triangles::new(source.len(), |i| source[i].map(position)).farthest(triangles.len(), sample);
     there.max(back)
 }

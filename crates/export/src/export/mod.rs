@@ -1,6 +1,7 @@
-//! Files: writers of surfaces and sections over [`std::io::Write`], and readers of surfaces in common formats.
+//! Files: writers of surfaces and sections over [`std::io::Write`], and readers of surfaces in
+//! common formats.
 //!
-//! No writer reads a clock or draws a random number: the same input gives the same bytes.
+//! No writer reads a clock or draws a random number, so the same input gives the same bytes.
 
 pub mod animation;
 pub mod centreline;
@@ -30,23 +31,23 @@ pub use shape::{AXES, NamedPatch, Shape};
 
 use serde::{Deserialize, Serialize};
 
-/// Citation of the method, carried in files.
+/// Citation of the method, written into files.
 pub const CITATION: &str =
     "Burkitt, Romano, Walker, Fazeli: 3D Modelling of Complex Biological Structures: The Oviduct (2010)";
 
-/// The origin of a model; written into every file.
+/// Origin of a model, written into every file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Metadata {
     /// Name of the preset.
     pub preset: String,
-    /// Seed.
+    /// Seed of the model.
     pub seed: u64,
-    /// Digest of the model: SHA-256 of resolved spec, seed and engine version, hex.
+    /// Digest of the model: SHA-256 of the resolved spec, the seed and the engine version, hex.
     pub digest: String,
-    /// Version of the engine that grew it.
+    /// Version of the engine that grew the model.
     pub engine: String,
-    /// Length of the tube in millimetres.
+    /// Length of the tube, millimetres.
     pub length_mm: f64,
     /// Number of sections, including those added to mend slabs.
     pub sections: usize,

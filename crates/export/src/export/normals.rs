@@ -1,23 +1,25 @@
-//! Normals of triangles and vertices for formats that hold them. Only additions, multiplications, divisions and square
-//! roots are used, in a fixed order: the same surface gives the same bits on every machine.
+//! Normals of triangles and vertices. They are computed from additions, multiplications, divisions
+//! and square roots in a fixed order, so the same surface gives the same bits on every machine.
 
 use super::chunks::{vec3, write_items};
 use super::shape::Shape;
 use crate::geometry::patch::{add, doubled_area_normal};
 use std::io::{self, Write};
 
-/// Unit normal of a triangle; zero if its area is.
+/// Unit normal of a triangle; zero if its area is zero.
 pub(super) fn of_triangle(corners: [[f32; 3]; 3]) -> [f32; 3] {
     unit(doubled_area_normal(corners)).unwrap_or_default()
 }
 
-/// Writes the unit normal of each vertex: the mean of those of the triangles around it, weighted by area.
+/// Writes the unit normal of each vertex: the mean normal of the adjacent triangles, weighted by
+/// area.
 ///
-/// At the sharp edge of a wall and a cap the triangles of walls (patches named so) count alone: the mean of both would
-/// shade the wall as if it were bent. Without any direction (no triangles, or they cancel out) it is the z axis.
+/// At the sharp edge between a wall and a cap, only the triangles of the wall count (patches with
+/// `wall` in their name), because the mean of both would shade the wall as if it were bent. A
+/// vertex whose mean has no direction gets the z axis.
 ///
 /// # Errors
-/// Those of the surface and of `out`.
+/// Returns any error of writing to `out`.
 ///
 /// # Panics
 /// If the triangles or patches of a shape are out of bounds.
@@ -38,7 +40,7 @@ pub(super) fn write_of_vertices(surface: &Shape<'_>, out: &mut dyn Write) -> io:
 #[derive(Clone, Copy, Default)]
 struct Sum {
     normal: [f64; 3],
-    /// Whether it is of triangles of walls.
+    /// True if the sum contains only triangles of walls.
     on_wall: bool,
 }
 
@@ -57,7 +59,8 @@ impl Sum {
     }
 }
 
-/// `v` scaled to length 1, if it has a direction. Zeros are positive, as they are written as text.
+/// `v` scaled to length 1, if it has a direction. Zeros are positive, because the sign would show
+/// in text.
 fn unit(v: [f64; 3]) -> Option<[f32; 3]> {
     let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
     length.is_normal().then(|| v.map(|x| (x / length) as f32 + 0.0))

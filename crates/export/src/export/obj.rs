@@ -1,11 +1,11 @@
 //! Wavefront OBJ: text, shared vertices, one group per patch.
 //!
-//! Positions are the shortest decimals that read back as the same 32-bit floats. Normals are left out: they
-//! would double the size, and readers compute them. Material names (`usemtl`) are written without a material library;
-//! readers use them as labels.
+//! Positions are the shortest decimals that read back as the same 32-bit floats. Normals are
+//! omitted: they would double the size, and readers compute them. Material names (`usemtl`) serve
+//! as labels; there is no material library.
 
 use super::CITATION;
-use super::chunks::one_line;
+use super::chunks::{CHUNK, one_line, write_full};
 use super::shape::{AXES, Shape};
 use crate::model::LengthUnit;
 use std::io::{self, Write};
@@ -13,13 +13,10 @@ use std::io::{self, Write};
 /// Media type of the file.
 pub const MEDIA_TYPE: &str = "model/obj";
 
-/// Text is written in pieces of about this size.
-const CHUNK: usize = 1 << 16;
-
 /// Writes a surface as OBJ.
 ///
 /// # Errors
-/// Those of the surface and of `out`.
+/// Returns any error of writing to `out`.
 pub fn write_obj(surface: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
     let mut text = Vec::with_capacity(CHUNK + 256);
     let unit = match surface.unit {
@@ -44,7 +41,7 @@ pub fn write_obj(surface: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
     writeln!(text, "o {}", one_word(surface.name))?;
     for [x, y, z] in surface.positions {
         writeln!(text, "v {x} {y} {z}")?;
-        flush_chunk(&mut text, out)?;
+        write_full(&mut text, out)?;
     }
     for patch in &surface.patches {
         let name = one_word(patch.name);
@@ -56,21 +53,13 @@ pub fn write_obj(surface: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
                 push_number(&mut text, u64::from(*index) + 1);
             }
             text.push(b'\n');
-            flush_chunk(&mut text, out)?;
+            write_full(&mut text, out)?;
         }
     }
     out.write_all(&text)
 }
 
-fn flush_chunk(text: &mut Vec<u8>, out: &mut impl Write) -> io::Result<()> {
-    if text.len() >= CHUNK {
-        out.write_all(text)?;
-        text.clear();
-    }
-    Ok(())
-}
-
-/// Appends decimal digits, several times faster than `write!`; most of the file consists of faces.
+/// Appends decimal digits, several times faster than `write!`. Most of the file consists of faces.
 fn push_number(text: &mut Vec<u8>, mut number: u64) {
     let mut digits = [0; 20];
     let mut start = digits.len();
@@ -85,7 +74,7 @@ fn push_number(text: &mut Vec<u8>, mut number: u64) {
     text.extend_from_slice(&digits[start..]);
 }
 
-/// A name without spaces: most readers end a name at the first.
+/// Joins the words of a name by underscores, because most readers end a name at the first space.
 fn one_word(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join("_")
 }

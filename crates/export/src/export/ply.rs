@@ -1,19 +1,20 @@
-//! PLY, binary: positions and triangles, and nothing else, as several readers (Gmsh, meshio) take no other properties. Patches
-//! are runs of triangles; comments name them with the first triangle and their number (`comment patch 0 120 inner_wall`).
+//! PLY, binary. The file contains only positions and triangles, because several readers (Gmsh,
+//! meshio) refuse other properties. Patches are runs of triangles; a comment states the first
+//! triangle, the number of triangles and the name of each (`comment patch 0 120 inner_wall`).
 
 use super::CITATION;
 use super::chunks::{join, one_line, vec3, write_items};
 use super::shape::Shape;
 use std::io::{self, Write};
 
-/// Media type of the file. None is registered; this one is formed as those of STL and OBJ.
+/// Media type of the file. It is not registered, but has the form of those of STL and OBJ.
 pub const MEDIA_TYPE: &str = "model/ply";
 
 /// Writes a surface as binary PLY in little-endian order.
 ///
 /// # Errors
-/// Those of the surface and of `out`; [`io::ErrorKind::InvalidInput`] if there are more vertices than a signed 32-bit index can name, the type
-/// that readers expect.
+/// Returns any error of writing to `out`, and [`io::ErrorKind::InvalidInput`] if there are more
+/// vertices than a signed 32-bit index can name. Readers expect this type.
 ///
 /// # Panics
 /// If the triangles or patches of the shape are out of bounds.
@@ -49,7 +50,7 @@ fn header(surface: &Shape<'_>) -> io::Result<Vec<u8>> {
     for patch in &surface.patches {
         writeln!(text, "comment patch {} {} {}", patch.triangles.start, patch.triangles.len(), one_line(patch.name))?;
     }
-    // Last, as a name above may look like a unit to readers.
+    // Last, because a name above may look like a unit to readers.
     writeln!(text, "comment units: {}", surface.unit.name())?;
     writeln!(text, "element vertex {}", surface.positions.len())?;
     for property in ["x", "y", "z"] {

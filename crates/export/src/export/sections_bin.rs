@@ -1,9 +1,11 @@
 //! `sections.bin`: all cross sections of a model, each readable separately.
 //!
-//! The layout suits streams and byte ranges: the writer never seeks, and the index is at the end, so that a reader with the
-//! last [`TRAILER_LEN`] bytes and the index can fetch any section by one range. Every part has a checksum, and the
-//! whole file a SHA-256; damaged input gives an error, never a panic or wrong data. `docs/sections-bin.md` describes the
-//! format.
+//! The layout suits streams and byte ranges. The writer never seeks, and the index is at the end. A
+//! reader fetches the last [`TRAILER_LEN`] bytes and the index, and then any section with one range
+//! request.
+//!
+//! Every part has a checksum, and the whole file a SHA-256. Damaged input results in an error,
+//! never in a panic or wrong data. `docs/sections-bin.md` describes the format.
 
 #[cfg(feature = "fuzzing")]
 #[doc(hidden)]
@@ -17,6 +19,7 @@ pub use reader::SectionsReader;
 pub use writer::write_sections;
 
 use super::Metadata;
+use super::chunks::join;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::io;
@@ -26,19 +29,19 @@ pub const MEDIA_TYPE: &str = "application/vnd.oviduct.sections";
 
 /// Version of the format that is written and read.
 pub const VERSION: u32 = 1;
-/// Bytes of the trailer, the last of the file.
+/// Size of the trailer at the end of the file, bytes.
 pub const TRAILER_LEN: usize = 64;
-/// Bytes of one entry of the index.
+/// Size of an entry of the index, bytes.
 pub const ENTRY_LEN: usize = 48;
 
 const MAGIC: &[u8; 8] = b"OVISECT\n";
 const END_MAGIC: &[u8; 8] = b"OVISEND\n";
-/// Most bytes of the header's JSON that a reader accepts.
+/// Maximum size of the header's JSON that a reader accepts, bytes.
 const MAX_HEADER: u32 = 1 << 20;
-/// Most points of a ring.
+/// Maximum number of points of a ring.
 const MAX_POINTS: u32 = 1 << 24;
 
-/// Why sections cannot be read.
+/// Reason why sections cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum SectionsError {
     /// The input could not be read.
@@ -50,15 +53,15 @@ pub enum SectionsError {
     /// The version of the format is not supported.
     #[error("sections file of version {0}; this program reads version {VERSION}")]
     Version(u32),
-    /// Truncated or changed since it was written.
+    /// The file was truncated or changed after it was written.
     #[error("the sections file is damaged: {0}")]
     Corrupt(&'static str),
-    /// There is no such section.
+    /// The file has no section with this index.
     #[error("section {k} of {len} does not exist")]
     OutOfRange {
         /// Requested index, from 0.
         k: usize,
-        /// Sections in the file.
+        /// Number of sections in the file.
         len: usize,
     },
 }
@@ -68,15 +71,15 @@ pub enum SectionsError {
 pub struct SectionsHeader {
     /// Unit of points and `z`: always `um`.
     pub units: String,
-    /// Version of the engine that grew it.
+    /// Version of the engine that grew the model.
     pub engine: String,
     /// Name of the preset.
     pub preset: String,
-    /// Seed.
+    /// Seed of the model.
     pub seed: u64,
     /// Digest of the model.
     pub digest: String,
-    /// Length of the tube in millimetres.
+    /// Length of the tube, millimetres.
     pub length_mm: f64,
 }
 
@@ -93,39 +96,32 @@ impl From<&Metadata> for SectionsHeader {
     }
 }
 
-/// Index entry of a section: its place in the file, and what is known without reading it.
+/// Index entry of a section: its location in the file, and properties known without reading it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SectionEntry {
     /// First byte in the file.
     pub offset: u64,
-    /// Bytes in the file.
+    /// Number of bytes in the file.
     pub length: u32,
-    /// Points of the inner ring.
+    /// Number of points of the inner ring.
     pub inner: u32,
-    /// Points of the outer ring.
+    /// Number of points of the outer ring.
     pub outer: u32,
-    /// Whether it was added to mend a slab.
+    /// True if the section was added to mend a slab.
     pub added: bool,
-    /// Time step.
+    /// Time step of the section.
     pub step: f64,
-    /// Place along the tube, micrometres.
+    /// Position along the tube, micrometres.
     pub z_um: f64,
-    /// First 8 bytes of the SHA-256 of its bytes in the file.
+    /// First 8 bytes of the SHA-256 of the section's bytes in the file.
     pub checksum: [u8; 8],
 }
 
 impl SectionEntry {
     fn to_bytes(self) -> [u8; ENTRY_LEN] {
-        let mut bytes = [0; ENTRY_LEN];
-        bytes[0..8].copy_from_slice(&self.offset.to_le_bytes());
-        bytes[8..12].copy_from_slice(&self.length.to_le_bytes());
-        bytes[12..16].copy_from_slice(&self.inner.to_le_bytes());
-        bytes[16..20].copy_from_slice(&self.outer.to_le_bytes());
-        bytes[20..24].copy_from_slice(&u32::from(self.added).to_le_bytes());
-        bytes[24..32].copy_from_slice(&self.step.to_le_bytes());
-        bytes[32..40].copy_from_slice(&self.z_um.to_le_bytes());
-        bytes[40..48].copy_from_slice(&self.checksum);
-        bytes
+        let numbers = [self.length, self.inner, self.outer, u32::from(self.added)].map(u32::to_le_bytes);
+        let [step, z_um] = [self.step, self.z_um].map(f64::to_le_bytes);
+        join([&self.offset.to_le_bytes()[..], numbers.as_flattened(), &step, &z_um, &self.checksum])
     }
 
     fn from_bytes(bytes: &[u8; ENTRY_LEN]) -> Result<Self, SectionsError> {
@@ -147,10 +143,10 @@ impl SectionEntry {
     }
 }
 
-/// End of the file: locates the index.
+/// End of the file, which locates the index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Trailer {
-    /// First byte of the index; it ends where the trailer begins.
+    /// First byte of the index, which ends where the trailer begins.
     pub index_offset: u64,
     /// Number of sections.
     pub count: u64,
@@ -159,14 +155,14 @@ pub struct Trailer {
 }
 
 impl Trailer {
-    /// Bytes before the hash; the hash covers them too.
+    /// Size of the part before the hash, which the hash covers, bytes.
     const HEAD: usize = 24;
 
     /// Reads the trailer from the last [`TRAILER_LEN`] bytes of a file of `file_len` bytes.
     ///
     /// # Errors
-    /// [`SectionsError::NotSections`] if the bytes are no trailer, [`SectionsError::Corrupt`] if the index does not fit
-    /// the file.
+    /// [`SectionsError::NotSections`] if the bytes are not a trailer, [`SectionsError::Corrupt`] if
+    /// the index does not fit the file.
     pub fn parse(bytes: &[u8; TRAILER_LEN], file_len: u64) -> Result<Self, SectionsError> {
         if bytes[56..] != END_MAGIC[..] {
             return Err(SectionsError::NotSections);
@@ -189,17 +185,13 @@ impl Trailer {
     }
 
     fn head_bytes(&self) -> [u8; Self::HEAD] {
-        let mut bytes = [0; Self::HEAD];
-        bytes[0..8].copy_from_slice(&self.index_offset.to_le_bytes());
-        bytes[8..16].copy_from_slice(&self.count.to_le_bytes());
-        bytes[16..24].copy_from_slice(&self.index_checksum);
-        bytes
+        join([self.index_offset.to_le_bytes(), self.count.to_le_bytes(), self.index_checksum])
     }
 
-    /// Reads the index: the bytes from [`Trailer::index_offset`] up to the trailer.
+    /// Parses the index: the bytes from [`Trailer::index_offset`] to the trailer.
     ///
     /// # Errors
-    /// [`SectionsError::Corrupt`].
+    /// [`SectionsError::Corrupt`] if the bytes are not the index of this file.
     pub fn parse_index(&self, bytes: &[u8]) -> Result<Vec<SectionEntry>, SectionsError> {
         if bytes.len() as u64 != self.count * ENTRY_LEN as u64 || checksum(bytes) != self.index_checksum {
             return Err(SectionsError::Corrupt("the index"));
@@ -221,12 +213,12 @@ impl Trailer {
     }
 }
 
-/// First 8 bytes of the SHA-256.
+/// First 8 bytes of the SHA-256 of `bytes`.
 fn checksum(bytes: &[u8]) -> [u8; 8] {
     field(&Sha256::digest(bytes), 0)
 }
 
-/// `N` bytes from `at`; they must exist.
+/// The `N` bytes at `at`, which must exist.
 fn field<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
     bytes[at..at + N].try_into().expect("the slice has this length")
 }

@@ -1,40 +1,40 @@
-//! What the writers of surfaces are given: a [`Shape`].
+//! [`Shape`], the input of the writers of surfaces.
 
 use super::Metadata;
 use crate::model::{LengthUnit, Mesh};
 use std::ops::Range;
 
-/// Triangles of a [`Piece`].
+/// Maximum number of triangles of a [`Piece`].
 const PIECE: usize = if cfg!(test) { 1 << 4 } else { 1 << 16 };
 
-/// A surface to be written: a body of a model, or what was read from another file.
+/// A surface to be written: a body of a model, or a surface that was read from a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shape<'a> {
-    /// Name of the whole: `tissue`, `lumen`, `regions`, or that of a converted file.
+    /// Name of the body: `tissue`, `lumen`, `regions`, or the name of a converted file.
     pub name: &'a str,
     /// Distinct vertex positions in `unit`.
     pub positions: &'a [[f32; 3]],
     /// Vertex indices of each triangle.
     pub triangles: &'a [[u32; 3]],
-    /// Named patches; they cover all triangles in order without overlap.
+    /// Named patches, which cover all triangles in order and without overlap.
     pub patches: Vec<NamedPatch<'a>>,
     /// Unit of the positions.
     pub unit: LengthUnit,
-    /// Origin of a generated model; none for a converted file.
+    /// Origin of a model; `None` for a converted file.
     pub meta: Option<&'a Metadata>,
 }
 
 /// A run of triangles with a name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NamedPatch<'a> {
-    /// Its name.
+    /// Name of the patch.
     pub name: &'a str,
-    /// Its triangles.
+    /// Triangles of the patch.
     pub triangles: Range<usize>,
 }
 
 impl<'a> Shape<'a> {
-    /// A body of a model, in metres.
+    /// Shape of a body of a model, in metres.
     #[must_use]
     pub fn of(mesh: &'a Mesh, meta: &'a Metadata) -> Self {
         Self {
@@ -49,22 +49,22 @@ impl<'a> Shape<'a> {
         }
     }
 
-    /// The program that writes it, with its version.
+    /// Generator that a file states: oviduct with its version.
     pub(super) fn generator(&self) -> String {
         format!("oviduct {}", engine(self.meta))
     }
 
-    /// The triangles of one of its patches.
+    /// Triangles of a patch.
     pub(super) fn triangles_of(&self, patch: &NamedPatch<'_>) -> &'a [[u32; 3]] {
         &self.triangles[patch.triangles.clone()]
     }
 
-    /// The positions of the corners of a triangle.
+    /// Positions of the corners of a triangle.
     pub(super) fn corners(&self, triangle: [u32; 3]) -> [[f32; 3]; 3] {
         triangle.map(|v| self.positions[v as usize])
     }
 
-    /// The triangles of one of its patches, in order.
+    /// Splits the triangles of a patch into pieces, in order.
     pub(super) fn pieces(&self, patch: &NamedPatch<'_>) -> Vec<Piece<'a>> {
         let piece = |triangles: &'a [[u32; 3]]| {
             let bounds = |(least, end): (u32, u32), &v: &u32| (least.min(v), end.max(v + 1));
@@ -81,18 +81,19 @@ impl<'a> Shape<'a> {
     }
 }
 
-/// Successive triangles of a patch, for writers that keep something for each vertex in use.
+/// Successive triangles of a patch, for writers that keep data for each vertex in use.
 pub(super) struct Piece<'a> {
-    /// The vertices in use: this piece names none outside, and later ones of the patch none before them.
+    /// Vertices in use: this piece names no vertex outside the range, and later pieces of the patch
+    /// name none before it.
     pub(super) vertices: Range<u32>,
     /// Vertex indices of each triangle.
     pub(super) triangles: &'a [[u32; 3]],
 }
 
-/// The version of the program that a file names: of a model, the one that grew it.
+/// Engine version that a file states. For a model, this is the version that grew it.
 pub(super) fn engine(meta: Option<&Metadata>) -> &str {
     meta.map_or(crate::ENGINE_VERSION, |meta| &meta.engine)
 }
 
-/// Axes of all files of models, in words.
+/// Description of the axes of all files of models.
 pub const AXES: &str = "right-handed, y up, z along the tube from isthmus to ampulla";

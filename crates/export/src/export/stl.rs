@@ -1,10 +1,11 @@
-//! STL, binary or text, for printing, meshing and flow solvers. The format has neither shared vertices nor patches.
+//! STL, binary or text, for printing, meshing and flow solvers. The format has neither shared
+//! vertices nor patches.
 //!
-//! The binary form keeps the number of the patch, from 1, in the attribute of each triangle (`attribute byte count`), which
-//! most readers ignore. The text form has a solid for each patch, and solvers make boundaries of the solids by name. It has no
-//! place for units.
+//! The binary form stores the number of the patch, from 1, in the attribute of each triangle
+//! (`attribute byte count`), which most readers ignore. The text form has one solid per patch, from
+//! which solvers create named boundaries. It cannot state a unit.
 
-use super::chunks::{CHUNK, join, one_line, vec3, write_items};
+use super::chunks::{CHUNK, join, one_line, vec3, write_full, write_items};
 use super::normals;
 use super::shape::{Shape, engine};
 use std::io::{self, Write};
@@ -16,15 +17,17 @@ pub const MEDIA_TYPE: &str = "model/stl";
 const HEADER: usize = 80;
 /// Bytes of a triangle of a binary file.
 const RECORD: usize = 50;
-/// Greatest attribute in use: some programs take the highest bit for the sign of a colour.
+/// Maximum attribute, because some programs interpret the highest bit as the flag of a colour.
 const MAX_ATTRIBUTE: u16 = (1 << 15) - 1;
 
 /// Writes a surface as binary STL.
 ///
-/// The attribute of a triangle is the number of its patch, from 1; it is 0 for patches beyond 32,767.
+/// The attribute of a triangle is the number of its patch, from 1; it is 0 for patches beyond
+/// 32,767.
 ///
 /// # Errors
-/// Those of the surface and of `out`; [`io::ErrorKind::InvalidInput`] if there are more triangles than the format can count.
+/// Returns any error of writing to `out`, and [`io::ErrorKind::InvalidInput`] if there are more
+/// triangles than the format can count.
 ///
 /// # Panics
 /// If the triangles or patches of a shape are out of bounds.
@@ -45,10 +48,11 @@ pub fn write_stl(surface: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
 
 /// Writes a surface as text STL.
 ///
-/// Positions are the shortest decimals that read back as the same 32-bit floats. Patches without triangles are left out.
+/// Positions are the shortest decimals that read back as the same 32-bit floats. Patches without
+/// triangles are omitted.
 ///
 /// # Errors
-/// Those of the surface and of `out`.
+/// Returns any error of writing to `out`.
 ///
 /// # Panics
 /// If the triangles or patches of a shape are out of bounds.
@@ -66,10 +70,7 @@ pub fn write_ascii_stl(surface: &Shape<'_>, out: &mut impl Write) -> io::Result<
                 text.extend_from_slice(points.get(vertex, surface)?);
             }
             text.extend_from_slice(b"endloop\nendfacet\n");
-            if text.len() >= CHUNK {
-                out.write_all(&text)?;
-                text.clear();
-            }
+            write_full(&mut text, out)?;
         }
         writeln!(text, "endsolid {name}")?;
     }
@@ -80,11 +81,11 @@ pub fn write_ascii_stl(surface: &Shape<'_>, out: &mut impl Write) -> io::Result<
     out.write_all(&text)
 }
 
-/// The text of the vertices last used, since each is written for about six triangles.
+/// Cache of the text of vertices, because each vertex is written for about six triangles.
 struct Points(Vec<(Option<u32>, Vec<u8>)>);
 
 impl Points {
-    /// How many are kept: more than two sections have, the vertices that a wall needs at a time.
+    /// Size of the cache. A wall uses the vertices of two sections at a time, which are fewer.
     const KEPT: usize = 1 << 16;
 
     fn new() -> Self {
@@ -103,7 +104,7 @@ impl Points {
     }
 }
 
-/// The number of triangles as the format holds it.
+/// Number of triangles as the format stores it.
 fn count(triangles: u64) -> io::Result<u32> {
     u32::try_from(triangles).map_err(|_| {
         let most = u32::MAX;
@@ -112,9 +113,10 @@ fn count(triangles: u64) -> io::Result<u32> {
     })
 }
 
-/// Generator and unit first, as the end is cut off. It must not begin with the word `solid`, which marks text.
+/// Header with generator and unit first, because a long text is cut off. It must not begin with
+/// `solid`, which marks the text form.
 fn header(surface: &Shape<'_>) -> [u8; HEADER] {
-    // Only letters, digits and a few signs: some readers look for colours and the like in the header.
+    // Only letters, digits and a few signs, because some readers search the header for colours.
     let plain = |text: &str| text.replace(|c: char| !(c.is_ascii_alphanumeric() || "._-".contains(c)), "_");
     let (engine, name) = (plain(engine(surface.meta)), plain(surface.name));
     let mut text = format!("oviduct {engine:.16} units={} {name}", surface.unit.name());

@@ -1,9 +1,9 @@
-//! A cross section as a drawing: SVG in micrometres, y up, with a scale bar.
+//! SVG drawings of sections and cuts in micrometres, y up, with a scale bar.
 
 use crate::model::{Cut, Plane, Ring, RingKind, Section};
 use std::fmt::Write;
 
-/// Media type of the drawing.
+/// Media type of the drawings.
 pub const MEDIA_TYPE: &str = "image/svg+xml";
 
 const TISSUE: &str = "#de95a9";
@@ -14,13 +14,13 @@ const INK: &str = "#3b2a38";
 /// Length of the scale bar, micrometres.
 const BAR: f64 = 500.0;
 
-/// Draws a section: tissue filled, lumen outlined. Coordinates keep two decimals (10 nm).
+/// Draws a section: tissue filled, lumen outlined. Coordinates have two decimals (10 nm).
 ///
 /// Points that are not finite are omitted.
 #[must_use]
 pub fn section_svg(section: &Section) -> String {
     let frame = Frame::of(finite(&section.outer).chain(finite(&section.inner)));
-    let (outer, inner) = (path(&section.outer), path(&section.inner));
+    let [outer, inner] = [&section.outer, &section.inner].map(|ring| path(finite(ring)));
     let body = format!(
         r#"<path id="tissue" fill="{TISSUE}" fill-rule="evenodd" d="{outer}{inner}"/>
 <path id="lumen" fill="{LUMEN}" stroke="{OUTLINE}" stroke-width="{:.2}" stroke-linejoin="round" d="{inner}"/>
@@ -32,14 +32,15 @@ pub fn section_svg(section: &Section) -> String {
     drawing(&frame, &format!("Section at {place}"), &place, &body)
 }
 
-/// Draws a cut: tissue filled, lumen and pockets outlined, islands outlined in another colour. u is drawn to the right, v up.
+/// Draws a cut: tissue filled, lumen and pockets outlined, islands outlined in another colour. u
+/// points to the right, v up.
 #[must_use]
 pub fn cut_svg(cut: &Cut) -> String {
     let points = || cut.rings.iter().flat_map(|ring| ring.points.iter().copied());
     let frame = Frame::of(points());
     let of = |kinds: &[RingKind]| -> String {
         let rings = cut.rings.iter().filter(|ring| kinds.contains(&ring.kind));
-        rings.map(|ring| data(ring.points.iter().copied())).collect()
+        rings.map(|ring| path(ring.points.iter().copied())).collect()
     };
     use RingKind::{Island, Lumen, Pocket, Tissue};
     let line = frame.extent / 250.0;
@@ -67,7 +68,7 @@ pub fn cut_svg(cut: &Cut) -> String {
     drawing(&frame, &format!("Cut at {place}"), &place, &body)
 }
 
-/// A drawing with a title, a scale bar and a caption.
+/// Composes a drawing from `body`, with a title, a scale bar and a caption.
 fn drawing(frame: &Frame, title: &str, caption: &str, body: &str) -> String {
     let size = frame.text;
     let [left, top, width, height] = frame.view_box();
@@ -85,7 +86,7 @@ fn drawing(frame: &Frame, title: &str, caption: &str, body: &str) -> String {
     )
 }
 
-/// Extent of the drawing, in micrometres with y down.
+/// Extent of a drawing, in micrometres with y down.
 struct Frame {
     min: [f64; 2],
     max: [f64; 2],
@@ -109,7 +110,8 @@ impl Frame {
         Self { min, max, extent, text: extent / 28.0 }
     }
 
-    /// Left, top, width, height: the points, a margin, and a line for scale bar and caption.
+    /// Left, top, width and height of the points with a margin and a line for scale bar and
+    /// caption.
     fn view_box(&self) -> [f64; 4] {
         let margin = self.text;
         let width = (self.max[0] - self.min[0]).max(self.extent) + 2.0 * margin;
@@ -123,11 +125,7 @@ fn finite(ring: &Ring) -> impl Iterator<Item = [f64; 2]> + '_ {
 }
 
 /// Path data of a closed ring, with y down.
-fn path(ring: &Ring) -> String {
-    data(finite(ring))
-}
-
-fn data(points: impl Iterator<Item = [f64; 2]>) -> String {
+fn path(points: impl Iterator<Item = [f64; 2]>) -> String {
     let mut data = String::with_capacity(points.size_hint().0 * 18);
     for (i, [x, y]) in points.enumerate() {
         data.push(if i == 0 { 'M' } else { 'L' });

@@ -55,7 +55,8 @@ impl Sample {
         }
     }
 
-    /// What a reader of a format with shared vertices makes of it; patches without triangles are no groups.
+    /// What a reader of a format with shared vertices makes of it; patches without triangles are no
+    /// groups.
     pub(crate) fn surface(&self) -> Surface {
         let groups = self.patches.iter().filter(|(_, triangles)| !triangles.is_empty());
         Surface {

@@ -1,8 +1,9 @@
-//! VTK XML PolyData (`.vtp`), for ParaView and everything else that is built on VTK: a surface with its normals and patches,
-//! or a line with values along it.
+//! VTK XML PolyData (`.vtp`), for ParaView and other programs built on VTK: a surface with its
+//! normals and patches, or a line with values along it.
 //!
-//! All arrays are appended to the document as raw bytes in little-endian order, the form that VTK writes by default; they are
-//! made while they are written. Names and origin are arrays of strings in the field data.
+//! All arrays are appended to the document as raw bytes in little-endian order, the default of VTK,
+//! and are computed while they are written. Names and origin are arrays of strings in the field
+//! data.
 
 use super::chunks::{one_line, vec3, write_items};
 use super::normals;
@@ -13,16 +14,18 @@ use quick_xml::escape::escape;
 use std::fmt::Write as _;
 use std::io::{self, Write};
 
-/// Media type of the file. None is registered, and with raw bytes it is no XML.
+/// Media type of the file. None is registered, and a file with raw bytes is not XML.
 pub const MEDIA_TYPE: &str = "application/octet-stream";
 
 /// Writes a surface as VTP.
 ///
-/// Point data: `Normals`. Cell data: `patch`, the number of the patch of each triangle. Field data: `name`, `units`,
-/// `patch_names` in the order of the numbers, `generator`, `citation`, and the origin of a model.
+/// - Point data: `Normals`.
+/// - Cell data: `patch`, the number of the patch of each triangle.
+/// - Field data: `name`, `units`, `patch_names` in the order of the numbers, `generator`,
+///   `citation`, and the origin of a model.
 ///
 /// # Errors
-/// Those of the surface and of `out`.
+/// Returns any error of writing to `out`.
 ///
 /// # Panics
 /// If the triangles or patches of a shape are out of bounds.
@@ -66,15 +69,17 @@ pub fn write_vtp(surface: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
     document.write(out)
 }
 
-/// Writes a line through `points`, for example the axis of a tube, with `arrays` of named values at them.
+/// Writes a line through `points`, for example the centre line of a tube. `arrays` are named values
+/// at the points.
 ///
 /// # Errors
-/// Those of `out`; [`io::ErrorKind::InvalidInput`] if there are fewer than two points, or an array has not one value each.
-pub fn write_polyline_vtp(
+/// Returns any error of writing to `out`, and [`io::ErrorKind::InvalidInput`] if there are fewer
+/// than two points or an array does not have one value per point.
+pub(super) fn write_polyline_vtp(
     points: &[[f64; 3]],
     arrays: &[(&str, &[f64])],
     unit: LengthUnit,
-    meta: Option<&Metadata>,
+    meta: &Metadata,
     out: &mut impl Write,
 ) -> io::Result<()> {
     let invalid = |message: String| Err(io::Error::new(io::ErrorKind::InvalidInput, message));
@@ -85,7 +90,7 @@ pub fn write_polyline_vtp(
     if let Some((name, values)) = arrays.iter().find(|(_, values)| values.len() != points.len()) {
         return invalid(format!("the line has {count} points, and the array {name:?} has {} values", values.len()));
     }
-    let mut document = Document::new(unit, meta);
+    let mut document = Document::new(unit, Some(meta));
     document.piece(count, 1, 0);
     let numbers = |values| move |out: &mut dyn Write| write_items(values, out, |&x: &f64| x.to_le_bytes());
     document.open("PointData");
@@ -103,13 +108,13 @@ pub fn write_polyline_vtp(
     document.write(out)
 }
 
-/// A document under way: its text, and the arrays to be appended.
+/// A document under construction: its text, and the arrays to be appended.
 struct Document<'a> {
     text: String,
-    /// Elements that are open, the innermost last.
+    /// Open elements, the innermost last.
     open: Vec<&'a str>,
     arrays: Vec<Array<'a>>,
-    /// Bytes of `arrays` in the file.
+    /// Bytes of `arrays` in the file, with their lengths.
     length: u64,
 }
 
@@ -117,16 +122,16 @@ struct Document<'a> {
 type Values<'a> = dyn Fn(&mut dyn Write) -> io::Result<()> + 'a;
 
 struct Array<'a> {
-    /// Bytes that `write` writes.
+    /// Number of bytes that `write` writes.
     bytes: u64,
     write: Box<Values<'a>>,
 }
 
-/// Bytes before each appended array, which hold its length.
+/// Size of the length before each appended array, bytes.
 const PREFIX: u64 = 8;
 
 impl<'a> Document<'a> {
-    /// Begins with the field data that all files have.
+    /// Begins a document with the field data that all files have.
     fn new(unit: LengthUnit, meta: Option<&Metadata>) -> Self {
         let text = "<?xml version=\"1.0\"?>\n".to_owned();
         let mut document = Self { text, open: Vec::new(), arrays: Vec::new(), length: 0 };
@@ -155,7 +160,7 @@ impl<'a> Document<'a> {
         self.open.push("Piece");
     }
 
-    /// Begins an element of a name, which attributes may follow.
+    /// Begins an element. Attributes may follow its name.
     fn open(&mut self, element: &'a str) {
         self.line(&format!("<{element}>"));
         self.open.push(element.split_once(' ').map_or(element, |(name, _)| name));
@@ -173,7 +178,7 @@ impl<'a> Document<'a> {
         self.text.push('\n');
     }
 
-    /// Adds an array of `bytes` bytes that `write` writes.
+    /// Adds an array of numbers. `write` writes its `bytes` bytes.
     fn array(
         &mut self,
         kind: &str,
@@ -187,7 +192,7 @@ impl<'a> Document<'a> {
         self.line(&format!("<DataArray type=\"{kind}\" Name={name} {components} format=\"appended\" {offset}/>"));
     }
 
-    /// Adds an array of strings, each of which a zero ends.
+    /// Adds an array of strings, each of which ends with a zero.
     fn strings(&mut self, name: &str, values: &[&str]) {
         let text: String = values.iter().flat_map(|value| [one_line(value), "\0".to_owned()]).collect();
         let offset = self.append(text.len() as u64, move |out| out.write_all(text.as_bytes()));
@@ -197,7 +202,7 @@ impl<'a> Document<'a> {
         ));
     }
 
-    /// The attribute that says where an array will be.
+    /// Appends an array and returns the attribute with its offset.
     fn append(&mut self, bytes: u64, write: impl Fn(&mut dyn Write) -> io::Result<()> + 'a) -> String {
         let offset = format!("offset=\"{}\"", self.length);
         self.length += PREFIX + bytes;
@@ -209,7 +214,7 @@ impl<'a> Document<'a> {
         while self.open.len() > 1 {
             self.close();
         }
-        // An underscore marks the beginning of the bytes.
+        // The format requires an underscore before the bytes.
         self.line("<AppendedData encoding=\"raw\">");
         self.text.push('_');
         out.write_all(self.text.as_bytes())?;
@@ -221,10 +226,10 @@ impl<'a> Document<'a> {
     }
 }
 
-/// The value of an attribute, in quotes.
+/// Value of an attribute, in quotes.
 fn attribute(text: &str) -> String {
     let mut quoted = String::from("\"");
-    // Control characters have no place in XML, not even escaped.
+    // XML forbids control characters, even escaped.
     let plain = text.replace(|c: char| c.is_control(), " ");
     let _ = write!(quoted, "{}\"", escape(&plain));
     quoted
@@ -306,7 +311,7 @@ mod tests {
         let values: Vec<f64> = points.iter().map(|p| p[0].sin()).collect();
         let arrays = [("arc", values.as_slice()), ("r <mm> \"&\"", &values)];
         let mut file = Vec::new();
-        write_polyline_vtp(&points, &arrays, LengthUnit::Micrometre, Some(&meta()), &mut file).unwrap();
+        write_polyline_vtp(&points, &arrays, LengthUnit::Micrometre, &meta(), &mut file).unwrap();
         let text = document(&file);
         assert!(text.contains("NumberOfPoints=\"5000\" NumberOfVerts=\"0\" NumberOfLines=\"1\""), "{text}");
         assert!(text.contains("Name=\"r &lt;mm&gt; &quot;&amp;&quot;\""), "{text}");
@@ -322,7 +327,8 @@ mod tests {
         let refused = |points: usize, values: usize| {
             let (points, values) = (vec![[0.0; 3]; points], vec![0.0; values]);
             let arrays = [("arc", values.as_slice())];
-            let refused = write_polyline_vtp(&points, &arrays, LengthUnit::Metre, None, &mut Vec::new()).unwrap_err();
+            let refused =
+                write_polyline_vtp(&points, &arrays, LengthUnit::Metre, &meta(), &mut Vec::new()).unwrap_err();
             assert_eq!(refused.kind(), io::ErrorKind::InvalidInput);
             refused.to_string()
         };

@@ -1,6 +1,7 @@
-//! A patch of a glTF file. Its triangles are gone through once to be counted and again for each of its arrays, so that only
-//! the vertices in use need be known at a time.
+//! A patch of a glTF file. Its triangles are traversed once to count vertices and once for each
+//! array, so that only the vertices in use have to be kept in memory.
 
+use super::scene::index_type;
 use crate::export::chunks::{join, vec3, write_items};
 use crate::export::shape::{NamedPatch, Piece, Shape};
 use crate::geometry::patch::{Numbering, add, doubled_area_normal, unit};
@@ -8,24 +9,22 @@ use crate::geometry::strips::{join_strips, strips};
 use gltf_json::accessor::ComponentType;
 use std::io::{self, Write};
 
-/// Most vertices of a patch with 16-bit indices; glTF reserves 65,535 itself.
-const MAX_SHORT_VERTICES: usize = 65_535;
-
-/// A patch and what the document states of it. Its vertices are numbered in the order of their first use, and shaded by its
-/// own triangles, as [`part_geometry`](crate::geometry::patch::part_geometry) does.
-pub(super) struct Part<'a> {
+/// A patch and the numbers that the document states about it. Vertices are numbered in the order of
+/// their first use. As in [`patch_geometry`](crate::geometry::patch::patch_geometry), their normals
+/// depend only on the triangles of the patch.
+pub(super) struct PatchWriter<'a> {
     pub(super) name: &'a str,
     positions: &'a [[f32; 3]],
     pieces: Vec<Piece<'a>>,
     pub(super) vertices: usize,
     triangles: usize,
-    /// Least and greatest coordinates, exactly.
+    /// Exact minimum and maximum of the coordinates.
     pub(super) bounds: ([f32; 3], [f32; 3]),
-    /// One strip for the whole patch, if strips are wanted.
+    /// One strip for the whole patch, if strips are requested.
     pub(super) strip: Option<Vec<u32>>,
 }
 
-impl<'a> Part<'a> {
+impl<'a> PatchWriter<'a> {
     pub(super) fn new(surface: &'a Shape<'_>, patch: &NamedPatch<'a>, as_strip: bool) -> Self {
         let mut part = Self {
             name: patch.name,
@@ -67,10 +66,10 @@ impl<'a> Part<'a> {
     }
 
     pub(super) fn index_type(&self) -> ComponentType {
-        if self.vertices <= MAX_SHORT_VERTICES { ComponentType::U16 } else { ComponentType::U32 }
+        index_type(self.vertices)
     }
 
-    /// Writes positions, normals and indices, each with the length that the document states.
+    /// Writes positions, normals and indices, with the lengths that the document states.
     pub(super) fn write(&self, out: &mut impl Write) -> io::Result<()> {
         self.walk(|piece, numbering| {
             let vertices = piece.triangles.as_flattened().iter();
@@ -80,9 +79,9 @@ impl<'a> Part<'a> {
         self.write_indices(out)
     }
 
-    /// Sums are written once no triangle can add to them.
+    /// Writes the normals. A sum is written as soon as no later triangle can add to it.
     fn write_normals(&self, out: &mut impl Write) -> io::Result<()> {
-        // The vertices from the local number `written` on, and the sums of the normals around them.
+        // Vertices from the local number `written` on, with the sums of the normals around them.
         let (mut written, mut sums) = (0, Vec::<(u32, [f64; 3])>::new());
         let bytes = |(_, sum)| vec3(unit(sum));
         self.walk(|piece, numbering| {
@@ -123,7 +122,7 @@ impl<'a> Part<'a> {
         out.write_all(&[0; 4][..bytes.next_multiple_of(4) - bytes])
     }
 
-    /// Walks through the patch with the numbers of its vertices.
+    /// Calls `each` for all pieces of the patch, with the numbers of their vertices.
     fn walk(&self, mut each: impl FnMut(&Piece<'_>, &mut Numbering) -> io::Result<()>) -> io::Result<()> {
         let mut numbering = Numbering::default();
         for piece in &self.pieces {

@@ -1,32 +1,27 @@
-//! The document and the container that all our binary glTF files share: a body, and a child with a mesh and a material for
-//! each patch.
+//! Document and container of all binary glTF files that oviduct writes: a node for the body, and
+//! for each patch a child with a mesh and a material.
 
 use crate::export::shape::AXES;
 use crate::export::{CITATION, Metadata};
 use crate::model::{BodyKind, PatchKind};
 use gltf_json as json;
+use json::accessor::ComponentType;
 use json::validation::{Checked, USize64};
 use serde_json::value::RawValue;
 use serde_json::{Map, Value};
 use std::io::{self, Write};
 
-/// A document to which patches are added.
+/// A document under construction, to which patches are added.
 pub(in crate::export) struct Scene {
-    /// The document, to which accessors and buffers are pushed.
+    /// Document that receives accessors, views and buffers.
     pub(in crate::export) root: json::Root,
     /// Name of the body.
     body: String,
     children: Vec<json::Index<json::Node>>,
 }
 
-/// Numbers of the body's surface, for readers.
-pub(in crate::export) struct Counts {
-    pub(in crate::export) vertices: usize,
-    pub(in crate::export) triangles: usize,
-}
-
 impl Scene {
-    /// An empty document; `more` are members of the asset's extras besides those of `meta`.
+    /// Creates an empty document. `more` are additional members of the asset's extras.
     pub(in crate::export) fn new(
         body: &str,
         generator: String,
@@ -56,7 +51,8 @@ impl Scene {
         Ok(Self { root, body: body.to_owned(), children: Vec::new() })
     }
 
-    /// Adds a patch: a node, a mesh of one primitive and a material, all of the patch's name.
+    /// Adds a patch: a node, a mesh of one primitive and a material, all with the name of the
+    /// patch.
     pub(in crate::export) fn add_patch(&mut self, name: &str, primitive: json::mesh::Primitive) -> io::Result<()> {
         let material = self.root.push(material(name, &self.body));
         let mesh = self.root.push(json::Mesh {
@@ -75,12 +71,18 @@ impl Scene {
         Ok(())
     }
 
-    /// Ends the document with the body's node, whose other members are those of `node`.
-    pub(in crate::export) fn finish(mut self, counts: &Counts, node: json::Node) -> io::Result<json::Root> {
+    /// Ends the document with the node of the body. `node` provides its other members, `vertices` and
+    /// `triangles` are the size of its surface.
+    pub(in crate::export) fn finish(
+        mut self,
+        vertices: usize,
+        triangles: usize,
+        node: json::Node,
+    ) -> io::Result<json::Root> {
         let mut members = serde_json::json!({
             "body": self.body,
-            "vertices": counts.vertices,
-            "triangles": counts.triangles,
+            "vertices": vertices,
+            "triangles": triangles,
         });
         if let Some(body) = BodyKind::named(&self.body) {
             members["euler"] = body.euler().into();
@@ -102,10 +104,11 @@ impl Scene {
     }
 }
 
-/// Writes the header of a file, its document, and the header of a binary chunk of `bin_len` bytes, which follows.
+/// Writes a file up to the contents of its binary chunk, which has `bin_len` bytes.
 ///
 /// # Errors
-/// Those of `out`; [`io::ErrorKind::InvalidInput`] if the file would exceed 4 GiB, the limit of GLB.
+/// Returns any error of writing to `out`, and [`io::ErrorKind::InvalidInput`] if the file would
+/// exceed 4 GiB, the limit of GLB.
 pub(in crate::export) fn write_head(root: &json::Root, bin_len: usize, out: &mut impl Write) -> io::Result<()> {
     let mut text = serde_json::to_vec(root)?;
     text.resize(text.len().next_multiple_of(4), b' ');
@@ -122,17 +125,17 @@ pub(in crate::export) fn write_head(root: &json::Root, bin_len: usize, out: &mut
     Ok(())
 }
 
-/// A buffer of a number of bytes.
+/// Creates a buffer of `bytes` bytes.
 pub(in crate::export) fn buffer(bytes: usize) -> json::Buffer {
     json::Buffer { byte_length: USize64::from(bytes), name: None, uri: None, extensions: None, extras: None }
 }
 
-/// A view without a stride.
+/// Creates a view without a stride.
 pub(in crate::export) fn buffer_view(
     buffer: json::Index<json::Buffer>,
     offset: usize,
     length: usize,
-    target: json::buffer::Target,
+    target: Option<json::buffer::Target>,
 ) -> json::buffer::View {
     json::buffer::View {
         buffer,
@@ -140,16 +143,45 @@ pub(in crate::export) fn buffer_view(
         byte_offset: Some(USize64::from(offset)),
         byte_stride: None,
         name: None,
-        target: Some(Checked::Valid(target)),
+        target: target.map(Checked::Valid),
         extensions: None,
         extras: None,
     }
 }
 
-/// An accessor without a view, bounds and normalization.
+/// Arrays of a binary chunk, one after another at multiples of four bytes.
+pub(in crate::export) struct Layout {
+    buffer: json::Index<json::Buffer>,
+    /// Bytes of the arrays so far.
+    pub(in crate::export) length: usize,
+}
+
+impl Layout {
+    /// Begins with an empty buffer.
+    pub(in crate::export) fn new(root: &mut json::Root) -> Self {
+        Self { buffer: root.push(buffer(0)), length: 0 }
+    }
+
+    /// Appends an array with its own view, and returns the accessor that describes it.
+    pub(in crate::export) fn append(
+        &mut self,
+        root: &mut json::Root,
+        type_: json::accessor::Type,
+        component: ComponentType,
+        count: usize,
+        target: Option<json::buffer::Target>,
+    ) -> json::Accessor {
+        let bytes = count * type_.multiplicity() * component.size();
+        let view = root.push(buffer_view(self.buffer, self.length, bytes, target));
+        self.length += bytes.next_multiple_of(4);
+        json::Accessor { buffer_view: Some(view), ..accessor(type_, component, count) }
+    }
+}
+
+/// Creates an accessor without a view, bounds and normalization.
 pub(in crate::export) fn accessor(
     type_: json::accessor::Type,
-    component: json::accessor::ComponentType,
+    component: ComponentType,
     count: usize,
 ) -> json::Accessor {
     json::Accessor {
@@ -168,7 +200,7 @@ pub(in crate::export) fn accessor(
     }
 }
 
-/// A primitive without a material.
+/// Creates a primitive without a material.
 pub(in crate::export) fn primitive(
     mode: json::mesh::Mode,
     positions: json::Index<json::Accessor>,
@@ -187,12 +219,19 @@ pub(in crate::export) fn primitive(
     }
 }
 
+/// Component type of the indices of a patch with this number of vertices. glTF reserves the index
+/// 65,535.
+pub(in crate::export) fn index_type(vertices: usize) -> ComponentType {
+    if vertices <= usize::from(u16::MAX) { ComponentType::U16 } else { ComponentType::U32 }
+}
+
 fn extras(value: &Value) -> io::Result<json::Extras> {
     Ok(Some(RawValue::from_string(value.to_string())?))
 }
 
-/// Colours are linear. The inner wall of the tissue faces the lumen, so that the tube is visible from inside without
-/// drawing back faces; other bodies face outwards, so that a view from inside needs them.
+/// Material of a patch, with linear colours. The inner wall of the tissue faces the lumen, so a
+/// view from inside shows the tube without back faces. Other bodies face outwards and are therefore
+/// double-sided.
 fn material(patch: &str, body: &str) -> json::Material {
     let [r, g, b] = match PatchKind::named(patch) {
         Some(PatchKind::InnerWall | PatchKind::Wall) => [0.694, 0.254, 0.352],

@@ -1,16 +1,16 @@
 //! NIfTI-1: a header of 348 bytes, then the voxels, all in one gzip stream.
 //!
-//! Written here because the crate `nifti` writes whole arrays only. Bytes are little-endian; the standard is
-//! nifti1.h of the NIfTI Data Format Working Group.
+//! The crate `nifti` writes only whole arrays in memory, so the header is written here,
+//! little-endian. The standard is nifti1.h of the NIfTI Data Format Working Group.
 
-use super::volume::LabelReport;
+use super::LabelReport;
 use crate::export::Metadata;
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use std::io::{self, Write};
 
 const HEADER: usize = 348;
-/// Where the voxels begin: the header and four bytes that say that no extension follows.
+/// Offset of the voxels: the header, and four bytes that state that no extension follows.
 const VOXELS: usize = HEADER + 4;
 /// Codes of the standard: 8-bit unsigned numbers, micrometres, labels, coordinates of a scanner.
 const UINT8: i16 = 2;
@@ -38,8 +38,8 @@ impl<W: Write> Nifti<W> {
     }
 }
 
-/// The header. Coordinates are those of the surface in micrometres: x to the right, y up, z from the isthmus end. Rows go
-/// down, so the matrix has a negative sign for y.
+/// Builds the header. Coordinates are those of the surface in micrometres: x to the right, y up, z
+/// from the isthmus end. y decreases from row to row, so the matrix has a negative sign for y.
 fn header(report: &LabelReport, meta: &Metadata) -> io::Result<[u8; VOXELS]> {
     let mut bytes = [0; VOXELS];
     let mut put = |at: usize, value: &[u8]| bytes[at..at + value.len()].copy_from_slice(value);
@@ -59,7 +59,7 @@ fn header(report: &LabelReport, meta: &Metadata) -> io::Result<[u8; VOXELS]> {
     put(70, &UINT8.to_le_bytes());
     put(72, &8_i16.to_le_bytes());
     let [dx, dy, dz] = report.voxel_um;
-    // The first is the sign of the third column of the quaternion's matrix.
+    // The first number is the sign of the third column of the quaternion's matrix.
     put(76, &floats(&[-1.0, dx, dy, dz]));
     put(108, &floats(&[VOXELS as f64, 1.0, 0.0]));
     put(123, &[MICRON]);
@@ -68,7 +68,7 @@ fn header(report: &LabelReport, meta: &Metadata) -> io::Result<[u8; VOXELS]> {
     put(252, &SCANNER.to_le_bytes());
     put(254, &SCANNER.to_le_bytes());
     let [x, y, z] = report.first_um;
-    // Half a turn around x, with the third column negated: the same matrix as below.
+    // Half a turn around x with the third column negated, the same matrix as below.
     put(256, &floats(&[1.0, 0.0, 0.0, x, y, z]));
     put(280, &floats(&[dx, 0.0, 0.0, x, 0.0, -dy, 0.0, y, 0.0, 0.0, dz, z]));
     put(328, b"tissues");

@@ -1,7 +1,7 @@
-//! OME-TIFF: one page a slice, deflated; sizes in micrometres in the OME-XML of the first page. BigTIFF if it might not fit
-//! into 4 GiB.
+//! OME-TIFF: one deflated page per slice. The OME-XML of the first page states sizes in
+//! micrometres. The file is a BigTIFF if it might exceed 4 GiB.
 
-use super::volume::{FILES, LabelReport};
+use super::{FILES, LabelReport};
 use crate::export::Metadata;
 use crate::tissue::Tissue;
 use std::fmt::Write as _;
@@ -10,7 +10,7 @@ use tiff::TiffError;
 use tiff::encoder::{Rational, TiffEncoder, TiffKind, TiffKindBig, TiffKindStandard};
 use tiff::tags::Tag;
 
-/// Bytes up to which a file is a classic TIFF, with room for its directories.
+/// Maximum number of voxels of a classic TIFF, which leaves room for its directories.
 const CLASSIC: u64 = 3 << 30;
 /// Values of TIFF tags: Adobe deflate; 0 is black; centimetres.
 const DEFLATE: u16 = 8;
@@ -24,7 +24,7 @@ pub(super) struct OmeTiff<W: Write + Seek> {
     height: u32,
     /// Pixels per centimetre.
     resolution: f64,
-    /// The OME-XML and the software, until the first page has them.
+    /// The OME-XML and the software, which the first page takes.
     head: Option<[String; 2]>,
 }
 
@@ -46,62 +46,49 @@ impl<W: Write + Seek> OmeTiff<W> {
         Ok(Self { pages, width, height, resolution: 1e4 / report.voxel_um[0], head })
     }
 
-    /// Writes the next page, compressed by zlib.
+    /// Writes the next page from labels compressed by zlib.
     pub(super) fn write(&mut self, deflated: &[u8]) -> io::Result<()> {
         let head = self.head.take();
-        let page = Page { width: self.width, height: self.height, resolution: self.resolution, head };
+        let (size, resolution) = ([self.width, self.height], self.resolution);
         match &mut self.pages {
-            Pages::Classic(tiff) => page.write(tiff, deflated),
-            Pages::Big(tiff) => page.write(tiff, deflated),
+            Pages::Classic(tiff) => write_page(tiff, size, resolution, head, deflated),
+            Pages::Big(tiff) => write_page(tiff, size, resolution, head, deflated),
         }
         .map_err(failed)
     }
-
-    /// Nothing is left to write; named so that both formats are ended alike.
-    #[expect(clippy::unnecessary_wraps, reason = "as the other format")]
-    pub(super) fn finish(self) -> io::Result<()> {
-        Ok(())
-    }
 }
 
-struct Page {
-    width: u32,
-    height: u32,
+fn write_page<W: Write + Seek, K: TiffKind>(
+    tiff: &mut TiffEncoder<W, K>,
+    [width, height]: [u32; 2],
     resolution: f64,
     head: Option<[String; 2]>,
-}
-
-impl Page {
-    fn write<W: Write + Seek, K: TiffKind>(
-        self,
-        tiff: &mut TiffEncoder<W, K>,
-        deflated: &[u8],
-    ) -> Result<(), TiffError> {
-        let mut page = tiff.image_directory()?;
-        let offset = K::convert_offset(page.write_data(deflated)?)?;
-        let length = K::convert_offset(deflated.len() as u64)?;
-        if let Some([xml, software]) = &self.head {
-            page.write_tag(Tag::ImageDescription, xml.as_str())?;
-            page.write_tag(Tag::Software, software.as_str())?;
-        }
-        page.write_tag(Tag::ImageWidth, self.width)?;
-        page.write_tag(Tag::ImageLength, self.height)?;
-        page.write_tag(Tag::BitsPerSample, 8_u16)?;
-        page.write_tag(Tag::SamplesPerPixel, 1_u16)?;
-        page.write_tag(Tag::Compression, DEFLATE)?;
-        page.write_tag(Tag::PhotometricInterpretation, BLACK_IS_ZERO)?;
-        page.write_tag(Tag::RowsPerStrip, self.height)?;
-        page.write_tag(Tag::StripOffsets, offset)?;
-        page.write_tag(Tag::StripByteCounts, length)?;
-        let resolution = || Rational { n: (self.resolution * 1000.0).round() as u32, d: 1000 };
-        page.write_tag(Tag::XResolution, resolution())?;
-        page.write_tag(Tag::YResolution, resolution())?;
-        page.write_tag(Tag::ResolutionUnit, CENTIMETRE)?;
-        page.finish()
+    deflated: &[u8],
+) -> Result<(), TiffError> {
+    let mut page = tiff.image_directory()?;
+    let offset = K::convert_offset(page.write_data(deflated)?)?;
+    let length = K::convert_offset(deflated.len() as u64)?;
+    if let Some([xml, software]) = head {
+        page.write_tag(Tag::ImageDescription, xml.as_str())?;
+        page.write_tag(Tag::Software, software.as_str())?;
     }
+    page.write_tag(Tag::ImageWidth, width)?;
+    page.write_tag(Tag::ImageLength, height)?;
+    page.write_tag(Tag::BitsPerSample, 8_u16)?;
+    page.write_tag(Tag::SamplesPerPixel, 1_u16)?;
+    page.write_tag(Tag::Compression, DEFLATE)?;
+    page.write_tag(Tag::PhotometricInterpretation, BLACK_IS_ZERO)?;
+    page.write_tag(Tag::RowsPerStrip, height)?;
+    page.write_tag(Tag::StripOffsets, offset)?;
+    page.write_tag(Tag::StripByteCounts, length)?;
+    let resolution = || Rational { n: (resolution * 1000.0).round() as u32, d: 1000 };
+    page.write_tag(Tag::XResolution, resolution())?;
+    page.write_tag(Tag::YResolution, resolution())?;
+    page.write_tag(Tag::ResolutionUnit, CENTIMETRE)?;
+    page.finish()
 }
 
-/// The OME-XML, in ASCII, as the tag wants it.
+/// OME-XML in ASCII, the encoding of the tag.
 fn xml(report: &LabelReport, meta: &Metadata) -> String {
     let ([x, y, z], [dx, dy, dz]) = (report.size, report.voxel_um);
     let mut labels = String::new();

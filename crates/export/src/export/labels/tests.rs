@@ -91,7 +91,8 @@ fn the_nifti_header_has_sizes_units_and_place() {
     assert_eq!([40, 42, 44, 46, 48, 70, 72].map(short), [3, report.size[0] as i16, report.size[1] as i16, 20, 1, 2, 8]);
     assert_eq!([76, 80, 84, 88, 108].map(float), [-1.0, 10.0, 10.0, 50.0, 352.0]);
     assert_eq!((bytes[123], &bytes[344..352]), (3, &b"n+1\0\0\0\0\0"[..]));
-    // Column 0 and row 0 are half a voxel inside the grid; the first slice is 25 µm after its beginning.
+    // Column 0 and row 0 are half a voxel inside the grid; the first slice is 25 µm after its
+    // beginning.
     assert_eq!([280, 292, 300, 308, 320, 324].map(float), [10.0, -1005.0, -10.0, 1005.0, 50.0, 1025.0]);
     assert_eq!(bytes.len(), 352 + report.size.iter().map(|&n| n as usize).product::<usize>());
 }

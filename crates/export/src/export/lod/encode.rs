@@ -1,13 +1,15 @@
-//! A level as bytes: vertices and triangles in the order that suits the codec, compressed, and the document around them.
+//! Encoding of a level: sorts and compresses vertices and triangles, and builds the document.
 //!
-//! Vertices are numbered in the order of first use. Simplified triangles are sorted for the vertex cache, which makes their
-//! indices three times smaller. Those of the full surface stay in the order of the loft: sorted, its file is a third larger
-//! (measured on the default model, as is the above).
+//! Vertices are numbered in the order of first use. Simplified triangles are sorted for the vertex
+//! cache, which makes their compressed indices three times smaller on the default model. The
+//! triangles of the full surface stay in the order of the loft: sorting them makes the file a third
+//! larger.
 
-use super::full::{Full, Level, number};
+use super::full::{Full, PatchTriangles, number};
 use super::grid::Grid;
 use crate::export::Metadata;
-use crate::export::glb::scene::{Counts, Scene, accessor, buffer, buffer_view, primitive, write_head};
+use crate::export::chunks::join;
+use crate::export::glb::scene::{Scene, accessor, buffer, buffer_view, index_type, primitive, write_head};
 use crate::model::{self, BodyKind, PatchKind};
 use gltf_json as json;
 use json::accessor::{ComponentType, Type};
@@ -20,13 +22,10 @@ use std::io::{self, Write};
 pub(in crate::export) const COMPRESSION: &str = "EXT_meshopt_compression";
 const QUANTIZATION: &str = "KHR_mesh_quantization";
 
-/// Bytes of a position and of a normal: three components of 16 bits, padded to a multiple of four.
+/// Bytes of a position or normal: three components of 16 bits, padded to a multiple of four.
 pub(in crate::export) const VECTOR_BYTES: usize = 8;
 
-/// Most vertices of a patch with 16-bit indices; glTF reserves 65,535 itself.
-const MAX_SHORT_VERTICES: usize = 65_535;
-
-/// How a buffer view is compressed: the extension's object in the document.
+/// Object of the extension in a buffer view: location and form of the compressed data.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(in crate::export) struct Compression {
@@ -39,26 +38,26 @@ pub(in crate::export) struct Compression {
     pub(in crate::export) mode: Mode,
 }
 
-/// What a compressed view holds.
+/// Contents of a compressed view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "UPPERCASE")]
 pub(in crate::export) enum Mode {
-    /// Items of vertices.
+    /// Attributes of vertices.
     Attributes,
     /// Indices of triangles.
     Triangles,
 }
 
-/// A level in the form in which it is written.
+/// A compressed level, ready to be written.
 pub(super) struct Encoded {
     body: BodyKind,
     grid: Grid,
     pub(super) vertices: usize,
     pub(super) triangles: usize,
-    patches: Vec<Patch>,
+    patches: Vec<EncodedPatch>,
 }
 
-struct Patch {
+struct EncodedPatch {
     kind: PatchKind,
     low: [u16; 3],
     high: [u16; 3],
@@ -70,16 +69,20 @@ struct Patch {
 }
 
 impl Encoded {
-    pub(super) fn new(full: &Full<'_>, level: &Level<'_>) -> Self {
-        let patches: Vec<Patch> =
-            full.patches.iter().zip(level).map(|(patch, triangles)| Patch::new(full, patch, triangles)).collect();
+    pub(super) fn new(full: &Full<'_>, level: &PatchTriangles<'_>) -> Self {
+        let patches: Vec<EncodedPatch> = full
+            .patches
+            .iter()
+            .zip(level)
+            .map(|(patch, triangles)| EncodedPatch::new(full, patch, triangles))
+            .collect();
         let triangles: usize = patches.iter().map(|patch| patch.triangles).sum();
-        // A closed surface has half as many vertices as triangles, and as many more as its Euler number says.
+        // Euler's formula for a closed surface, which has 3/2 edges per triangle.
         let vertices = (triangles as i64 / 2 + full.mesh.body.euler()) as usize;
         Self { body: full.mesh.body, grid: full.grid, vertices, triangles, patches }
     }
 
-    /// Writes the file; `more` are further members of the asset's extras.
+    /// Writes the file. `more` are additional members of the asset's extras.
     pub(super) fn write(&self, meta: &Metadata, more: Map<String, Value>, out: &mut impl Write) -> io::Result<()> {
         let (root, bin_len) = self.document(meta, more)?;
         write_head(&root, bin_len, out)?;
@@ -90,13 +93,14 @@ impl Encoded {
         Ok(())
     }
 
-    /// The JSON part, and the length of the binary part.
+    /// Builds the JSON document, and returns it with the length of the binary data.
     fn document(&self, meta: &Metadata, more: Map<String, Value>) -> io::Result<(json::Root, usize)> {
         let mut scene = Scene::new(self.body.name(), format!("oviduct {}", meta.engine), Some(meta), more)?;
         scene.root.extensions_used = vec![COMPRESSION.into(), QUANTIZATION.into()];
         scene.root.extensions_required = scene.root.extensions_used.clone();
         let data = scene.root.push(buffer(0));
-        // Holds nothing: it is where the views would lie if they were not compressed.
+        // The extension requires a fallback buffer: it has no data, only the layout of the
+        // decompressed views.
         let plain = scene.root.push(buffer(0));
         let mut lengths = [0; 2];
         for patch in &self.patches {
@@ -104,7 +108,7 @@ impl Encoded {
             let vertices = patch.vertices;
             let mut view = |root: &mut json::Root, bytes: &[u8], stride: usize, count: usize, mode: Mode| {
                 let target = if mode == Mode::Triangles { Target::ElementArrayBuffer } else { Target::ArrayBuffer };
-                let mut view = buffer_view(plain, lengths[1], stride * count, target);
+                let mut view = buffer_view(plain, lengths[1], stride * count, Some(target));
                 view.byte_stride = (mode == Mode::Attributes).then_some(Stride(stride));
                 let compression = Compression {
                     buffer: data.value(),
@@ -133,7 +137,7 @@ impl Encoded {
                 ..accessor(Type::Vec3, ComponentType::I16, vertices)
             };
             let normals = root.push(normals);
-            let component = if vertices <= MAX_SHORT_VERTICES { ComponentType::U16 } else { ComponentType::U32 };
+            let component = index_type(vertices);
             let count = patch.triangles * 3;
             let indices = json::Accessor {
                 buffer_view: view(root, &patch.indices, component.size(), count, Mode::Triangles)?,
@@ -146,16 +150,14 @@ impl Encoded {
         scene.root.buffers[1] = buffer(lengths[1]);
         let others = Map::from_iter([(COMPRESSION.to_owned(), json!({ "fallback": true }))]);
         scene.root.buffers[1].extensions = Some(json::extensions::buffer::Buffer { others });
-        let counts = Counts { vertices: self.vertices, triangles: self.triangles };
         let node =
             json::Node { scale: Some(self.grid.step), translation: Some(self.grid.origin), ..json::Node::default() };
-        Ok((scene.finish(&counts, node)?, lengths[0]))
+        Ok((scene.finish(self.vertices, self.triangles, node)?, lengths[0]))
     }
 }
 
-impl Patch {
+impl EncodedPatch {
     fn new(full: &Full<'_>, patch: &model::Patch, triangles: &[[u32; 3]]) -> Self {
-        const FITS: &str = "the encoder is given the space it asks for";
         let mut indices = triangles.as_flattened().to_vec();
         let mut vertices = number(&mut indices);
         if triangles.len() < patch.triangles.len() {
@@ -163,8 +165,10 @@ impl Patch {
             let order = number(&mut indices);
             vertices = order.into_iter().map(|local| vertices[local as usize]).collect();
         }
-        // The encoders return buffers for the greatest size.
-        let fit = |bytes: meshopt::Result<Vec<u8>>| bytes.expect(FITS).into_boxed_slice();
+        // The encoders return vectors with the capacity of the worst case.
+        let fit = |bytes: meshopt::Result<Vec<u8>>| {
+            bytes.expect("the encoder is given the space it asks for").into_boxed_slice()
+        };
         let encoded = fit(meshopt::encode_index_buffer(&indices, vertices.len()));
         drop(indices);
         let (mut low, mut high) = ([u16::MAX; 3], [0; 3]);
@@ -173,7 +177,7 @@ impl Patch {
             low = std::array::from_fn(|axis| cell[axis].min(low[axis]));
             high = std::array::from_fn(|axis| cell[axis].max(high[axis]));
         }
-        // Version 0 is the one of the extension; it has no levels of compression.
+        // The extension defines version 0 of the codec, which has no compression levels.
         let encode = |vectors: Vec<[u8; VECTOR_BYTES]>| fit(meshopt::encode_vertex_buffer_level(&vectors, 0, Some(0)));
         let normals = full.normals(patch, &vertices);
         Self {
@@ -189,11 +193,7 @@ impl Patch {
     }
 }
 
-/// A vector in little-endian order.
+/// Vector in little-endian order, padded with zeros.
 fn padded(vector: [u16; 3]) -> [u8; VECTOR_BYTES] {
-    let mut bytes = [0; VECTOR_BYTES];
-    for (slot, x) in bytes.chunks_exact_mut(2).zip(vector) {
-        slot.copy_from_slice(&x.to_le_bytes());
-    }
-    bytes
+    join(vector.map(u16::to_le_bytes))
 }

@@ -1,4 +1,4 @@
-//! The full surface as the levels need it: on the grid, with the normals of its vertices.
+//! The full surface on the grid, with the normals of its vertices.
 
 use super::grid::{Cell, Grid};
 use crate::geometry::patch::{Numbering, add, doubled_area_normal, patch_geometry, unit};
@@ -8,14 +8,15 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 use std::ops::Range;
 
-/// Least number of vertices whose normals are summed at a time, and greatest number of such runs.
-const LEAST_RUN: usize = 1 << 16;
-const RUNS: usize = 16;
+/// Minimum number of vertices whose normals are summed at a time.
+const MIN_RUN: usize = 1 << 16;
+/// Maximum number of runs.
+const MAX_RUNS: usize = 16;
 
-/// The triangles of each patch that has some.
-pub(super) type Level<'a> = Vec<Cow<'a, [[u32; 3]]>>;
+/// Triangles of a level, for each patch that has triangles.
+pub(super) type PatchTriangles<'a> = Vec<Cow<'a, [[u32; 3]]>>;
 
-/// The full surface. Its walls have no vertices in common.
+/// The full surface. Its walls have no common vertices.
 pub(super) struct Full<'a> {
     pub(super) mesh: &'a Mesh,
     /// Patches that have triangles.
@@ -29,28 +30,28 @@ pub(super) struct Full<'a> {
 
 impl<'a> Full<'a> {
     pub(super) fn new(mesh: &'a Mesh) -> Self {
-        let grid = Grid::of(&mesh.positions);
+        let grid = Grid::spanning(&mesh.positions);
         let patches: Vec<&Patch> = mesh.patches.iter().filter(|patch| !patch.triangles.is_empty()).collect();
         let cells = grid.cells(&mesh.positions);
-        // Some vertices at a time, because sums take more memory than all else.
+        // Computed in runs of vertices, because the sums take more memory than everything else.
         let count = mesh.positions.len();
-        let run = LEAST_RUN.max(count.div_ceil(RUNS));
+        let run = MIN_RUN.max(count.div_ceil(MAX_RUNS));
         let of_run = |first: usize| normals(mesh, &patches, first..count.min(first + run), &grid);
         let normals = (0..count.div_ceil(run)).into_par_iter().flat_map_iter(|k| of_run(k * run)).collect();
         Self { mesh, patches, grid, cells, normals }
     }
 
-    /// The level with all triangles.
-    pub(super) fn level(&self) -> Level<'a> {
+    /// All triangles.
+    pub(super) fn triangles(&self) -> PatchTriangles<'a> {
         self.patches.iter().map(|patch| Cow::Borrowed(&self.mesh.triangles[patch.triangles.clone()])).collect()
     }
 
-    /// Position of a vertex, rounded to its cell.
+    /// Position of a vertex, rounded to the grid.
     pub(super) fn placed(&self, vertex: u32) -> [f32; 3] {
         self.grid.position(self.cells[vertex as usize])
     }
 
-    /// Normals of vertices of a patch, in the space of the grid.
+    /// Normals of `vertices` of a patch, in the space of the grid.
     pub(super) fn normals(&self, patch: &Patch, vertices: &[u32]) -> Vec<[i16; 3]> {
         if patch.kind.is_wall() {
             return vertices.iter().map(|&v| self.normals[v as usize]).collect();
@@ -61,7 +62,7 @@ impl<'a> Full<'a> {
     }
 }
 
-/// Normals of some vertices, of those that belong to a wall.
+/// Normals of a range of vertices, in the space of the grid. Only triangles of walls count.
 fn normals(mesh: &Mesh, patches: &[&Patch], vertices: Range<usize>, grid: &Grid) -> Vec<[i16; 3]> {
     let mut sums = vec![[0.0; 3]; vertices.len()];
     for patch in patches.iter().filter(|patch| patch.kind.is_wall()) {
@@ -77,7 +78,7 @@ fn normals(mesh: &Mesh, patches: &[&Patch], vertices: Range<usize>, grid: &Grid)
     sums.into_iter().map(|sum| grid.normal(unit(sum))).collect()
 }
 
-/// Numbers vertices in the order of their first use; returns the vertex of each number.
+/// Renumbers vertices in the order of their first use. Returns the vertex of each number.
 pub(super) fn number(vertices: &mut [u32]) -> Vec<u32> {
     let first = vertices.iter().copied().min().unwrap_or(0);
     let end = vertices.iter().copied().max().map_or(0, |last| last + 1);

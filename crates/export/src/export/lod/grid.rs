@@ -1,12 +1,13 @@
-//! The grid of 65,536 steps an axis to which the positions of a level are rounded.
+//! The grid to which the positions of a level are rounded, with 65,536 steps per axis.
 //!
-//! Each axis has its own step: a tube is many times longer than wide, and one step for all axes, that of the length, would
-//! be wider than its folds (15 µm for a tube of 1 m). All patches use one grid, so that their borders coincide exactly.
+//! Each axis has its own step, because a tube is many times longer than wide. With the step of the
+//! length on all axes, the step would be wider than folds (15 µm for a tube of 1 m). All patches
+//! use the same grid, so their borders coincide exactly.
 
 use rayon::prelude::*;
 use std::collections::HashSet;
 
-/// Place of a vertex on the grid.
+/// Position of a vertex on the grid, in steps.
 pub(in crate::export) type Cell = [u16; 3];
 
 /// The grid: cell `c` lies at `origin + c * step`, in metres. Both are f32, as in the file.
@@ -17,15 +18,15 @@ pub(in crate::export) struct Grid {
 }
 
 impl Grid {
-    /// The grid that spans the positions.
-    pub(super) fn of(positions: &[[f32; 3]]) -> Self {
+    /// Grid that spans the positions.
+    pub(super) fn spanning(positions: &[[f32; 3]]) -> Self {
         let mut grid = Self { origin: [0.0; 3], step: [0.0; 3] };
         for axis in 0..3 {
             let values = || positions.iter().map(|p| p[axis]);
             let (low, high) = (values().fold(f32::INFINITY, f32::min), values().fold(f32::NEG_INFINITY, f32::max));
             grid.origin[axis] = low;
             grid.step[axis] = ((f64::from(high) - f64::from(low)) / f64::from(u16::MAX)) as f32;
-            // A surface without extent needs a step as well: normals are divided by it.
+            // Normals are divided by the step, so it must not be zero.
             grid.step[axis] = grid.step[axis].max(1e-12);
         }
         grid
@@ -43,8 +44,8 @@ impl Grid {
         })
     }
 
-    /// The cells of positions: the nearest ones, but a different one for each, since a reader that merges equal positions
-    /// must not merge two vertices.
+    /// Nearest cells of positions, except that each position has its own cell. Otherwise a reader
+    /// that merges equal positions would merge two vertices.
     pub(super) fn cells(&self, positions: &[[f32; 3]]) -> Vec<Cell> {
         let mut cells: Vec<Cell> = positions.par_iter().map(|p| self.nearest(*p)).collect();
         let mut keys: Vec<u64> = cells.par_iter().map(|&[x, y, z]| key(x, y, z)).collect();
@@ -55,8 +56,8 @@ impl Grid {
         cells
     }
 
-    /// A normal in the space of the grid, in steps of 1/32,767: a viewer divides it by the step of each axis. With 8 bits,
-    /// that would leave a slanted normal of a long thin tube with hardly any x and y.
+    /// Normal in the space of the grid, in steps of 1/32,767. A viewer divides it by the step of
+    /// each axis. With 8 bits, slanted normals of a long thin tube would have almost no x and y.
     pub(super) fn normal(&self, normal: [f32; 3]) -> [i16; 3] {
         let scaled: [f64; 3] = std::array::from_fn(|a| f64::from(normal[a]) * f64::from(self.step[a]));
         let length = scaled.iter().map(|x| x * x).sum::<f64>().sqrt();
@@ -68,7 +69,7 @@ fn key(x: u16, y: u16, z: u16) -> u64 {
     u64::from(z) << 32 | u64::from(y) << 16 | u64::from(x)
 }
 
-/// Moves each cell that an earlier vertex has to the nearest free one.
+/// Moves each cell that an earlier vertex occupies to the nearest free cell.
 fn separate(cells: &mut [Cell]) {
     let mut taken: HashSet<Cell> = cells.iter().copied().collect();
     let mut seen = HashSet::with_capacity(taken.len());
@@ -81,7 +82,7 @@ fn separate(cells: &mut [Cell]) {
     }
 }
 
-/// The cells at a distance of `reach` steps along at least one axis, and no more along any.
+/// Cells whose maximum distance from `centre` along an axis is `reach` steps.
 fn shell(centre: Cell, reach: i32) -> impl Iterator<Item = Cell> {
     let side = -reach..=reach;
     let offsets = side.clone().flat_map(move |z| side.clone().map(move |y| (z, y)));
@@ -105,7 +106,7 @@ mod tests {
         fn positions_are_rounded_to_half_a_step(
             positions in prop::collection::vec((-1e-3f32..1e-3, -2e-3f32..1e-3, 0f32..1.0).prop_map(|(x, y, z)| [x, y, z]), 2..60),
         ) {
-            let grid = Grid::of(&positions);
+            let grid = Grid::spanning(&positions);
             let cells = grid.cells(&positions);
             prop_assert_eq!(cells.iter().collect::<HashSet<_>>().len(), positions.len());
             for (p, cell) in positions.iter().zip(cells) {
@@ -136,7 +137,7 @@ mod tests {
         let corner = [1e-3, 1e-3, 0.06];
         let mut positions = vec![[0.0; 3]];
         positions.extend([corner; 30]);
-        let grid = Grid::of(&positions);
+        let grid = Grid::spanning(&positions);
         let cells = grid.cells(&positions);
         assert_eq!(cells.iter().collect::<HashSet<_>>().len(), 31);
         assert_eq!(cells[1], [u16::MAX; 3]);

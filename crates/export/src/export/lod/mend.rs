@@ -1,56 +1,62 @@
-//! Makes a simplified surface sound again: closed, each edge between exactly two triangles, each vertex with one fan.
+//! Mends a simplified surface, so that it is closed: each edge belongs to exactly two triangles,
+//! and the triangles around each vertex form one fan.
 //!
-//! The simplifier may collapse an edge whose ends have a common neighbour besides the two opposite corners (it does not test
-//! the link condition). Two edges then join the same two vertices. Turning one of them, within the two triangles beside it,
-//! leaves one; the surface keeps its topology if it is the right pair of triangles, which shows in the fans of both ends.
+//! The simplifier does not test the link condition, so it may collapse an edge whose ends have a
+//! common neighbour besides the two opposite corners. Two edges then join the same two vertices.
+//! Flipping one of them within its two triangles removes the duplicate. The flip keeps the topology
+//! if it joins the fans of both ends into one cycle each.
 
-use super::full::Level;
+use super::full::PatchTriangles;
 use crate::model::Mesh;
 use std::collections::HashSet;
 
-/// Rounds of mending. A round leaves out edges that are near others it has turned.
+/// Maximum number of rounds. A round skips edges near an edge that it has flipped.
 const ROUNDS: usize = 8;
 
-/// Turns edges until the surface is sound and has the Euler number of its body; false if that cannot be achieved.
-pub(super) fn mend(level: &mut Level<'_>, mesh: &Mesh) -> bool {
+/// Flips edges until the surface is closed and has the Euler number of its body. Returns false on
+/// failure.
+pub(super) fn mend(level: &mut PatchTriangles<'_>, mesh: &Mesh) -> bool {
     for _ in 0..ROUNDS {
         let fans = Fans::new(level, mesh.positions.len());
-        let unsound: Vec<u32> = (0..mesh.positions.len() as u32).filter(|&v| !is_cycle(&fans.link(v))).collect();
-        if unsound.is_empty() {
+        let open: Vec<u32> = (0..mesh.positions.len() as u32).filter(|&v| !is_cycle(&fans.link(v))).collect();
+        if open.is_empty() {
             let used = fans.first.windows(2).filter(|pair| pair[0] < pair[1]).count() as i64;
-            // A closed surface has three edges for two triangles.
+            // Euler's formula for a closed surface, which has 3/2 edges per triangle.
             return used - fans.triangles.len() as i64 / 2 == mesh.body.euler();
         }
-        let mut turned = HashSet::new();
-        for v in unsound {
-            fans.turn_at(v, level, &mut turned);
+        let mut flipped = HashSet::new();
+        for v in open {
+            fans.flip_at(v, level, &mut flipped);
         }
-        if turned.is_empty() {
+        if flipped.is_empty() {
             return false;
         }
     }
     false
 }
 
-/// A triangle that begins at a vertex: place of the triangle, and its vertices from that one on.
+/// A triangle of a fan.
 #[derive(Clone, Copy)]
-struct Blade {
+struct FanTriangle {
+    /// Index of the patch, and of the triangle in the patch.
     place: (usize, usize),
+    /// Vertices of the triangle, the centre of the fan first.
     vertices: [u32; 3],
 }
 
-/// The triangles around each vertex.
+/// Triangles around each vertex.
 struct Fans {
     /// Vertex `v` is a corner of the triangles `around[first[v]..first[v + 1]]`.
     first: Vec<u32>,
     around: Vec<u32>,
-    /// All triangles, and where those of each patch end.
+    /// Triangles of all patches.
     triangles: Vec<[u32; 3]>,
-    places: Vec<usize>,
+    /// End of each patch in `triangles`.
+    patch_ends: Vec<usize>,
 }
 
 impl Fans {
-    fn new(level: &Level<'_>, count: usize) -> Self {
+    fn new(level: &PatchTriangles<'_>, count: usize) -> Self {
         let triangles: Vec<[u32; 3]> = level.iter().flat_map(|patch| patch.iter().copied()).collect();
         let mut first = vec![0; count + 1];
         triangles.as_flattened().iter().for_each(|&v| first[v as usize + 1] += 1);
@@ -64,47 +70,47 @@ impl Fans {
                 next[v as usize] += 1;
             }
         }
-        let places = level.iter().scan(0, |end, patch| {
+        let patch_ends = level.iter().scan(0, |end, patch| {
             *end += patch.len();
             Some(*end)
         });
-        Self { first, around, triangles, places: places.collect() }
+        Self { first, around, triangles, patch_ends: patch_ends.collect() }
     }
 
-    /// The triangles around a vertex, by index.
+    /// Indices of the triangles around a vertex.
     fn of(&self, v: u32) -> &[u32] {
         &self.around[self.first[v as usize] as usize..self.first[v as usize + 1] as usize]
     }
 
-    /// The directed edges opposite to a vertex.
+    /// Directed edges opposite to a vertex.
     fn link(&self, v: u32) -> Vec<[u32; 2]> {
-        self.of(v).iter().map(|&i| after(self.triangles[i as usize], v)).collect()
+        self.of(v).iter().map(|&i| opposite_edge(self.triangles[i as usize], v)).collect()
     }
 
-    /// The triangles around a vertex with their places.
-    fn blades(&self, v: u32) -> Vec<Blade> {
-        let blade = |&i: &u32| {
-            let patch = self.places.partition_point(|&end| end <= i as usize);
-            let begin = if patch == 0 { 0 } else { self.places[patch - 1] };
+    /// Fan of a vertex.
+    fn fan(&self, v: u32) -> Vec<FanTriangle> {
+        let triangle = |&i: &u32| {
+            let patch = self.patch_ends.partition_point(|&end| end <= i as usize);
+            let begin = if patch == 0 { 0 } else { self.patch_ends[patch - 1] };
             let place = (patch, i as usize - begin);
-            let [b, c] = after(self.triangles[i as usize], v);
-            Blade { place, vertices: [v, b, c] }
+            let [b, c] = opposite_edge(self.triangles[i as usize], v);
+            FanTriangle { place, vertices: [v, b, c] }
         };
-        self.of(v).iter().map(blade).collect()
+        self.of(v).iter().map(triangle).collect()
     }
 
-    /// Turns an edge of `a` that another edge doubles, if that joins the fans of both ends into one cycle each.
-    fn turn_at(&self, a: u32, level: &mut Level<'_>, turned: &mut HashSet<u32>) {
-        let blades = self.blades(a);
-        for t in &blades {
+    /// Flips a duplicate edge of `a`, if that joins the fans of both ends into one cycle each.
+    fn flip_at(&self, a: u32, level: &mut PatchTriangles<'_>, flipped: &mut HashSet<u32>) {
+        let fan = self.fan(a);
+        for t in &fan {
             let [_, b, c] = t.vertices;
-            if blades.iter().filter(|other| other.vertices[1] == b).count() < 2 {
+            if fan.iter().filter(|other| other.vertices[1] == b).count() < 2 {
                 continue;
             }
-            for s in blades.iter().filter(|s| s.vertices[2] == b && s.place.0 == t.place.0) {
+            for s in fan.iter().filter(|s| s.vertices[2] == b && s.place.0 == t.place.0) {
                 let d = s.vertices[1];
                 let apart = c != d && !self.link(c).iter().any(|edge| edge.contains(&d));
-                if !apart || [a, b, c, d].iter().any(|v| turned.contains(v)) {
+                if !apart || [a, b, c, d].iter().any(|v| flipped.contains(v)) {
                     continue;
                 }
                 let at_a = replaced(self.link(a), [[b, c], [d, b]], [d, c]);
@@ -112,7 +118,7 @@ impl Fans {
                 if is_connected(&at_a) && is_connected(&at_b) {
                     level[t.place.0].to_mut()[t.place.1] = [a, d, c];
                     level[s.place.0].to_mut()[s.place.1] = [d, b, c];
-                    turned.extend([a, b, c, d]);
+                    flipped.extend([a, b, c, d]);
                     return;
                 }
             }
@@ -120,8 +126,8 @@ impl Fans {
     }
 }
 
-/// The edge of a triangle opposite to one of its vertices.
-fn after([a, b, c]: [u32; 3], v: u32) -> [u32; 2] {
+/// Edge of a triangle opposite to one of its vertices.
+fn opposite_edge([a, b, c]: [u32; 3], v: u32) -> [u32; 2] {
     if v == a {
         [b, c]
     } else if v == b {
@@ -141,7 +147,7 @@ fn replaced(mut link: Vec<[u32; 2]>, old: [[u32; 2]; 2], new: [u32; 2]) -> Vec<[
     link
 }
 
-/// Whether directed edges form one cycle, or there are none.
+/// True if directed edges form one cycle, or there are none.
 fn is_cycle(link: &[[u32; 2]]) -> bool {
     let Some(&[start, mut at]) = link.first() else { return true };
     let mut steps = 1;
@@ -154,7 +160,7 @@ fn is_cycle(link: &[[u32; 2]]) -> bool {
     steps == link.len()
 }
 
-/// Whether edges are connected, whatever their directions.
+/// True if edges are connected, regardless of their directions.
 fn is_connected(link: &[[u32; 2]]) -> bool {
     let mut rest = link.to_vec();
     let mut reached: Vec<u32> = rest.pop().into_iter().flatten().collect();

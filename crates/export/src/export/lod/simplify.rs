@@ -1,37 +1,41 @@
-//! Fewer triangles by collapsing edges, in the order of the error that this makes (Garland and Heckbert 1997; meshoptimizer).
+//! Simplification by edge collapses in the order of the error that they cause (Garland and Heckbert
+//! 1997; meshoptimizer).
 //!
-//! Walls are simplified one by one and keep the vertices of their borders; what closes the ends has no others and is kept as
-//! it is. So the patches of a level meet as those of the full surface do.
+//! Each wall is simplified separately and keeps the vertices of its borders. The patches at the
+//! ends have only border vertices and stay unchanged. Neighbouring patches of a level therefore
+//! still share their borders.
 //!
-//! The simplifier needs several times the memory of the triangles. A large wall is therefore simplified in pieces, which keep their borders as well, in
-//! two passes: the second has other pieces, within which most borders of the first lie. A smaller one is simplified at once, since
-//! collapses are then in order everywhere.
+//! The simplifier needs several times the memory of the triangles. A large wall is therefore
+//! simplified in pieces that keep their borders, in two passes. The pieces of the second pass are
+//! cut elsewhere, so most borders of the first pass lie within them. A smaller wall is simplified
+//! as a whole, which keeps the order of collapses exact.
 
-use super::full::{Full, Level, number};
+use super::full::{Full, PatchTriangles, number};
 use super::mend::mend;
 use meshopt::{SimplifyOptions, VertexDataAdapter, simplify};
 use rayon::prelude::*;
 use std::borrow::Cow;
 
-/// Most triangles of a piece, and of a wall that is simplified at once.
+/// Maximum number of triangles of a piece.
 const PIECE: usize = if cfg!(test) { 1 << 12 } else { 1 << 16 };
+/// Maximum number of triangles of a wall that is simplified as a whole.
 pub(super) const AT_ONCE: usize = if cfg!(test) { 1 << 13 } else { 1 << 18 };
-/// At which part of a piece it is cut, in each pass.
+/// Fraction of the triangles of a piece at which each pass cuts it.
 const CUTS: [f64; 2] = [0.5, 0.38];
-/// Triangles from which the place of a cut is estimated.
+/// Number of triangles from which the position of a cut is estimated.
 const SAMPLE: usize = 1 << 12;
 
-/// The level of about `target` triangles made from a finer one, or a copy of that if it has no more.
+/// Simplifies a finer level to about `target` triangles, or copies it if it has no more.
 ///
-/// It has more triangles than asked for where collapses would tear the surface. If the result cannot be made a sound surface
-/// (see [`mend`]), it is the finer level.
-pub(super) fn coarser<'a>(full: &Full<'_>, finer: &Level<'a>, target: usize) -> Level<'a> {
+/// The result has more triangles where collapses would tear the surface. It is the finer level if
+/// the simplified surface cannot be mended (see [`mend`]).
+pub(super) fn coarser<'a>(full: &Full<'_>, finer: &PatchTriangles<'a>, target: usize) -> PatchTriangles<'a> {
     let is_wall = |part: usize| full.patches[part].kind.is_wall();
     let count = |walls: bool| -> usize {
         finer.iter().enumerate().filter(|(part, _)| is_wall(*part) == walls).map(|(_, t)| t.len()).sum()
     };
     let (walls, ends) = (count(true), count(false));
-    // Ends of very many triangles must not leave the walls without any.
+    // The walls keep at least half of the target, however many triangles the ends have.
     let share = target.saturating_sub(ends).max(target / 2) as f64 / walls as f64;
     if share >= 1.0 {
         return finer.clone();
@@ -40,22 +44,25 @@ pub(super) fn coarser<'a>(full: &Full<'_>, finer: &Level<'a>, target: usize) -> 
     let of_part = |part: usize| -> Cow<'a, [[u32; 3]]> {
         if is_wall(part) { collapse(positions, &finer[part], share).into() } else { finer[part].clone() }
     };
-    let mut level: Level<'a> = (0..finer.len()).map(of_part).collect();
+    let mut level: PatchTriangles<'a> = (0..finer.len()).map(of_part).collect();
     if mend(&mut level, full.mesh) {
         return level;
     }
-    tracing::warn!(target, "a simplified level is not a sound surface: it has the triangles of the finer one");
+    tracing::warn!(
+        target,
+        "simplification failed to produce a closed surface; this level of detail keeps the triangles of the finer level"
+    );
     finer.clone()
 }
 
-/// A wall with about `share` of its triangles.
+/// Simplifies a wall to about `share` of its triangles.
 fn collapse(positions: &[[f32; 3]], triangles: &[[u32; 3]], share: f64) -> Vec<[u32; 3]> {
     if triangles.len() <= AT_ONCE {
         return collapse_piece(positions, triangles, share);
     }
     let mut kept = Cow::Borrowed(triangles);
     for (cut, share) in CUTS.into_iter().zip([share.sqrt(), share]) {
-        // The second pass makes up for what the first could not collapse.
+        // The second pass also collapses what the first could not.
         let share = triangles.len() as f64 * share / kept.len() as f64;
         let of_piece = |piece: &[u32]| {
             let triangles: Vec<_> = piece.iter().map(|&i| kept[i as usize]).collect();
@@ -68,7 +75,7 @@ fn collapse(positions: &[[f32; 3]], triangles: &[[u32; 3]], share: f64) -> Vec<[
     kept.into_owned()
 }
 
-/// A piece of a wall with about `share` of its triangles.
+/// Simplifies a piece of a wall to about `share` of its triangles.
 pub(super) fn collapse_piece(positions: &[[f32; 3]], triangles: &[[u32; 3]], share: f64) -> Vec<[u32; 3]> {
     let mut indices = triangles.as_flattened().to_vec();
     let vertices = number(&mut indices);
@@ -76,14 +83,15 @@ pub(super) fn collapse_piece(positions: &[[f32; 3]], triangles: &[[u32; 3]], sha
     let adapter = VertexDataAdapter::new(bytemuck::cast_slice(&points), size_of::<[f32; 3]>(), 0)
         .expect("positions are a whole number of items");
     let target = (triangles.len() as f64 * share) as usize * 3;
-    // The error is not limited: 1 is the extent of the surface.
+    // An error of 1 is the extent of the surface, so the error is not limited.
     let kept = simplify(&indices, &adapter, target, 1.0, SimplifyOptions::LockBorder, None);
     let (kept, _) = kept.as_chunks::<3>();
     kept.iter().map(|t| t.map(|local| vertices[local as usize])).collect()
 }
 
-/// Cuts a wall into pieces of at most [`PIECE`] triangles, each at `cut` of its triangles, across the axis along which the cut
-/// meets the fewest. The triangles of `order`, which are all at first, come into the order of pieces; those of a piece are in order.
+/// Cuts a wall into pieces of at most [`PIECE`] triangles. A piece is cut at the fraction `cut` of
+/// its triangles, across the axis along which the cut intersects the fewest triangles. `order`
+/// initially contains all triangles; it is rearranged by pieces, and sorted within each piece.
 fn pieces<'a>(positions: &[[f32; 3]], triangles: &[[u32; 3]], order: &'a mut [u32], cut: f64) -> Vec<&'a [u32]> {
     let (mut pieces, mut rest) = (Vec::new(), vec![order]);
     while let Some(piece) = rest.pop() {
@@ -99,7 +107,7 @@ fn pieces<'a>(positions: &[[f32; 3]], triangles: &[[u32; 3]], order: &'a mut [u3
             let nth = (sample.len() as f64 * cut) as usize;
             *sample.select_nth_unstable_by(nth, f32::total_cmp).1
         };
-        // How many corners of a triangle are below the cut.
+        // Number of corners of a triangle below the cut.
         let below = |(axis, plane): (usize, f32), i: u32| place(axis, i).iter().filter(|&&x| x < plane).count();
         let met = |&plane: &(usize, f32)| piece.iter().filter(|&&i| below(plane, i) % 3 != 0).count();
         let best = [0, 1, 2].map(|axis| (axis, at(axis))).into_iter().min_by_key(met).expect("there are three");

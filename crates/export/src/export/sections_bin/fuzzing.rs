@@ -1,4 +1,4 @@
-//! Target of the fuzzers: `sections.bin`.
+//! Fuzz target for `sections.bin`.
 
 use super::{
     ENTRY_LEN, SectionEntry, SectionsError, SectionsReader, TRAILER_LEN, Trailer, checksum, field,
@@ -10,7 +10,8 @@ use sha2::{Digest, Sha256};
 use std::io::Cursor;
 use std::ops::Range;
 
-/// Reads the bytes as they are, and with the checksums made right, so that damage behind them is found too.
+/// Reads the bytes unchanged, and with corrected checksums, so that the fuzzer reaches the code
+/// behind the checks.
 pub fn sections(bytes: &[u8]) {
     file(bytes);
     let mut sealed = bytes.to_vec();
@@ -19,7 +20,7 @@ pub fn sections(bytes: &[u8]) {
     by_ranges(&sealed);
 }
 
-/// A file that is read whole is written and read again with the same sections, and refused with any bit changed.
+/// Checks that a readable file survives writing and reading, and that a changed bit is detected.
 fn file(bytes: &[u8]) {
     let Ok((meta, sections)) = read(bytes) else { return };
     let mut written = Vec::new();
@@ -52,7 +53,7 @@ fn read(bytes: &[u8]) -> Result<(Metadata, Vec<Section>), SectionsError> {
     Ok((meta, sections))
 }
 
-/// Reads like a client with byte ranges. Sections lie before the index.
+/// Reads as a client does that requests byte ranges. Sections must lie before the index.
 fn by_ranges(bytes: &[u8]) {
     let Some((body, tail)) = bytes.split_last_chunk::<TRAILER_LEN>() else { return };
     let Ok(trailer) = Trailer::parse(tail, bytes.len() as u64) else { return };
@@ -69,7 +70,7 @@ fn place(entry: &SectionEntry) -> Option<Range<usize>> {
     Some(start..start.checked_add(entry.length as usize)?)
 }
 
-/// Makes all checksums of a file right, as far as it has the parts that they cover.
+/// Corrects all checksums of a file, as far as it has the parts that they cover.
 pub fn seal(bytes: &mut [u8]) {
     let Some(trailer) = bytes.len().checked_sub(TRAILER_LEN) else { return };
     let index = usize::try_from(u64::from_le_bytes(field(bytes, trailer))).ok().filter(|index| *index <= trailer);

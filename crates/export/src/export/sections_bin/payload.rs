@@ -1,19 +1,25 @@
-//! A section's points and ids in compressed form.
+//! Compressed form of the points and ids of a section.
 //!
-//! Six planes of 32-bit numbers (ids, x, y of the inner ring, then of the outer): each number as the difference of
-//! its bits from the one before, folded so that small differences of either sign are small numbers, then all first
-//! bytes, all second bytes and so on. Neighbours lie micrometres apart, so most high bytes are zero.
+//! A section is encoded as six planes of 32-bit numbers: ids, x and y of the inner ring, then of
+//! the outer ring. Each plane is transformed before compression:
+//!
+//! 1. The bits of each number are replaced by their difference from the previous number.
+//! 2. Differences are folded, so that small differences of either sign become small numbers.
+//! 3. All first bytes are stored, then all second bytes, and so on.
+//!
+//! Neighbours lie micrometres apart, so most high bytes are zero.
 
 use super::{SectionEntry, SectionsError, checksum};
 use crate::model::{Ring, Section};
 
-/// Bytes of a point before compression: id, x, y.
+/// Size of a point before compression (id, x, y), bytes.
 const POINT_LEN: usize = 12;
 const PLANE_BYTES: usize = 4;
-/// Most bytes that one compressed byte becomes: a block of zstd takes at least 4 bytes and becomes at most 128 KiB.
+/// Maximum expansion of a compressed byte: a block of zstd has at least 4 bytes and expands to at
+/// most 128 KiB.
 const EXPANSION: usize = (128 << 10) / 4;
 
-/// Encodes both rings into `raw`, which is cleared first.
+/// Encodes both rings into `raw`, replacing its contents.
 pub(super) fn encode(section: &Section, raw: &mut Vec<u8>) {
     raw.clear();
     for ring in [&section.inner, &section.outer] {
@@ -39,7 +45,7 @@ fn push_plane(raw: &mut Vec<u8>, n: usize, values: impl Iterator<Item = u32>) {
     }
 }
 
-/// Values of a plane of `n` numbers.
+/// Decodes a plane of `n` numbers.
 fn plane_values(plane: &[u8], n: usize) -> impl Iterator<Item = u32> + '_ {
     let mut previous = 0u32;
     (0..n).map(move |i| {
@@ -50,17 +56,17 @@ fn plane_values(plane: &[u8], n: usize) -> impl Iterator<Item = u32> + '_ {
     })
 }
 
-/// Reads one section from its bytes: those from [`SectionEntry::offset`], [`SectionEntry::length`] many.
+/// Decodes a section from its [`SectionEntry::length`] bytes at [`SectionEntry::offset`].
 ///
 /// # Errors
-/// [`SectionsError::Corrupt`] if they are not the bytes of the entry.
+/// [`SectionsError::Corrupt`] if `bytes` are not the bytes of the entry.
 pub fn read_section_from_bytes(entry: &SectionEntry, bytes: &[u8]) -> Result<Section, SectionsError> {
     if bytes.len() as u64 != u64::from(entry.length) || checksum(bytes) != entry.checksum {
         return Err(SectionsError::Corrupt("a section"));
     }
     let counts = [entry.inner as usize, entry.outer as usize];
     let expected = POINT_LEN * (counts[0] + counts[1]);
-    // So that memory is allocated for data that can exist, not for any count.
+    // Checked before memory is allocated, because the count may be wrong.
     if expected > bytes.len() * EXPANSION {
         return Err(SectionsError::Corrupt("compressed data"));
     }

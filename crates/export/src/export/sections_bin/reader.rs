@@ -1,14 +1,14 @@
-//! Reads a sections file with random access.
+//! Reader of a sections file with random access.
 
 use super::{
     MAGIC, MAX_HEADER, SectionEntry, SectionsError, SectionsHeader, TRAILER_LEN, Trailer, VERSION, field,
     read_section_from_bytes,
 };
+use crate::export::hashing::HashingWriter;
 use crate::model::Section;
-use sha2::{Digest, Sha256};
 use std::io::{self, Read, Seek, SeekFrom};
 
-/// An open sections file. Holds the index; sections are read on request.
+/// An open sections file. The index is in memory; sections are read on request.
 pub struct SectionsReader<R> {
     input: R,
     header: SectionsHeader,
@@ -21,7 +21,8 @@ impl<R: Read + Seek> SectionsReader<R> {
     /// Reads header, trailer and index.
     ///
     /// # Errors
-    /// [`SectionsError`]. Damage to a section is detected when it is read, or by [`verify`](Self::verify).
+    /// Any [`SectionsError`] except [`SectionsError::OutOfRange`]. Damage to a section is detected
+    /// when the section is read, or by [`verify`](Self::verify).
     pub fn open(mut input: R) -> Result<Self, SectionsError> {
         let file_len = input.seek(SeekFrom::End(0))?;
         input.seek(SeekFrom::Start(0))?;
@@ -52,7 +53,8 @@ impl<R: Read + Seek> SectionsReader<R> {
             SectionsError::NotSections => SectionsError::Corrupt("the file is cut off"),
             other => other,
         })?;
-        // The trailer was checked against the length of the file, so this allocates no more than the file has.
+        // The trailer fits the length of the file, so this allocates at most as much as the file
+        // has.
         let mut index = vec![0; (trailer_start - trailer.index_offset) as usize];
         input.seek(SeekFrom::Start(trailer.index_offset))?;
         read_or(&mut input, &mut index, SectionsError::Corrupt("the index"))?;
@@ -64,7 +66,7 @@ impl<R: Read + Seek> SectionsReader<R> {
         Ok(Self { input, header, entries, trailer, file_len })
     }
 
-    /// The header.
+    /// Header of the file.
     #[must_use]
     pub fn header(&self) -> &SectionsHeader {
         &self.header
@@ -76,22 +78,22 @@ impl<R: Read + Seek> SectionsReader<R> {
         self.entries.len()
     }
 
-    /// Whether there are none.
+    /// True if the file has no sections.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.entries.is_empty()
     }
 
-    /// The index, in the order of writing.
+    /// Index entries in the order of writing.
     #[must_use]
     pub fn entries(&self) -> &[SectionEntry] {
         &self.entries
     }
 
-    /// Reads section `k`, counted from 0; only its bytes are read.
+    /// Reads section `k`, from 0. Only the bytes of this section are read.
     ///
     /// # Errors
-    /// [`SectionsError`].
+    /// [`SectionsError::OutOfRange`], [`SectionsError::Corrupt`] or [`SectionsError::Io`].
     pub fn section(&mut self, k: usize) -> Result<Section, SectionsError> {
         let entry = *self.entries.get(k).ok_or(SectionsError::OutOfRange { k, len: self.entries.len() })?;
         let mut bytes = vec![0; entry.length as usize];
@@ -100,27 +102,22 @@ impl<R: Read + Seek> SectionsReader<R> {
         read_section_from_bytes(&entry, &bytes)
     }
 
-    /// Reads the whole file and compares its SHA-256.
+    /// Reads the whole file and checks its SHA-256.
     ///
     /// # Errors
-    /// [`SectionsError::Corrupt`] if any byte differs from those written.
+    /// [`SectionsError::Corrupt`] if any byte changed after the file was written.
     pub fn verify(&mut self) -> Result<(), SectionsError> {
         self.input.seek(SeekFrom::Start(0))?;
-        let mut left = self.file_len - (TRAILER_LEN - Trailer::HEAD) as u64;
-        let mut hash = Sha256::new();
-        let mut buffer = vec![0; 1 << 16];
-        while left > 0 {
-            let n = left.min(buffer.len() as u64) as usize;
-            read_or(&mut self.input, &mut buffer[..n], SectionsError::Corrupt("the file is cut off"))?;
-            hash.update(&buffer[..n]);
-            left -= n as u64;
+        let hashed = self.file_len - (TRAILER_LEN - Trailer::HEAD) as u64;
+        let mut hash = HashingWriter::new(io::sink());
+        if io::copy(&mut self.input.by_ref().take(hashed), &mut hash)? < hashed {
+            return Err(SectionsError::Corrupt("the file is cut off"));
         }
-        let found: [u8; 32] = hash.finalize().into();
-        if found == self.trailer.sha256 { Ok(()) } else { Err(SectionsError::Corrupt("the hash of the file")) }
+        if hash.sha256() == self.trailer.sha256 { Ok(()) } else { Err(SectionsError::Corrupt("the hash of the file")) }
     }
 }
 
-/// Fills `bytes`; fails with `short` if the input ends before.
+/// Fills `bytes`. Returns the error `short` if the input ends too early.
 fn read_or(input: &mut impl Read, bytes: &mut [u8], short: SectionsError) -> Result<(), SectionsError> {
     input.read_exact(bytes).map_err(|error| match error.kind() {
         io::ErrorKind::UnexpectedEof => short,

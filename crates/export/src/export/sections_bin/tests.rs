@@ -113,7 +113,8 @@ fn a_smooth_contour_takes_less_than_raw_floats() {
     assert!(packed * 3 < raw * 2, "{packed} of {raw}");
 }
 
-/// The file of one section with these bytes at `at` of its index entry, and the checksum of the index made right.
+/// The file of one section with these bytes at `at` of its index entry, and the checksum of the
+/// index made right.
 fn forged(at: usize, bytes: &[u8]) -> Vec<u8> {
     let mut file = file(&samples()[..1]);
     let head = file.len() - TRAILER_LEN;

@@ -1,4 +1,4 @@
-//! Writes sections one after another, the index last.
+//! Writer of a sections file: the sections one after another, then the index.
 
 use super::payload::encode;
 use super::{END_MAGIC, MAGIC, MAX_POINTS, Metadata, SectionEntry, SectionsHeader, Trailer, VERSION, checksum};
@@ -7,14 +7,14 @@ use crate::model::{Ring, Section};
 use std::io::{self, Write};
 
 const ZSTD_LEVEL: i32 = 3;
-/// Most bytes that zstd compresses at once.
+/// Maximum size of a block of zstd, bytes.
 const BLOCK: usize = 1 << 17;
 
-/// Writes all sections. Their number in `meta` is not used: they are counted.
+/// Writes all sections. The number of sections in `meta` is ignored.
 ///
 /// # Errors
-/// Those of `out`; [`io::ErrorKind::InvalidInput`] if a ring has more or fewer ids than points, or more points than the format
-/// allows (16,777,216).
+/// Returns any error of writing to `out`, and [`io::ErrorKind::InvalidInput`] if the numbers of ids
+/// and points of a ring differ, or a ring has more points than the format allows (16,777,216).
 pub fn write_sections(sections: &[Section], meta: &Metadata, out: &mut impl Write) -> io::Result<()> {
     let mut out = HashingWriter::new(out);
     let header = serde_json::to_vec(&SectionsHeader::from(meta))?;
@@ -24,7 +24,8 @@ pub fn write_sections(sections: &[Section], meta: &Metadata, out: &mut impl Writ
     out.write_all(&length.to_le_bytes())?;
     out.write_all(&header)?;
     let mut compressor = zstd::bulk::Compressor::new(ZSTD_LEVEL)?;
-    // Otherwise it allocates larger memory for each section that is larger than the last.
+    // Allocates all memory now. Otherwise each section that is larger than all before reallocates
+    // it.
     compressor.compress(&vec![0; BLOCK])?;
     let (mut index, mut raw) = (Vec::new(), Vec::new());
     for section in sections {
@@ -58,7 +59,7 @@ pub fn write_sections(sections: &[Section], meta: &Metadata, out: &mut impl Writ
     out.flush()
 }
 
-/// The number of points of a ring.
+/// Checked number of points of a ring.
 fn points(ring: &Ring) -> io::Result<u32> {
     match u32::try_from(ring.len()) {
         Ok(n) if n <= MAX_POINTS && ring.ids.len() == ring.points.len() => Ok(n),
