@@ -47,7 +47,7 @@ impl Centreline {
     pub fn new(sections: &[Section], course: Option<&Course>) -> Self {
         let mut line = Self::default();
         for section in sections {
-            let (inner, outer) = (Extent::new(&section.inner), Extent::new(&section.outer));
+            let (inner, outer) = (ContourMoments::new(&section.inner), ContourMoments::new(&section.outer));
             let straight = [outer.centroid[0], outer.centroid[1], section.z_um];
             let point = course.map_or(straight, |course| course.place(straight).into());
             let on = |last: &[f64; 3]| (0..3).map(|axis| (point[axis] - last[axis]).powi(2)).sum::<f64>().sqrt();
@@ -119,13 +119,13 @@ fn scale(unit: LengthUnit) -> f64 {
 }
 
 /// Area, perimeter and centroid of a simple contour.
-struct Extent {
+struct ContourMoments {
     area: f64,
     perimeter: f64,
     centroid: [f64; 2],
 }
 
-impl Extent {
+impl ContourMoments {
     fn new(ring: &Ring) -> Self {
         let points: Vec<[f64; 2]> = ring.points.iter().map(|p| p.map(f64::from)).collect();
         // Coordinates relative to a vertex keep the precision of small contours far from the

@@ -9,6 +9,9 @@ mod nifti;
 mod ome;
 #[cfg(test)]
 mod tests;
+mod volume;
+
+pub use volume::{FILES, LabelReport, LabelVolume, MEDIA_TYPES};
 
 use super::Metadata;
 use crate::geometry::cut::Slicer;
@@ -17,50 +20,13 @@ use crate::tissue::{Grid, Layers, TissueMap};
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use rayon::prelude::*;
-use serde::Serialize;
 use std::io::{self, Seek, Write};
 
-/// File names.
-pub const FILES: [&str; 2] = ["labels.ome.tif", "labels.nii.gz"];
-/// Media types of [`FILES`].
-pub const MEDIA_TYPES: [&str; 2] = ["image/tiff", "application/gzip"];
 /// Number of slices in memory at a time. `generate/cost` predicts the memory from it.
 pub const SLICES_AT_A_TIME: usize = 16;
 
-/// Piece of the tube to be labelled, and size of the voxels.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LabelVolume {
-    /// Side of a voxel in the plane of a section, µm.
-    pub voxel_um: f64,
-    /// Distance of slices, µm.
-    pub slice_um: f64,
-    /// Beginning of the first slice, µm from the isthmus end.
-    pub from_um: f64,
-    /// Number of slices.
-    pub slices: u32,
-}
-
-impl LabelVolume {
-    /// z of the middle of a slice, µm.
-    #[must_use]
-    pub fn z_um(&self, slice: u32) -> f64 {
-        self.from_um + (f64::from(slice) + 0.5) * self.slice_um
-    }
-}
-
-/// Description of a written volume, for the report of a model.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct LabelReport {
-    /// Number of voxels along x, y and z.
-    pub size: [u32; 3],
-    /// Sides of a voxel along x, y and z, µm.
-    pub voxel_um: [f64; 3],
-    /// Middle of the voxel of column 0, row 0 and slice 0, µm. y decreases from row to row.
-    pub first_um: [f64; 3],
-}
-
 /// Labels of a slice, plain and compressed.
-struct Slice {
+struct LabelSlice {
     labels: Vec<u8>,
     deflated: Vec<u8>,
 }
@@ -102,7 +68,7 @@ pub fn write_labels(
                 }
                 walls.slice(volume.z_um(slice), &grid, layers)
             })
-            .collect::<io::Result<Vec<Slice>>>()?;
+            .collect::<io::Result<Vec<LabelSlice>>>()?;
         let (tiff, nifti) = rayon::join(
             || slices.iter().try_for_each(|slice| tiff.write(&slice.deflated)),
             || slices.iter().try_for_each(|slice| nifti.write(&slice.labels)),
@@ -161,7 +127,7 @@ impl<'a> Walls<'a> {
         })
     }
 
-    fn slice(&self, z_um: f64, grid: &Grid, layers: &Layers) -> io::Result<Slice> {
+    fn slice(&self, z_um: f64, grid: &Grid, layers: &Layers) -> io::Result<LabelSlice> {
         let [mucosa, outside] = [&self.inner, &self.outer].map(|wall| wall.cut(z_um * 1e-6, 1e6));
         // The cut of the inner wall may have islands.
         if mucosa.is_empty() || outside.len() != 1 {
@@ -173,6 +139,6 @@ impl<'a> Walls<'a> {
         let labels = TissueMap::new(&Border::closed(mucosa), &Border::closed(outside), layers).labels(grid);
         let mut encoder = ZlibEncoder::new(Vec::new(), Compression::default());
         encoder.write_all(&labels)?;
-        Ok(Slice { labels, deflated: encoder.finish()? })
+        Ok(LabelSlice { labels, deflated: encoder.finish()? })
     }
 }

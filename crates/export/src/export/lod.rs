@@ -24,7 +24,7 @@ use super::Metadata;
 use crate::geometry::distance::Triangles;
 use crate::model::{Mesh, Patch};
 use encode::Encoded;
-use full::{Full, PatchTriangles, number};
+use full::{FullSurface, PatchTriangles, number};
 use rayon::prelude::*;
 use serde::Serialize;
 use serde_json::Map;
@@ -108,7 +108,7 @@ pub fn levels(mesh: &Mesh, stop: &(dyn Fn() -> bool + Sync)) -> io::Result<Vec<L
 /// As [`levels`].
 #[must_use]
 pub fn reduced(mesh: &Mesh, target: usize) -> (Mesh, Vec<u32>) {
-    let full = Full::new(mesh);
+    let full = FullSurface::new(mesh);
     let level = coarser(&full, &full.triangles(), target);
     let mut patches = Vec::new();
     let mut triangles: Vec<[u32; 3]> = Vec::new();
@@ -124,7 +124,7 @@ pub fn reduced(mesh: &Mesh, target: usize) -> (Mesh, Vec<u32>) {
 
 /// Computes the levels; `None` if it was stopped.
 fn levels_of<'a>(mesh: &'a Mesh, targets: [usize; 2], stop: &(dyn Fn() -> bool + Sync)) -> Option<Vec<Level>> {
-    let full = Full::new(mesh);
+    let full = FullSurface::new(mesh);
     let all = full.triangles();
     let level = |n: usize, triangles: &PatchTriangles<'_>| {
         if stop() {
@@ -154,7 +154,7 @@ fn micrometres(metres: f64) -> f64 {
 }
 
 /// Maximum distance between a level and the full surface, metres.
-fn distance(full: &Full<'_>, level: &PatchTriangles<'_>) -> f64 {
+fn distance(full: &FullSurface<'_>, level: &PatchTriangles<'_>) -> f64 {
     let of_patch = |(patch, triangles): (&&Patch, &Cow<'_, [[u32; 3]]>)| {
         let source = &full.mesh.triangles[patch.triangles.clone()];
         let vertices = vertices(source, full.cells.len());
@@ -172,7 +172,7 @@ fn vertices(triangles: &[[u32; 3]], count: usize) -> Vec<u32> {
 }
 
 /// Maximum distance by which rounding moves one of the vertices, metres.
-fn moved(full: &Full<'_>, vertices: &[u32]) -> f64 {
+fn moved(full: &FullSurface<'_>, vertices: &[u32]) -> f64 {
     let square = |&v: &u32| -> f64 {
         let (p, q) = (full.mesh.positions[v as usize], full.placed(v));
         (0..3).map(|axis| (f64::from(p[axis]) - f64::from(q[axis])).powi(2)).sum()
@@ -182,7 +182,7 @@ fn moved(full: &Full<'_>, vertices: &[u32]) -> f64 {
 
 /// Maximum distance between samples of a patch and its simplification in both directions, metres.
 /// The patch has the triangles `source` and the given vertices.
-fn simplified(full: &Full<'_>, source: &[[u32; 3]], vertices: &[u32], triangles: &[[u32; 3]]) -> f64 {
+fn simplified(full: &FullSurface<'_>, source: &[[u32; 3]], vertices: &[u32], triangles: &[[u32; 3]]) -> f64 {
     let position = |v: u32| full.mesh.positions[v as usize].map(f64::from);
     let corners = |i: usize| triangles[i].map(|v| full.placed(v).map(f64::from));
     let there = Triangles::new(triangles.len(), corners)

@@ -24,7 +24,7 @@ pub(super) fn of_triangle(corners: [[f32; 3]; 3]) -> [f32; 3] {
 /// # Panics
 /// If the triangles or patches of a shape are out of bounds.
 pub(super) fn write_of_vertices(surface: &Shape<'_>, out: &mut dyn Write) -> io::Result<()> {
-    let mut sums = vec![Sum::default(); surface.positions.len()];
+    let mut sums = vec![NormalSum::default(); surface.positions.len()];
     for patch in &surface.patches {
         let on_wall = patch.name.contains("wall");
         for &triangle in surface.triangles_of(patch) {
@@ -34,17 +34,17 @@ pub(super) fn write_of_vertices(surface: &Shape<'_>, out: &mut dyn Write) -> io:
             }
         }
     }
-    write_items(sums, out, Sum::bytes)
+    write_items(sums, out, NormalSum::bytes)
 }
 
 #[derive(Clone, Copy, Default)]
-struct Sum {
+struct NormalSum {
     normal: [f64; 3],
     /// True if the sum contains only triangles of walls.
     on_wall: bool,
 }
 
-impl Sum {
+impl NormalSum {
     fn add(&mut self, normal: [f64; 3], on_wall: bool) {
         if on_wall && !self.on_wall {
             *self = Self { normal: [0.0; 3], on_wall };
@@ -91,7 +91,7 @@ mod tests {
         let (x, z) = ([1.0, 0.0, 0.0], [0.0, 0.0, 1.0]);
         assert_eq!(normals(["cap_isthmus", "inner_wall"]), [x, z, x, x, z]);
         assert_eq!(normals(["outer_wall", "cap_isthmus"]), [z, z, z, x, z]);
-        // Both alike: by area, 1 and 1.5.
+        // Without a wall, the normals are weighted by the areas 1 and 1.5.
         let mixed = [1.5 / 3.25_f64.sqrt(), 0.0, 1.0 / 3.25_f64.sqrt()].map(|x| x as f32);
         assert_eq!(normals(["a", "b"]), [mixed, z, mixed, x, z]);
         assert_eq!(normals(["a", "b"]), normals(["wall", "wall"]));

@@ -93,10 +93,10 @@ mod tests {
         String::from_utf8(file).unwrap()
     }
 
-    /// Positions, triangles, and for each group its name and first triangle.
+    /// Positions, triangles, and the name and first triangle of each group.
     type Parts = (Vec<[f32; 3]>, Vec<[u32; 3]>, Vec<(String, usize)>);
 
-    /// A simple reader of `v`, `f` and `g`.
+    /// Reads `v`, `f` and `g` statements.
     fn read(text: &str) -> Parts {
         let (mut positions, mut triangles, mut groups) = (Vec::new(), Vec::new(), Vec::new());
         for line in text.lines() {

@@ -4,8 +4,8 @@ use super::Metadata;
 use crate::model::{LengthUnit, Mesh};
 use std::ops::Range;
 
-/// Maximum number of triangles of a [`Piece`].
-const PIECE: usize = if cfg!(test) { 1 << 4 } else { 1 << 16 };
+/// Maximum number of triangles of a [`TriangleRun`].
+const RUN: usize = if cfg!(test) { 1 << 4 } else { 1 << 16 };
 
 /// A surface to be written: a body of a model, or a surface that was read from a file.
 #[derive(Clone, Debug, PartialEq)]
@@ -64,26 +64,26 @@ impl<'a> Shape<'a> {
         triangle.map(|v| self.positions[v as usize])
     }
 
-    /// Splits the triangles of a patch into pieces, in order.
-    pub(super) fn pieces(&self, patch: &NamedPatch<'_>) -> Vec<Piece<'a>> {
-        let piece = |triangles: &'a [[u32; 3]]| {
+    /// Splits the triangles of a patch into runs, in order.
+    pub(super) fn runs(&self, patch: &NamedPatch<'_>) -> Vec<TriangleRun<'a>> {
+        let run = |triangles: &'a [[u32; 3]]| {
             let bounds = |(least, end): (u32, u32), &v: &u32| (least.min(v), end.max(v + 1));
             let (least, end) = triangles.as_flattened().iter().fold((u32::MAX, 0), bounds);
-            Piece { vertices: least..end, triangles }
+            TriangleRun { vertices: least..end, triangles }
         };
-        let mut pieces: Vec<_> = self.triangles_of(patch).chunks(PIECE).map(piece).collect();
+        let mut runs: Vec<_> = self.triangles_of(patch).chunks(RUN).map(run).collect();
         let mut least = u32::MAX;
-        for piece in pieces.iter_mut().rev() {
-            least = least.min(piece.vertices.start);
-            piece.vertices.start = least;
+        for run in runs.iter_mut().rev() {
+            least = least.min(run.vertices.start);
+            run.vertices.start = least;
         }
-        pieces
+        runs
     }
 }
 
 /// Successive triangles of a patch, for writers that keep data for each vertex in use.
-pub(super) struct Piece<'a> {
-    /// Vertices in use: this piece names no vertex outside the range, and later pieces of the patch
+pub(super) struct TriangleRun<'a> {
+    /// Vertices in use: this run names no vertex outside the range, and later runs of the patch
     /// name none before it.
     pub(super) vertices: Range<u32>,
     /// Vertex indices of each triangle.

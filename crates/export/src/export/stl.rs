@@ -57,7 +57,7 @@ pub fn write_stl(surface: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
 /// # Panics
 /// If the triangles or patches of a shape are out of bounds.
 pub fn write_ascii_stl(surface: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
-    let mut points = Points::new();
+    let mut points = VertexTexts::new();
     let mut text = Vec::with_capacity(CHUNK + 1024);
     for patch in surface.patches.iter().filter(|patch| !patch.triangles.is_empty()) {
         let name = one_line(patch.name);
@@ -82,9 +82,9 @@ pub fn write_ascii_stl(surface: &Shape<'_>, out: &mut impl Write) -> io::Result<
 }
 
 /// Cache of the text of vertices, because each vertex is written for about six triangles.
-struct Points(Vec<(Option<u32>, Vec<u8>)>);
+struct VertexTexts(Vec<(Option<u32>, Vec<u8>)>);
 
-impl Points {
+impl VertexTexts {
     /// Size of the cache. A wall uses the vertices of two sections at a time, which are fewer.
     const KEPT: usize = 1 << 16;
 

@@ -19,7 +19,7 @@ const BAR: f64 = 500.0;
 /// Points that are not finite are omitted.
 #[must_use]
 pub fn section_svg(section: &Section) -> String {
-    let frame = Frame::of(finite(&section.outer).chain(finite(&section.inner)));
+    let frame = DrawingFrame::of(finite(&section.outer).chain(finite(&section.inner)));
     let [outer, inner] = [&section.outer, &section.inner].map(|ring| path(finite(ring)));
     let body = format!(
         r#"<path id="tissue" fill="{TISSUE}" fill-rule="evenodd" d="{outer}{inner}"/>
@@ -37,7 +37,7 @@ pub fn section_svg(section: &Section) -> String {
 #[must_use]
 pub fn cut_svg(cut: &Cut) -> String {
     let points = || cut.rings.iter().flat_map(|ring| ring.points.iter().copied());
-    let frame = Frame::of(points());
+    let frame = DrawingFrame::of(points());
     let of = |kinds: &[RingKind]| -> String {
         let rings = cut.rings.iter().filter(|ring| kinds.contains(&ring.kind));
         rings.map(|ring| path(ring.points.iter().copied())).collect()
@@ -69,7 +69,7 @@ pub fn cut_svg(cut: &Cut) -> String {
 }
 
 /// Composes a drawing from `body`, with a title, a scale bar and a caption.
-fn drawing(frame: &Frame, title: &str, caption: &str, body: &str) -> String {
+fn drawing(frame: &DrawingFrame, title: &str, caption: &str, body: &str) -> String {
     let size = frame.text;
     let [left, top, width, height] = frame.view_box();
     let (bar_x, bar_y) = (frame.min[0], top + height - 1.1 * size);
@@ -87,14 +87,14 @@ fn drawing(frame: &Frame, title: &str, caption: &str, body: &str) -> String {
 }
 
 /// Extent of a drawing, in micrometres with y down.
-struct Frame {
+struct DrawingFrame {
     min: [f64; 2],
     max: [f64; 2],
     extent: f64,
     text: f64,
 }
 
-impl Frame {
+impl DrawingFrame {
     fn of(points: impl Iterator<Item = [f64; 2]>) -> Self {
         let (mut min, mut max) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for [x, y] in points {

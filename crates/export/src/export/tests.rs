@@ -18,7 +18,7 @@ pub(crate) fn meta() -> Metadata {
     }
 }
 
-/// A surface of four patches, the third of which is empty, with coordinates of all sizes.
+/// A surface of four patches, the third of which is empty, with small and large coordinates.
 #[derive(Clone, Debug)]
 pub(crate) struct Sample {
     pub(crate) positions: Vec<[f32; 3]>,
@@ -55,8 +55,8 @@ impl Sample {
         }
     }
 
-    /// What a reader of a format with shared vertices makes of it; patches without triangles are no
-    /// groups.
+    /// Surface that a reader of a format with shared vertices returns. Patches without triangles
+    /// are not groups.
     pub(crate) fn surface(&self) -> Surface {
         let groups = self.patches.iter().filter(|(_, triangles)| !triangles.is_empty());
         Surface {
@@ -67,7 +67,7 @@ impl Sample {
         }
     }
 
-    /// The same of a format without shared vertices.
+    /// Surface that a reader of a format without shared vertices returns.
     pub(crate) fn soup(&self) -> Surface {
         let positions = self.triangles.iter().flatten().map(|&v| self.positions[v as usize].map(f64::from)).collect();
         let triangles = (0..self.triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
@@ -75,7 +75,7 @@ impl Sample {
     }
 }
 
-/// Samples of up to `most` triangles with coordinates of every finite value.
+/// Samples of up to `most` triangles with arbitrary finite coordinates.
 pub(crate) fn samples(most: usize) -> impl Strategy<Value = Sample> {
     (0..=most)
         .prop_flat_map(|count| {
@@ -90,12 +90,12 @@ pub(crate) fn samples(most: usize) -> impl Strategy<Value = Sample> {
         })
 }
 
-/// Positions by their bits, so that zeros of either sign differ.
+/// Bits of positions, so that zeros of different sign differ.
 pub(crate) fn bits(positions: &[[f64; 3]]) -> Vec<[u64; 3]> {
     positions.iter().map(|p| p.map(f64::to_bits)).collect()
 }
 
-/// The triangle rotated to start at its least corner, with the same orientation.
+/// Rotates a triangle to start at its smallest corner, with the same orientation.
 pub(crate) fn turned<T: Ord + Copy>(t: [T; 3]) -> [T; 3] {
     let least = (0..3).min_by_key(|&k| t[k]).unwrap();
     [t[least], t[(least + 1) % 3], t[(least + 2) % 3]]

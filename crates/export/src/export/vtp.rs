@@ -248,7 +248,7 @@ mod tests {
         file
     }
 
-    /// The document before the bytes.
+    /// XML before the appended bytes.
     fn document(file: &[u8]) -> &str {
         let end = file.windows(2).position(|pair| pair == b"\n_").unwrap();
         str::from_utf8(&file[..end]).unwrap()

@@ -107,7 +107,7 @@ mod tests {
     #[test]
     fn the_bar_is_as_long_as_it_says() {
         let mut pixmap = Pixmap::new(600, 400).unwrap();
-        // 20 % of the width are 1.2 mm.
+        // 20 % of the width is 1.2 mm.
         Bar::new([600, 400]).unwrap().draw(&mut pixmap, 1e5, 1.0);
         let runs = (0..400).map(|y| {
             let row: String =

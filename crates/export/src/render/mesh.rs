@@ -286,7 +286,7 @@ mod tests {
         let wall: Vec<_> = (60..140).map(|x| opened.pixel(x, 20).unwrap()).collect();
         assert!(wall.iter().all(|p| p.red().abs_diff(wall[0].red()) <= 6), "{wall:?}");
         assert!(redness(&opened, 100, 20) > redness(&whole, 100, 20) + 10);
-        // The rim is bluish, as neither tissue nor lumen is.
+        // Only the rim is bluish.
         let column = (0..120).map(|y| opened.pixel(100, y).unwrap());
         assert!(column.filter(|p| p.alpha() == 255 && p.blue() > p.green().saturating_add(20)).count() >= 2);
     }
@@ -302,18 +302,19 @@ mod tests {
 
     #[test]
     fn the_scale_bar_has_its_length() {
-        // The end, 2 mm wide, fills 0.93 of 400 pixels less the strip of the bar.
+        // The end is 2 mm wide and fills 0.93 of 400 pixels minus the strip of the bar.
         let png = mesh_png(&sample::tube(96, 12, 0.4), &View { width: 400, height: 400, ..end_on() }).unwrap();
         let picture = Pixmap::decode_png(&png).unwrap();
-        // Between the first and the last full pixel of a row.
+        // Distance between the first and the last opaque pixel of a row.
         let span = |y: u32, end: u32| {
             let full: Vec<u32> = (0..end).filter(|&x| picture.pixel(x, y).unwrap().alpha() == 255).collect();
             full.last().map_or(0, |last| last - full[0] + 1)
         };
         let tube = (0..350).map(|y| span(y, 400)).max().unwrap();
-        // The text begins at 57.
+        // The text begins at column 57.
         let row = (378..400).map(|y| span(y, 55)).max().unwrap();
-        // 0.2 of 400 pixels are 0.44 mm, so the bar is 200 µm: a tenth of the tube.
+        // 0.2 of 400 pixels is 0.44 mm, so the bar is 200 µm long, a tenth of the width of the
+        // tube.
         assert!((f64::from(row) - f64::from(tube) / 10.0).abs() <= 1.5, "{row} of {tube}");
     }
 

@@ -55,13 +55,13 @@ impl NamedView {
     /// This view of a mesh in a picture whose longest side has `size` pixels.
     #[must_use]
     pub fn of(self, mesh: &Mesh, size: u32) -> View {
-        match Ends::of(mesh) {
+        match TubeEnds::of(mesh) {
             Some(ends) if !ends.are_straight(mesh) => self.bent(mesh, &ends, size),
             _ => self.straight(mesh, size),
         }
     }
 
-    fn bent(self, mesh: &Mesh, ends: &Ends, size: u32) -> View {
+    fn bent(self, mesh: &Mesh, ends: &TubeEnds, size: u32) -> View {
         let plane = |normal: DVec3, through: DVec3| Plane { normal: normal.into(), offset: normal.dot(through) };
         let toward = |d: DVec3, highest: f64, cut: Vec<Plane>, height: u32| View {
             width: size,
@@ -71,7 +71,7 @@ impl NamedView {
             axial_scale: 1.0,
             cut,
         };
-        let end = |end: &End, far: &End| {
+        let end = |end: &TubeEnd, far: &TubeEnd| {
             // Slightly from the side and from above.
             let side = end.normal.cross(DVec3::Y).normalize_or(DVec3::X);
             let tilt = side * END_AZIMUTH_DEG.to_radians() + DVec3::Y * (END_AZIMUTH_DEG / 2.0).to_radians();
@@ -140,28 +140,28 @@ impl FromStr for NamedView {
 #[error("must be {}", NamedView::ALL.map(NamedView::name).join(", "))]
 pub struct UnknownView;
 
-/// The greatest round factor at which a tube of this size, in any unit, is at most [`MAX_WIDTHS`]
-/// long.
+/// Largest factor of [`AXIAL_SCALES`] at which a tube is at most [`MAX_WIDTHS`] widths long.
+/// `width` and `length` are in any common unit.
 fn axial_scale(width: f64, length: f64) -> f64 {
     let fits = AXIAL_SCALES.into_iter().find(|factor| factor * length <= MAX_WIDTHS * width);
     fits.unwrap_or(AXIAL_SCALES[AXIAL_SCALES.len() - 1])
 }
 
-/// An end of a tube: its cap.
-struct End {
+/// The cap at an end of a tube.
+struct TubeEnd {
     middle: DVec3,
-    /// Out of the tube.
+    /// Unit normal that points out of the tube.
     normal: DVec3,
     width: f64,
 }
 
-struct Ends {
-    isthmus: End,
-    ampulla: End,
+struct TubeEnds {
+    isthmus: TubeEnd,
+    ampulla: TubeEnd,
 }
 
-impl Ends {
-    /// None if the mesh has no caps.
+impl TubeEnds {
+    /// Finds both ends; `None` if the mesh has no caps.
     fn of(mesh: &Mesh) -> Option<Self> {
         let end = |kinds: [PatchKind; 2]| {
             let cap = kinds.into_iter().map(|kind| mesh.patch(kind)).find(|cap| !cap.is_empty())?;
@@ -169,13 +169,13 @@ impl Ends {
             let middle = cap.iter().flatten().map(|&v| at(v)).sum::<DVec3>() / (3 * cap.len()) as f64;
             let normal: DVec3 = cap.iter().map(|&[a, b, c]| (at(b) - at(a)).cross(at(c) - at(a))).sum();
             let reach = cap.iter().flatten().map(|&v| at(v).distance(middle)).fold(0.0, f64::max);
-            Some(End { middle, normal: normal.normalize_or(DVec3::Z), width: 2.0 * reach })
+            Some(TubeEnd { middle, normal: normal.normalize_or(DVec3::Z), width: 2.0 * reach })
         };
         let isthmus = end([PatchKind::CapIsthmus, PatchKind::Inlet])?;
         Some(Self { isthmus, ampulla: end([PatchKind::CapAmpulla, PatchKind::Outlet])? })
     }
 
-    /// Whether they face away from each other along z, and all of the mesh lies between them.
+    /// True if the ends face away from each other along z and the whole mesh lies between them.
     fn are_straight(&self, mesh: &Mesh) -> bool {
         let [low, high] = [self.isthmus.middle.z, self.ampulla.middle.z];
         let slack = 1e-3 * (high - low).abs();
@@ -188,8 +188,7 @@ impl Ends {
     }
 }
 
-/// A point and the normal of the plane from which the squares of the distances of the vertices are
-/// least.
+/// Point and normal of the plane with the minimum sum of squared distances to the vertices.
 fn nearest_plane(mesh: &Mesh) -> (DVec3, DVec3) {
     let points = || mesh.positions.iter().map(|p| Vec3::from(*p).as_dvec3());
     let middle = points().sum::<DVec3>() / mesh.positions.len().max(1) as f64;
@@ -200,7 +199,7 @@ fn nearest_plane(mesh: &Mesh) -> (DVec3, DVec3) {
         products += DVec3::new(d.y * d.z, d.z * d.x, d.x * d.y);
     }
     let ([xx, yy, zz], [yz, zx, xy]) = (squares.to_array(), products.to_array());
-    // Columns of the adjugate of the matrix of moments: the longest has the direction of the least
+    // The longest column of the adjugate of the moment matrix has the direction of the smallest
     // moment.
     let columns = [
         DVec3::new(yy * zz - yz * yz, zx * yz - xy * zz, xy * yz - zx * yy),
@@ -218,7 +217,7 @@ struct Bounds {
 }
 
 impl Bounds {
-    /// Bounds of the vertices whose z is chosen; zero if there are none.
+    /// Bounds of the vertices for whose z `chosen` is true; zero if there are none.
     fn of(mesh: &Mesh, chosen: impl Fn(f64) -> bool) -> Self {
         let points = mesh.positions.iter().map(|p| Vec3::from(*p).as_dvec3()).filter(|p| chosen(p.z));
         let none = Self { min: DVec3::INFINITY, max: DVec3::NEG_INFINITY };
@@ -226,7 +225,7 @@ impl Bounds {
         if bounds.min.x <= bounds.max.x { bounds } else { Self { min: DVec3::ZERO, max: DVec3::ZERO } }
     }
 
-    /// Greatest extent across the tube.
+    /// Maximum extent across the tube.
     fn width(&self) -> f64 {
         (self.max - self.min).truncate().max_element()
     }
@@ -258,7 +257,7 @@ mod tests {
     fn a_bent_tube_is_seen_from_where_it_is_broadest() {
         let straight = sample::tube(60, 40, 0.3);
         for (plane, normal) in [(0, DVec3::Y), (1, DVec3::X)] {
-            // A quarter turn toward x or y.
+            // A quarter turn towards x or y.
             let mut mesh = straight.clone();
             for p in &mut mesh.positions {
                 let (sin, cos) = (p[2] / 4e-3 * std::f32::consts::FRAC_PI_2).sin_cos();
@@ -272,17 +271,17 @@ mod tests {
             assert_eq!((view.width, view.height, view.axial_scale, view.cut.len()), (100, 75, 1.0, 1));
             assert!(DVec3::from(view.cut[0].normal).dot(normal).abs() > 0.99);
             assert!(NamedView::Whole.of(&mesh, 100).cut.is_empty());
-            let ends = Ends::of(&mesh).unwrap();
+            let ends = TubeEnds::of(&mesh).unwrap();
             assert!(ends.isthmus.normal.distance(DVec3::NEG_Z) < 1e-3);
             assert!(ends.ampulla.normal.distance(if plane == 0 { DVec3::X } else { DVec3::Y }) < 1e-3);
             assert!((ends.ampulla.width - 2e-3).abs() < 1e-5);
         }
-        assert!(Ends::of(&straight).unwrap().are_straight(&straight));
+        assert!(TubeEnds::of(&straight).unwrap().are_straight(&straight));
     }
 
     #[test]
     fn ends_are_shown_with_a_piece_of_tube_in_true_proportions() {
-        // 2 mm wide, 4 mm long.
+        // The tube is 2 mm wide and 4 mm long.
         let mesh = sample::tube(60, 12, 0.3);
         for (name, normal, kept) in [(NamedView::Isthmus, 1.0, 1.6e-3), (NamedView::Ampulla, -1.0, 2.4e-3)] {
             let view = name.of(&mesh, 100);

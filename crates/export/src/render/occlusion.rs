@@ -61,7 +61,7 @@ impl AmbientLight {
 }
 
 /// Light at a position, in pixels, where the visible surface has the given depth.
-fn light(levels: &[Level], x: f32, y: f32, depth: f32) -> f32 {
+fn light(levels: &[DepthLevel], x: f32, y: f32, depth: f32) -> f32 {
     let mut occlusion = 0.0;
     for (level, k) in levels.iter().zip(LEVELS) {
         let unit = (1 << k) as f32;
@@ -81,8 +81,8 @@ fn light(levels: &[Level], x: f32, y: f32, depth: f32) -> f32 {
 }
 
 /// Computes the levels of [`LEVELS`].
-fn levels(depths: &[f32], width: usize) -> Vec<Level> {
-    let mut level = Level::empty(width, depths.len() / width);
+fn levels(depths: &[f32], width: usize) -> Vec<DepthLevel> {
+    let mut level = DepthLevel::empty(width, depths.len() / width);
     for (i, depth) in depths.iter().enumerate().filter(|(_, depth)| depth.is_finite()) {
         let at = level.index(i % width, i / width);
         level.texels[at] = [*depth, 1.0];
@@ -100,13 +100,13 @@ fn levels(depths: &[f32], width: usize) -> Vec<Level> {
 
 /// Depths of a picture. A texel contains the sum of the visible depths and the visible area, both
 /// divided by its area.
-struct Level {
+struct DepthLevel {
     width: usize,
     height: usize,
     texels: Vec<[f32; 2]>,
 }
 
-impl Level {
+impl DepthLevel {
     fn empty(width: usize, height: usize) -> Self {
         Self { width, height, texels: vec![[0.0; 2]; (width + 2 * BORDER) * (height + 2 * BORDER)] }
     }
@@ -158,7 +158,8 @@ mod tests {
 
     #[test]
     fn a_plane_keeps_its_light_however_inclined() {
-        // Away from the borders: the farthest neighbours are at 96 pixels, as means over 64.
+        // Far from the borders: the farthest neighbours are 96 pixels away and are means over 64
+        // pixels.
         let side = 512;
         for slope in [0.0, 0.7, 3.0] {
             let depths = (0..side * side).map(|i| slope * (i % side) as f32 - 0.3 * (i / side) as f32).collect();

@@ -86,7 +86,7 @@ mod tests {
     #[test]
     fn a_panel_has_its_drawing_in_the_middle_its_letter_and_a_bar_of_its_scale() {
         let section = crate::model::sample::section(90, 0.0, 0.0);
-        // 2 mm are 400 pixels of the drawing, and 200 of the page.
+        // 2 mm is 400 pixels of the drawing and 200 pixels of the page.
         let drawing = section_drawing(&section, 5.0, SectionStyle::Loops { pen: 2.0 }).unwrap();
         let panel = Panel { place: [100, 50, 400, 340], drawing: &drawing, letter: Some('b'), note: "", bar: true };
         let page = Pixmap::decode_png(&page_png([600, 400], &[panel]).unwrap()).unwrap();
@@ -99,7 +99,7 @@ mod tests {
             let row: String = (100..500).map(|x| if dark(x, y) { '#' } else { ' ' }).collect();
             row.split(' ').map(str::len).max().unwrap_or(0)
         };
-        // 0.3 of 400 pixels are 1.2 mm.
+        // 0.3 of 400 pixels is 1.2 mm.
         assert_eq!((390 - strip..390).map(run).max(), Some(100), "1 mm");
         let letter = (50..80).flat_map(|y| (100..130).map(move |x| (x, y))).filter(|&(x, y)| dark(x, y)).count();
         assert!(letter > 20, "{letter}");

@@ -32,7 +32,7 @@ mod tests {
         let cap = piece(&tube, |kind, _| kind == PatchKind::CapIsthmus);
         assert_eq!((cap.triangles.len(), cap.patches.len()), (48, 1));
         assert_eq!(cap.patches[0], Patch { kind: PatchKind::CapIsthmus, triangles: 0..48 });
-        // Two rings of 24, and two edges between them for each of their edges.
+        // Two rings of 24 edges, and 48 edges between them.
         assert_eq!(super::super::edge_count(&cap), 4 * 24);
         let near = piece(&tube, |_, corners| corners.iter().all(|p| p[2] < 2.5e-3));
         assert_eq!(

@@ -49,14 +49,14 @@ pub(super) fn rasterize(
     let corners_of = |t: u32| triangles[t as usize].map(|v| projected[v as usize]);
     // The removed part is convex, so it contains a triangle if it contains its corners.
     let visible = |t: &u32| triangles[*t as usize].map(|v| removed[v as usize]) != [true; 3];
-    let mut candidates: Vec<Candidate> = (0..triangles.len() as u32)
+    let mut candidates: Vec<CandidateTriangle> = (0..triangles.len() as u32)
         .into_par_iter()
         .filter(visible)
         .filter_map(|t| {
             let corners = corners_of(t);
-            let rows = Setup::new(corners, [width, height])?.rows;
+            let rows = TriangleSetup::new(corners, [width, height])?.rows;
             let nearest = corners.iter().fold(f32::INFINITY, |nearest, corner| nearest.min(corner.depth));
-            Some(Candidate { triangle: t, rows: rows.start as u32..rows.end as u32, nearest })
+            Some(CandidateTriangle { triangle: t, rows: rows.start as u32..rows.end as u32, nearest })
         })
         .collect();
     // From front to back, so that hidden triangles are rejected early.
@@ -64,11 +64,11 @@ pub(super) fn rasterize(
     let mut samples = vec![Sample::EMPTY; width * height];
     samples.par_chunks_mut(BAND * width).enumerate().for_each(|(band, samples)| {
         let band = band * BAND..band * BAND + samples.len() / width;
-        for &Candidate { triangle: t, ref rows, nearest } in &candidates {
+        for &CandidateTriangle { triangle: t, ref rows, nearest } in &candidates {
             if rows.end as usize <= band.start || rows.start as usize >= band.end {
                 continue;
             }
-            let Some(setup) = Setup::new(corners_of(t), [width, height]) else { continue };
+            let Some(setup) = TriangleSetup::new(corners_of(t), [width, height]) else { continue };
             // A wedge can cut a triangle without containing any of its corners.
             let straddles = match view.cut.len() {
                 0 => false,
@@ -128,7 +128,7 @@ fn cut_before(view: &View, camera: &Camera, x: usize, y: usize, depth: f32) -> O
 }
 
 /// A triangle that may be visible.
-struct Candidate {
+struct CandidateTriangle {
     triangle: u32,
     rows: Range<u32>,
     /// Minimum depth of the corners.
@@ -136,7 +136,7 @@ struct Candidate {
 }
 
 /// A triangle in the picture, with its bounds and edge functions.
-struct Setup {
+struct TriangleSetup {
     /// Depths of the corners.
     depths: [f32; 3],
     /// Edges opposite to the corners.
@@ -146,7 +146,7 @@ struct Setup {
     rows: Range<usize>,
 }
 
-impl Setup {
+impl TriangleSetup {
     /// `None` if the triangle covers no centre of a sample or has no area.
     #[inline]
     fn new(corners: [Projected; 3], [width, height]: [usize; 2]) -> Option<Self> {
@@ -288,7 +288,7 @@ mod tests {
             (corner(-40.0, -30.0), corner(150.0, 90.0), corner(120.0, 95.0)),
         ] {
             for corners in [[a, b, c], [a, c, b]] {
-                let setup = Setup::new(corners, [100, 80]).unwrap();
+                let setup = TriangleSetup::new(corners, [100, 80]).unwrap();
                 let mut found = Vec::new();
                 setup.visit(&(0..80), |x, y| found.extend(setup.depth(x, y).map(|_| (x, y))));
                 let sign = setup.doubled_area.signum();
@@ -315,7 +315,7 @@ mod tests {
             for (i, sample) in samples.iter().enumerate().filter(|(_, s)| s.surface != NONE) {
                 let [a, b, c] = mesh.triangles[sample.surface as usize].map(|v| positions[v as usize]);
                 let cosine = (b - a).cross(c - a).normalize().dot(camera.forward);
-                // At a silhouette front and back have the same depth.
+                // At a silhouette, front and back have the same depth.
                 assert!(cosine < 0.05, "the back shows through: turn {turn}, sample {i}, {cosine}");
             }
         }

@@ -166,7 +166,7 @@ mod tests {
 
     #[test]
     fn tissue_lumen_and_bar_are_where_they_belong() {
-        // The lumen lies in the upper right quarter: y points up.
+        // y points up, so the lumen lies in the upper right quarter.
         let section =
             Section { inner: square(200.0, [500.0, 500.0]), outer: square(1000.0, [0.0; 2]), ..Section::default() };
         let picture = Pixmap::decode_png(&sheet_png(&[section.borders()], 1, 1000).unwrap()).unwrap();
@@ -175,7 +175,7 @@ mod tests {
         assert_eq!(pixel(&picture, 725, 725), TISSUE);
         assert_eq!(pixel(&picture, 635, 275), OUTLINE);
         assert_eq!(pixel(&picture, 15, 15), BACKGROUND);
-        // 500 µm at 900 pixels for 2 mm: 225 pixels from 25.
+        // 2 mm is 900 pixels, so 500 µm is 225 pixels, from column 25.
         let row: Vec<u32> = (0..1000).filter(|&x| pixel(&picture, x, 978) == INK).collect();
         assert_eq!(row, (25..250).collect::<Vec<_>>());
     }
@@ -199,11 +199,11 @@ mod tests {
         let drawing = section_drawing(&section, 4.0, SectionStyle::Loops { pen: 4.0 }).unwrap();
         assert_eq!((drawing.size(), drawing.um_per_pixel()), ([550, 550], 4.0));
         let inked = |x: u32, y: u32| drawing.pixmap.pixel(x, y).unwrap().alpha() > 127;
-        // Along a row through both loops: two sides of each.
+        // A row through both contours crosses each twice.
         let row: Vec<bool> = (0..550).map(|x| inked(x, 150)).collect();
         assert_eq!(row.chunk_by(|a, b| a == b).filter(|run| run[0]).map(<[bool]>::len).collect::<Vec<_>>(), [4; 4]);
         assert_eq!(row.iter().position(|&on| on), Some(23));
-        // What lies outside, between and inside the loops are three regions of one colour.
+        // Points outside, between and inside the contours are transparent.
         assert!(!inked(5, 5) && !inked(275, 400) && !inked(400, 150));
         assert!(section_drawing(&Section::default(), 4.0, SectionStyle::Tissue).is_err());
         assert_eq!(extent_um(&section), Some([2000.0, 2000.0]));

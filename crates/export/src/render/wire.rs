@@ -95,7 +95,7 @@ mod tests {
         View { azimuth_deg: 0.0, elevation_deg: 0.0, ..plain(size, size) }
     }
 
-    /// The right-angled triangle below the diagonal of a square.
+    /// Right-angled triangle below the diagonal of a square.
     fn triangle() -> Mesh {
         Mesh {
             body: BodyKind::Tissue,
@@ -113,7 +113,7 @@ mod tests {
         let red = |x: u32, y: u32| {
             drawing.pixmap.pixel(x, y).filter(|p| p.alpha() == 255).map(tiny_skia::PremultipliedColorU8::red)
         };
-        // Its corners are at 7 and 193 pixels: in the middle of each side the edge is dark, 2
+        // The corners are at 7 and 193 pixels. In the middle of each side, the edge is dark and 2
         // pixels wide within the triangle.
         for (edge, beyond, inner) in [((8, 120), (5, 120), (11, 120)), ((80, 191), (80, 195), (80, 188))] {
             assert_eq!(red(edge.0, edge.1), Some(WIRE[0]), "{edge:?}");
@@ -123,7 +123,7 @@ mod tests {
         assert_eq!(red(99, 101), Some(WIRE[0]), "the hypotenuse");
         assert_eq!(red(110, 90), None);
         let dark = drawing.pixmap.pixels().iter().filter(|p| p.alpha() == 255 && p.red() < 100).count() as f64;
-        // Less the pixels that the hypotenuse halves.
+        // Pixels that the hypotenuse halves are not counted.
         let edges = 2.0 * side * (2.0 + 2.0_f64.sqrt());
         assert!((dark / edges - 0.93).abs() < 0.07, "{dark} of {edges}");
         assert_eq!(edge_count(&triangle()), 3);
@@ -138,7 +138,7 @@ mod tests {
         cap.triangles = cap.triangles[kept].to_vec();
         cap.patches[0].triangles = 0..cap.triangles.len();
         let [tube, cap] = [&tube, &cap].map(|mesh| wire_drawing(mesh, &front(120), 1.0).unwrap());
-        // The walls are seen edge-on from the end, and the other cap lies behind this one.
+        // From the end, the walls are seen edge-on, and this cap hides the other.
         let differ = tube.pixmap.pixels().iter().zip(cap.pixmap.pixels()).filter(|(a, b)| a != b).count();
         assert!(differ < 60, "{differ}");
     }

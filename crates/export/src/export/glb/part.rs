@@ -3,7 +3,7 @@
 
 use super::scene::index_type;
 use crate::export::chunks::{join, vec3, write_items};
-use crate::export::shape::{NamedPatch, Piece, Shape};
+use crate::export::shape::{NamedPatch, Shape, TriangleRun};
 use crate::geometry::patch::{Numbering, add, doubled_area_normal, unit};
 use crate::geometry::strips::{join_strips, strips};
 use gltf_json::accessor::ComponentType;
@@ -15,7 +15,7 @@ use std::io::{self, Write};
 pub(super) struct PatchWriter<'a> {
     pub(super) name: &'a str,
     positions: &'a [[f32; 3]],
-    pieces: Vec<Piece<'a>>,
+    runs: Vec<TriangleRun<'a>>,
     pub(super) vertices: usize,
     triangles: usize,
     /// Exact minimum and maximum of the coordinates.
@@ -29,7 +29,7 @@ impl<'a> PatchWriter<'a> {
         let mut part = Self {
             name: patch.name,
             positions: surface.positions,
-            pieces: surface.pieces(patch),
+            runs: surface.runs(patch),
             vertices: 0,
             triangles: patch.triangles.len(),
             bounds: ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]),
@@ -38,9 +38,9 @@ impl<'a> PatchWriter<'a> {
         let (min, max) = &mut part.bounds;
         let mut numbering = Numbering::default();
         let mut kept = Vec::new();
-        for piece in &part.pieces {
-            numbering.advance(piece.vertices.start, piece.vertices.len());
-            for triangle in piece.triangles {
+        for run in &part.runs {
+            numbering.advance(run.vertices.start, run.vertices.len());
+            for triangle in run.triangles {
                 let local = triangle.map(|vertex| {
                     let (local, is_new) = numbering.number(vertex);
                     if is_new {
@@ -71,8 +71,8 @@ impl<'a> PatchWriter<'a> {
 
     /// Writes positions, normals and indices, with the lengths that the document states.
     pub(super) fn write(&self, out: &mut impl Write) -> io::Result<()> {
-        self.walk(|piece, numbering| {
-            let vertices = piece.triangles.as_flattened().iter();
+        self.walk(|run, numbering| {
+            let vertices = run.triangles.as_flattened().iter();
             write_items(vertices.filter(|&&v| numbering.number(v).1), out, |&v| vec3(self.positions[v as usize]))
         })?;
         self.write_normals(out)?;
@@ -84,11 +84,11 @@ impl<'a> PatchWriter<'a> {
         // Vertices from the local number `written` on, with the sums of the normals around them.
         let (mut written, mut sums) = (0, Vec::<(u32, [f64; 3])>::new());
         let bytes = |(_, sum)| vec3(unit(sum));
-        self.walk(|piece, numbering| {
-            let done = sums.iter().take_while(|(vertex, _)| *vertex < piece.vertices.start).count();
+        self.walk(|run, numbering| {
+            let done = sums.iter().take_while(|(vertex, _)| *vertex < run.vertices.start).count();
             write_items(sums.drain(..done), out, bytes)?;
             written += done;
-            for &triangle in piece.triangles {
+            for &triangle in run.triangles {
                 let normal = doubled_area_normal(triangle.map(|v| self.positions[v as usize]));
                 for vertex in triangle {
                     let (local, is_new) = numbering.number(vertex);
@@ -109,8 +109,8 @@ impl<'a> PatchWriter<'a> {
         match &self.strip {
             Some(strip) if is_short => write_items(strip, out, |&index| short(index)),
             Some(strip) => write_items(strip, out, |&index| index.to_le_bytes()),
-            None => self.walk(|piece, numbering| {
-                let triangles = piece.triangles.iter().map(|t| t.map(|vertex| numbering.number(vertex).0));
+            None => self.walk(|run, numbering| {
+                let triangles = run.triangles.iter().map(|t| t.map(|vertex| numbering.number(vertex).0));
                 if is_short {
                     write_items(triangles, out, |t| join::<6>(t.map(short)))
                 } else {
@@ -122,12 +122,12 @@ impl<'a> PatchWriter<'a> {
         out.write_all(&[0; 4][..bytes.next_multiple_of(4) - bytes])
     }
 
-    /// Calls `each` for all pieces of the patch, with the numbers of their vertices.
-    fn walk(&self, mut each: impl FnMut(&Piece<'_>, &mut Numbering) -> io::Result<()>) -> io::Result<()> {
+    /// Calls `each` for all runs of the patch, with the numbers of their vertices.
+    fn walk(&self, mut each: impl FnMut(&TriangleRun<'_>, &mut Numbering) -> io::Result<()>) -> io::Result<()> {
         let mut numbering = Numbering::default();
-        for piece in &self.pieces {
-            numbering.advance(piece.vertices.start, piece.vertices.len());
-            each(piece, &mut numbering)?;
+        for run in &self.runs {
+            numbering.advance(run.vertices.start, run.vertices.len());
+            each(run, &mut numbering)?;
         }
         Ok(())
     }

@@ -71,8 +71,8 @@ impl Scene {
         Ok(())
     }
 
-    /// Ends the document with the node of the body. `node` provides its other members, `vertices` and
-    /// `triangles` are the size of its surface.
+    /// Ends the document with the node of the body. `node` provides its other members, `vertices`
+    /// and `triangles` are the size of its surface.
     pub(in crate::export) fn finish(
         mut self,
         vertices: usize,

@@ -1,4 +1,4 @@
-//! The writer of GLB, checked with a reader of glTF and by its bytes.
+//! Tests of the GLB writer with the reader of the `gltf` crate, and of its bytes.
 
 use super::*;
 use crate::export::Shape;
@@ -12,7 +12,7 @@ fn glb(mesh: &Mesh, strips: bool) -> Vec<u8> {
     file
 }
 
-/// Triangles of each patch as bits of positions, rotated to a canonical start, sorted.
+/// Sorted triangles of each patch as bits of positions, rotated to a canonical start.
 type Shapes = BTreeMap<String, Vec<[[u32; 3]; 3]>>;
 
 fn expected(mesh: &Mesh) -> Shapes {

@@ -3,7 +3,7 @@
 //! The crate `nifti` writes only whole arrays in memory, so the header is written here,
 //! little-endian. The standard is nifti1.h of the NIfTI Data Format Working Group.
 
-use super::LabelReport;
+use super::volume::LabelReport;
 use crate::export::Metadata;
 use flate2::Compression;
 use flate2::write::GzEncoder;

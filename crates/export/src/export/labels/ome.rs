@@ -1,7 +1,7 @@
 //! OME-TIFF: one deflated page per slice. The OME-XML of the first page states sizes in
 //! micrometres. The file is a BigTIFF if it might exceed 4 GiB.
 
-use super::{FILES, LabelReport};
+use super::volume::{FILES, LabelReport};
 use crate::export::Metadata;
 use crate::tissue::Tissue;
 use std::fmt::Write as _;

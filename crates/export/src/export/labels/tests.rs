@@ -1,4 +1,4 @@
-//! Both files of a small tube, read back.
+//! Tests that read back both files of a small tube.
 
 use super::*;
 use crate::export::tests::meta;
@@ -11,14 +11,14 @@ use tiff::tags::Tag;
 const LAYERS: Layers = Layers { epithelium_um: 30.0, lamina_um: 40.0, longitudinal_share: 0.3, serosa_um: 25.0 };
 const VOLUME: LabelVolume = LabelVolume { voxel_um: 10.0, slice_um: 50.0, from_um: 1000.0, slices: 20 };
 
-/// Both files of a tube of 4 mm, with radii of 0.5 and 1 mm.
+/// Writes both files of a tube of 4 mm with radii of 0.5 and 1 mm.
 fn written(volume: &LabelVolume) -> (Vec<u8>, Vec<u8>, LabelReport) {
     let (mut tiff, mut nifti) = (Cursor::new(Vec::new()), Vec::new());
     let report = write_labels(&tube(96, 4, 0.0), &LAYERS, volume, &meta(), (&mut tiff, &mut nifti), &|| false).unwrap();
     (tiff.into_inner(), nifti, report)
 }
 
-/// The voxels of an OME-TIFF.
+/// Reads the voxels of an OME-TIFF.
 fn pages(file: &[u8]) -> Vec<Vec<u8>> {
     let mut decoder = Decoder::new(Cursor::new(file)).unwrap();
     let mut pages = Vec::new();
@@ -45,7 +45,7 @@ fn both_files_hold_the_same_voxels_with_the_areas_of_the_layers() {
     let pages = pages(&tiff);
     assert_eq!(pages.len(), 7);
     assert_eq!(unzipped(&nifti)[352..], pages.concat());
-    // Regular polygons of 96 corners; 500 µm of wall.
+    // The contours are regular polygons of 96 corners, the wall is 500 µm thick.
     let polygon = |radius: f64| 48.0 * (std::f64::consts::TAU / 96.0).sin() * radius * radius;
     for page in &pages {
         let area = |tissue: Tissue| 16.0 * page.iter().filter(|&&label| label == tissue as u8).count() as f64;
@@ -91,8 +91,7 @@ fn the_nifti_header_has_sizes_units_and_place() {
     assert_eq!([40, 42, 44, 46, 48, 70, 72].map(short), [3, report.size[0] as i16, report.size[1] as i16, 20, 1, 2, 8]);
     assert_eq!([76, 80, 84, 88, 108].map(float), [-1.0, 10.0, 10.0, 50.0, 352.0]);
     assert_eq!((bytes[123], &bytes[344..352]), (3, &b"n+1\0\0\0\0\0"[..]));
-    // Column 0 and row 0 are half a voxel inside the grid; the first slice is 25 µm after its
-    // beginning.
+    // Voxel 0 is half a voxel inside the grid along x and y, and 25 µm along z.
     assert_eq!([280, 292, 300, 308, 320, 324].map(float), [10.0, -1005.0, -10.0, 1005.0, 50.0, 1025.0]);
     assert_eq!(bytes.len(), 352 + report.size.iter().map(|&n| n as usize).product::<usize>());
 }
@@ -105,7 +104,7 @@ fn the_number_of_threads_changes_no_byte() {
 
 #[test]
 fn pieces_fit_together_at_any_height_and_slices_at_sections_are_cut_too() {
-    // The middle of the first slice is that of a section.
+    // The middle of the first slice is at a section.
     let part = written(&LabelVolume { from_um: 975.0, slices: 3, ..VOLUME });
     let whole = written(&LabelVolume { from_um: 875.0, slices: 5, ..VOLUME });
     assert_eq!(pages(&part.0), pages(&whole.0)[2..]);

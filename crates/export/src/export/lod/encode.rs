@@ -5,7 +5,7 @@
 //! triangles of the full surface stay in the order of the loft: sorting them makes the file a third
 //! larger.
 
-use super::full::{Full, PatchTriangles, number};
+use super::full::{FullSurface, PatchTriangles, number};
 use super::grid::Grid;
 use crate::export::Metadata;
 use crate::export::chunks::join;
@@ -69,7 +69,7 @@ struct EncodedPatch {
 }
 
 impl Encoded {
-    pub(super) fn new(full: &Full<'_>, level: &PatchTriangles<'_>) -> Self {
+    pub(super) fn new(full: &FullSurface<'_>, level: &PatchTriangles<'_>) -> Self {
         let patches: Vec<EncodedPatch> = full
             .patches
             .iter()
@@ -157,7 +157,7 @@ impl Encoded {
 }
 
 impl EncodedPatch {
-    fn new(full: &Full<'_>, patch: &model::Patch, triangles: &[[u32; 3]]) -> Self {
+    fn new(full: &FullSurface<'_>, patch: &model::Patch, triangles: &[[u32; 3]]) -> Self {
         let mut indices = triangles.as_flattened().to_vec();
         let mut vertices = number(&mut indices);
         if triangles.len() < patch.triangles.len() {

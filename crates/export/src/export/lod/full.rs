@@ -17,7 +17,7 @@ const MAX_RUNS: usize = 16;
 pub(super) type PatchTriangles<'a> = Vec<Cow<'a, [[u32; 3]]>>;
 
 /// The full surface. Its walls have no common vertices.
-pub(super) struct Full<'a> {
+pub(super) struct FullSurface<'a> {
     pub(super) mesh: &'a Mesh,
     /// Patches that have triangles.
     pub(super) patches: Vec<&'a Patch>,
@@ -28,7 +28,7 @@ pub(super) struct Full<'a> {
     normals: Vec<[i16; 3]>,
 }
 
-impl<'a> Full<'a> {
+impl<'a> FullSurface<'a> {
     pub(super) fn new(mesh: &'a Mesh) -> Self {
         let grid = Grid::spanning(&mesh.positions);
         let patches: Vec<&Patch> = mesh.patches.iter().filter(|patch| !patch.triangles.is_empty()).collect();

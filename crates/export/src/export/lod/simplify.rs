@@ -10,7 +10,7 @@
 //! cut elsewhere, so most borders of the first pass lie within them. A smaller wall is simplified
 //! as a whole, which keeps the order of collapses exact.
 
-use super::full::{Full, PatchTriangles, number};
+use super::full::{FullSurface, PatchTriangles, number};
 use super::mend::mend;
 use meshopt::{SimplifyOptions, VertexDataAdapter, simplify};
 use rayon::prelude::*;
@@ -29,7 +29,7 @@ const SAMPLE: usize = 1 << 12;
 ///
 /// The result has more triangles where collapses would tear the surface. It is the finer level if
 /// the simplified surface cannot be mended (see [`mend`]).
-pub(super) fn coarser<'a>(full: &Full<'_>, finer: &PatchTriangles<'a>, target: usize) -> PatchTriangles<'a> {
+pub(super) fn coarser<'a>(full: &FullSurface<'_>, finer: &PatchTriangles<'a>, target: usize) -> PatchTriangles<'a> {
     let is_wall = |part: usize| full.patches[part].kind.is_wall();
     let count = |walls: bool| -> usize {
         finer.iter().enumerate().filter(|(part, _)| is_wall(*part) == walls).map(|(_, t)| t.len()).sum()
@@ -155,7 +155,7 @@ mod tests {
 
     #[test]
     fn a_tube_is_cut_lengthwise_where_that_meets_fewer_triangles() {
-        // Few rings of many vertices.
+        // The tube has few rings with many vertices each.
         let mesh = crate::model::sample::tube(2000, 4, 0.0);
         let wall = &mesh.triangles[mesh.patches[0].triangles.clone()];
         let mut order: Vec<u32> = (0..wall.len() as u32).collect();

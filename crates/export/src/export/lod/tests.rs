@@ -1,4 +1,4 @@
-//! Levels of a folded tube: structure, topology, distances, bytes.
+//! Tests of the levels of a folded tube: structure, topology, distances, bytes.
 
 use super::*;
 use crate::export::read::{Format, parse, read_level};
@@ -11,8 +11,8 @@ use std::borrow::Cow;
 use std::collections::{BTreeMap, HashSet};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// A tube that is wider in its middle, so that fewer triangles are farther away; 4·n·(slabs + 1) of
-/// them.
+/// A tube with 4·n·(slabs + 1) triangles that is wider in its middle, so that simplification has an
+/// effect.
 fn bulge(n: u32, slabs: u32) -> Mesh {
     let mut mesh = sample::tube(n, slabs, 0.3);
     for [x, y, z] in &mut mesh.positions {
@@ -23,7 +23,7 @@ fn bulge(n: u32, slabs: u32) -> Mesh {
     mesh
 }
 
-/// 23,424 triangles.
+/// A mesh of 23,424 triangles.
 fn mesh() -> Mesh {
     bulge(96, 60)
 }
@@ -43,7 +43,7 @@ fn document(bytes: &[u8]) -> Value {
     serde_json::from_slice(&bytes[20..20 + length]).unwrap()
 }
 
-/// The triangles of each patch as bits of positions, each from its least corner, sorted.
+/// Sorted triangles of each patch as bits of positions, each from its smallest corner.
 fn shapes(mesh: &Mesh, place: impl Fn(u32) -> [f32; 3]) -> BTreeMap<&'static str, Vec<[[u32; 3]; 3]>> {
     let of_patch = |patch: &crate::model::Patch| {
         let triangles = &mesh.triangles[patch.triangles.clone()];
@@ -67,7 +67,7 @@ fn check_closed(mesh: &Mesh) {
 fn the_finest_level_is_the_full_surface_on_the_grid() {
     let (mesh, levels) = (mesh(), made());
     let read = read_level(&file(&levels[0])).unwrap();
-    let full = Full::new(&mesh);
+    let full = FullSurface::new(&mesh);
     assert_eq!(read.body, mesh.body);
     assert_eq!(shapes(&read, |v| read.positions[v as usize]), shapes(&mesh, |v| full.placed(v)));
     let half: f64 = levels[0].report.precision_um.iter().map(|step| (step / 2.0).powi(2)).sum::<f64>().sqrt();
@@ -99,7 +99,7 @@ fn levels_keep_to_their_budgets() {
     assert!((7600..=8000).contains(&found[1]) && (2300..=2500).contains(&found[2]), "{found:?}");
     let count = mesh().triangles.len();
     assert_eq!(triangles(&levels_of(&mesh(), [count, 10_000_000], &|| false).unwrap()), [count; 3]);
-    // The borders are all that is left.
+    // Only the borders remain.
     let least = triangles(&levels_of(&mesh(), [1000, 1], &|| false).unwrap());
     assert!(least[2] >= 4 * 96 && least[2] < 1200, "{least:?}");
     assert_eq!(
@@ -111,7 +111,7 @@ fn levels_keep_to_their_budgets() {
 #[test]
 fn a_level_simplified_in_pieces_is_as_close_as_one_simplified_whole() {
     let (mesh, pieces) = (mesh(), made());
-    let full = Full::new(&mesh);
+    let full = FullSurface::new(&mesh);
     let wall = &mesh.triangles[mesh.patches[0].triangles.clone()];
     assert!(wall.len() > simplify::AT_ONCE, "{}", wall.len());
     let mut whole = full.triangles();
@@ -136,7 +136,7 @@ fn a_patch_is_read_once() {
     let mut bytes = file(&made()[2]);
     let list = b"\"children\":[";
     let at = bytes.windows(list.len()).position(|window| window == list).unwrap() + list.len();
-    // The second child is the first again.
+    // Repeats the first child as the second.
     assert_eq!(bytes[at + 1], b',');
     bytes[at + 2] = bytes[at];
     assert!(read_level(&bytes).unwrap_err().to_string().contains("twice"));
@@ -180,7 +180,7 @@ fn the_distance_is_that_of_brute_force() {
                 [a, b, c, mean(&[a, b]), mean(&[b, c]), mean(&[c, a]), mean(t)]
             };
             let back = farthest(coarse.iter().flat_map(samples).collect(), &full);
-            // The bound of patches that have all of their triangles is above what the samples show.
+            // For patches with all triangles, the distance is a bound above the sampled distances.
             if full.len() > coarse.len() {
                 expected = expected.max(there).max(back);
             }
@@ -201,8 +201,8 @@ fn bytes_do_not_depend_on_threads() {
 
 #[test]
 fn bytes_do_not_depend_on_the_machine() {
-    // Recorded on x86-64. Another digest on another machine: the C++ compiler joins multiplications
-    // and additions.
+    // Recorded on x86-64. A different digest on another machine means that the C++ compiler
+    // contracts multiplications and additions.
     let digests = made().iter().map(|level| hex::encode(Sha256::digest(file(level)))).collect::<Vec<_>>();
     assert_eq!(
         digests,
@@ -234,8 +234,7 @@ fn the_document_declares_what_a_viewer_needs() {
         assert_eq!((number(&view["buffer"]), number(&packed["buffer"])), (1, 0));
         assert_eq!(number(&view["byteLength"]), number(&packed["count"]) * number(&packed["byteStride"]));
         assert_eq!((number(&view["byteOffset"]), number(&packed["byteOffset"])), (plain_end, end));
-        // The first byte: 0xa0 is version 0 of the codec of vertices, 0xe1 version 1 of that of
-        // triangles.
+        // First byte: 0xa0 is version 0 of the vertex codec, 0xe1 version 1 of the index codec.
         let (header, stride) =
             if packed["mode"] == "TRIANGLES" { (0xe1, None) } else { (0xa0, Some(&packed["byteStride"])) };
         assert_eq!((bytes[begin + end as usize], view.get("byteStride")), (header, stride));
@@ -260,10 +259,10 @@ fn number_of(buffer: &Value) -> u64 {
 
 #[test]
 fn a_doubled_edge_is_turned() {
-    // A ring of three corners is a cycle of edges without a face: drawing two of its corners
-    // together doubles an edge.
+    // A ring of three corners is a cycle of edges without a face. Merging two of its corners
+    // duplicates an edge.
     let mesh = sample::tube(3, 4, 0.0);
-    let full = Full::new(&mesh);
+    let full = FullSurface::new(&mesh);
     let wall = full.patches.iter().position(|patch| patch.kind == PatchKind::OuterWall).unwrap();
     let (from, to) = (5 * 3 + 2 * 3 + 1, 5 * 3 + 2 * 3);
     let mut level = full.triangles();
@@ -288,7 +287,7 @@ fn damaged_and_foreign_files_are_refused() {
     for length in (0..bytes.len()).step_by(97) {
         assert!(read_level(&bytes[..length]).is_err(), "{length} bytes");
     }
-    // A change may go unnoticed, but does no harm.
+    // A change may remain undetected, but must leave all indices in range.
     for at in (0..bytes.len()).step_by(131) {
         let mut damaged = bytes.clone();
         damaged[at] ^= 0x55;
@@ -296,7 +295,7 @@ fn damaged_and_foreign_files_are_refused() {
             assert!(read.triangles.as_flattened().iter().all(|&v| (v as usize) < read.positions.len()));
         }
     }
-    // A count of 4 billion is not believed.
+    // A count of 4 billion is refused.
     let text = String::from_utf8_lossy(&bytes[20..]).into_owned();
     let count = document(&bytes)["accessors"][0]["count"].as_u64().unwrap();
     let stated = format!("\"count\":{count}");

@@ -45,7 +45,7 @@ pub(super) fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Surface, Read
     let mut surface = Surface { unit: Unit::Stated(1.0), ..Surface::default() };
     surface.positions.reserve_exact(vertices as usize);
     surface.triangles.reserve(triangles as usize);
-    let mut reader = Reader { surface, buffers };
+    let mut reader = SceneReader { surface, buffers };
     for node in &nodes {
         reader.read(node, &meshes[node.mesh])?;
     }
@@ -184,12 +184,12 @@ fn total(nodes: &[MeshNode], meshes: &[TriangleMesh<'_>]) -> Result<(u64, u64), 
     Ok((vertices, triangles))
 }
 
-struct Reader<'a> {
+struct SceneReader<'a> {
     surface: Surface,
     buffers: Buffers<'a>,
 }
 
-impl Reader<'_> {
+impl SceneReader<'_> {
     fn read(&mut self, node: &MeshNode, mesh: &TriangleMesh<'_>) -> Result<(), ReadError> {
         // First vertex and number of vertices by accessor: primitives of a mesh often share theirs.
         let mut known = HashMap::new();

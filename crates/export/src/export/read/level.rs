@@ -47,7 +47,7 @@ pub(super) fn mesh(root: &Root, blob: &[u8]) -> Result<Mesh, ReadError> {
         (Some(origin), Some(step)) => Grid { origin, step },
         _ => return Err(wrong("nodes", "the body lacks the grid")),
     };
-    let mut reader = Reader {
+    let mut reader = LevelReader {
         root,
         blob,
         grid,
@@ -61,7 +61,7 @@ pub(super) fn mesh(root: &Root, blob: &[u8]) -> Result<Mesh, ReadError> {
     Ok(reader.mesh)
 }
 
-struct Reader<'a> {
+struct LevelReader<'a> {
     root: &'a Root,
     blob: &'a [u8],
     grid: Grid,
@@ -70,7 +70,7 @@ struct Reader<'a> {
     mesh: Mesh,
 }
 
-impl Reader<'_> {
+impl LevelReader<'_> {
     /// Adds the patch of a node.
     fn add(&mut self, node: &Node) -> Result<(), ReadError> {
         let name = node.name.as_deref().unwrap_or_default();

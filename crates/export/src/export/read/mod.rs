@@ -6,7 +6,7 @@
 //!
 //! - No input makes a reader panic. An error names the place in the file that cannot be read.
 //! - Memory is allocated for data that exist, never for a count that the file merely states, and
-//!   within [`limits`].
+//!   within `limits`.
 //! - All vertex indices of a [`Surface`] are in range.
 
 mod accessor;

@@ -1,4 +1,4 @@
-//! Readers on files written by hand, on broken ones, and on ones beyond the limits.
+//! Tests of the readers with small files, damaged files and files above the limits.
 
 mod written;
 
@@ -27,7 +27,7 @@ fn glb(document: &Value, data: &[u8]) -> Vec<u8> {
     flat([&b"glTF"[..], &word(2), &word(length), &word(text.len()), b"JSON", &text, &word(data.len()), b"BIN\0", &data])
 }
 
-/// A document of one mesh: positions, and indices of `size` bytes each.
+/// A glTF document of one mesh: positions, and indices of `size` bytes each.
 fn document(mode: u32, count: usize, size: usize, node: Value) -> Value {
     let kind = [5121, 5123, 0, 5125][size - 1];
     let mut node = node;
@@ -71,7 +71,7 @@ fn glb_with_indices_of_every_size() {
 
 #[test]
 fn strips_and_fans_keep_their_orientation() {
-    // Two strips, stitched by repeated vertices.
+    // Two strips, joined by repeated vertices.
     let strip = [0, 1, 2, 3, 3, 0, 0, 1, 2];
     let surface = read(&glb(&document(5, 9, 1, json!({})), &data(&strip, 1)), Format::Gltf);
     assert_eq!(surface.triangles, [[0, 1, 2], [1, 3, 2], [0, 1, 2]]);
@@ -271,8 +271,8 @@ fn ply_in_all_forms() {
     assert!(refusal(b"ply\nformat ascii 1.0\nelement vertex many\n", Format::Ply).starts_with("line 3:"));
 }
 
-/// A document of one mesh, whose primitive is that of [`document`] `primitives` times, placed by
-/// `nodes` nodes.
+/// A glTF document of one mesh that `nodes` nodes place. The mesh has the primitive of [`document`]
+/// `primitives` times.
 fn instanced(nodes: usize, primitives: usize, indices: usize) -> (Value, Vec<u8>) {
     let list = [0, 1, 2].repeat(indices / 3);
     let mut document = document(4, list.len(), 1, json!({}));
@@ -294,7 +294,7 @@ fn instances_are_read_once_each() {
 
 #[test]
 fn instances_beyond_the_limit_are_refused_before_they_are_placed() {
-    // 65 million triangles from 400 kB; the same from repeated primitives that share their
+    // 65 million triangles from 400 kB, by repeated nodes and by repeated primitives with shared
     // accessors.
     for (nodes, primitives, indices) in [(5_000, 1, 39_000), (1, 5_000, 39_000), (70, 70, 39_900)] {
         let (document, data) = instanced(nodes, primitives, indices);
@@ -323,7 +323,7 @@ fn vertices_that_no_triangle_uses_are_counted_too() {
 
 #[test]
 fn strips_of_repeated_vertices_are_counted_by_their_indices() {
-    // Such a strip has no triangle, but takes the time to read its indices.
+    // Such a strip has no triangle, but reading its indices takes time.
     let (mut document, data) = instanced(5_000, 1, 39_000);
     document["meshes"][0]["primitives"][0]["mode"] = json!(5);
     let refused = refusal(&glb(&document, &data), Format::Gltf);
@@ -415,7 +415,7 @@ fn files_beyond_the_limit_are_refused_by_their_size() {
     };
     let refused = read_surface(&large("large.stl", (4 << 30) + 1)).unwrap_err();
     assert!(matches!(refused, ReadError::TooLarge { most: 4_294_967_296, .. }), "{refused}");
-    // Just below, but not together with the document.
+    // The buffer alone is just below the limit; together with the document it is above.
     large("large.bin", (4 << 30) - 100);
     let (mut document, _) = instanced(1, 1, 6);
     document["buffers"][0]["uri"] = json!("large.bin");
@@ -441,7 +441,7 @@ fn what_is_no_regular_file_is_refused_without_waiting() {
         let refused = read_surface(path).unwrap_err().to_string();
         assert_eq!(refused, format!("{} is {kind}, not a regular file", path.display()));
     }
-    // The same for a file that a document names.
+    // The same file as a buffer of a document.
     let (mut document, _) = instanced(1, 1, 6);
     document["buffers"][0]["uri"] = json!("pipe.stl");
     let path = folder.path().join("model.gltf");

@@ -1,4 +1,4 @@
-//! The container of sections: round trips, random access, damaged files.
+//! Tests of `sections.bin`: round trips, random access, damaged files.
 
 use super::*;
 use crate::export::tests::meta;
@@ -12,7 +12,7 @@ fn file(sections: &[Section]) -> Vec<u8> {
     out
 }
 
-/// Opens, reads everything, verifies.
+/// Reads all sections and verifies the file.
 fn read_all(file: &[u8]) -> Result<Vec<Section>, SectionsError> {
     let mut reader = SectionsReader::open(Cursor::new(file))?;
     let sections = (0..reader.len()).map(|k| reader.section(k)).collect::<Result<_, _>>()?;
@@ -20,7 +20,7 @@ fn read_all(file: &[u8]) -> Result<Vec<Section>, SectionsError> {
     Ok(sections)
 }
 
-/// Bits, so that NaNs compare too.
+/// Bits of points, so that NaNs can be compared.
 fn bits(section: &Section) -> (u64, u64, bool, Vec<u32>) {
     let rings = [&section.inner, &section.outer];
     let words = rings.iter().flat_map(|ring| {
@@ -113,8 +113,8 @@ fn a_smooth_contour_takes_less_than_raw_floats() {
     assert!(packed * 3 < raw * 2, "{packed} of {raw}");
 }
 
-/// The file of one section with these bytes at `at` of its index entry, and the checksum of the
-/// index made right.
+/// A file of one section with the given bytes at `at` of its index entry, and with the correct
+/// checksum of the index.
 fn forged(at: usize, bytes: &[u8]) -> Vec<u8> {
     let mut file = file(&samples()[..1]);
     let head = file.len() - TRAILER_LEN;
@@ -186,7 +186,7 @@ proptest! {
 
     #[test]
     fn a_forged_index_never_panics(at in 0usize..ENTRY_LEN * 3 + 24, value: u8, point: prop::sample::Index) {
-        // The checksums are recomputed, so that the checks after them are reached.
+        // Correct checksums, so that the checks behind them run.
         let mut forged = file(&samples());
         let head = forged.len() - TRAILER_LEN;
         let index = head - 3 * ENTRY_LEN;

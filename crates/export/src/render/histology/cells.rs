@@ -47,13 +47,13 @@ fn cover(p: [f32; 2], half: [f32; 2], um_per_pixel: f32) -> f32 {
 }
 
 /// The nuclei of the epithelium, in the order of the mucosa.
-pub(super) struct Row {
+pub(super) struct EpithelialNuclei {
     nuclei: Vec<Nucleus>,
     /// First nucleus of each bin, and the end of the last bin.
     starts: Vec<u32>,
 }
 
-impl Row {
+impl EpithelialNuclei {
     /// Places nuclei at about equal distances in the basal half of the epithelium, upright on the
     /// mucosa. `height_um` is the height of the epithelium.
     pub(super) fn new(seed: u64, index: u32, mucosa: &Contour, height_um: f32) -> Self {

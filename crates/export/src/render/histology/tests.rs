@@ -1,4 +1,4 @@
-//! Both pictures agree, and depend on nothing but their input.
+//! Tests that stained pictures and label images agree and depend only on their input.
 
 use super::*;
 use crate::model::{Ring, Section, sample};
@@ -34,7 +34,7 @@ fn every_pixel_is_stained_as_it_is_labelled() {
         let red_of_blue = f64::from(pixel[0]) / f64::from(pixel[2]);
         let sum = &mut sums[usize::from(label)];
         *sum = (sum.0 + 1.0, sum.1 + red_of_blue);
-        // The scale bar is outside.
+        // The scale bar lies outside the tissue.
         if label == Tissue::Lumen as u8 {
             assert!(pixel[1] > 185, "{pixel:?} in the lumen");
         }
@@ -42,7 +42,7 @@ fn every_pixel_is_stained_as_it_is_labelled() {
     }
     let hue = |tissue: Tissue| sums[tissue as usize].1 / sums[tissue as usize].0;
     assert!(sums.iter().all(|(count, _)| *count > 500.0), "{sums:?}");
-    // Nuclei make the epithelium blue; muscle is pink.
+    // The epithelium is blue, because it contains many nuclei; muscle is pink.
     assert!(hue(Tissue::Epithelium) < 1.0 && hue(Tissue::CircularMuscle) > 1.03, "{sums:?}");
     assert!(hue(Tissue::LongitudinalMuscle) > 1.03 && hue(Tissue::LaminaPropria) > hue(Tissue::Epithelium), "{sums:?}");
 }
@@ -64,7 +64,7 @@ fn a_picture_depends_on_section_layers_seed_and_index_only() {
 
 #[test]
 fn the_size_of_a_pixel_is_in_the_file() {
-    // A wall of 2 mm on 90.9 % of 550 pixels.
+    // The wall of 2 mm takes 90.9 % of 550 pixels.
     let section = sample::section(360, 0.0, 0.0);
     for png in [slide(&section).stained(550).unwrap(), slide(&section).labels(550).unwrap()] {
         assert!((um_per_pixel(&png).unwrap() - 4.0).abs() < 1e-4, "{:?}", um_per_pixel(&png));

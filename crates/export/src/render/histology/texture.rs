@@ -1,7 +1,7 @@
 //! Dyes of each tissue: the appearance of cells and fibres at the scale of a section. All of this
 //! is texture; the tissue map determines the layers.
 
-use super::cells::{Row, Scatter};
+use super::cells::{EpithelialNuclei, Scatter};
 use super::dye::Dyes;
 use super::noise::{Noise, ramp};
 use crate::tissue::{Grid, Place, Tissue, TissueMap};
@@ -30,7 +30,7 @@ pub(super) struct Texture {
     seed: u64,
     index: u32,
     noise: Noise,
-    row: Row,
+    row: EpithelialNuclei,
     height_um: f32,
     /// Length of the outer contour, µm.
     round_um: f32,
@@ -46,7 +46,7 @@ impl Texture {
             seed,
             index,
             noise: Noise::new(seed, index),
-            row: Row::new(seed, index, map.lumen(), height_um),
+            row: EpithelialNuclei::new(seed, index, map.lumen(), height_um),
             height_um,
             round_um: (map.outside().length() as f32).max(1.0),
             middle: [grid.x(grid.width / 2) as f32, grid.y(grid.height / 2) as f32],

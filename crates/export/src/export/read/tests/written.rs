@@ -1,4 +1,5 @@
-//! Readers on files that oviduct writes, whole and spoilt, and on patches in files by others.
+//! Tests of the readers with intact and damaged files from oviduct, and with patches of other
+//! programs.
 
 use super::*;
 use crate::export::tests::{Sample, bits};
@@ -8,7 +9,7 @@ use std::ops::Range;
 
 type Kind = (Format, fn(&Sample) -> Vec<u8>);
 
-/// The forms in which surfaces are written.
+/// Formats with the functions that write them.
 const KINDS: [Kind; 4] = [
     (Format::Stl, |sample| file(|out| stl::write_stl(&sample.shape(), out))),
     (Format::Stl, |sample| file(|out| stl::write_ascii_stl(&sample.shape(), out))),
@@ -85,7 +86,7 @@ fn runs_of_ply_files_are_taken_only_if_they_are_sound() {
         ("comment patch 0 2 a\ncomment patch 1 1 b\n", triangle),
         ("comment patch 0 4 a\n", triangle),
         ("comment patch 4294967295 4294967295 a\n", triangle),
-        // Faces of more corners become more triangles.
+        // The face with four corners becomes two triangles.
         ("comment patch 0 3 a\n", "4 0 1 2 3"),
     ] {
         assert!(read(comments, last).groups.is_empty(), "{comments}");
@@ -101,15 +102,15 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(600))]
 
     #[test]
-    fn spoilt_files_never_panic(
+    fn damaged_files_never_panic(
         kind in 0..KINDS.len(),
         count in 0_usize..8,
-        spoils in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..8),
+        changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..8),
         cut in prop::option::of(any::<prop::sample::Index>()),
     ) {
         let (format, write) = KINDS[kind];
         let mut bytes = write(&Sample::new(count));
-        for (at, value) in spoils {
+        for (at, value) in changes {
             let at = at.index(bytes.len());
             bytes[at] = value;
         }

@@ -1,4 +1,4 @@
-//! VTP files of every encoding, as other programs write them, and broken ones.
+//! Tests of VTP files in every encoding, as other programs write them, and of damaged files.
 
 use super::super::surface::Group;
 use super::*;
@@ -11,7 +11,7 @@ use std::io::Write;
 
 const POINTS: [[f64; 3]; 5] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.5, 0.0], [0.0, 1.0, 1e-7], [0.1, -0.2, 0.3]];
 
-/// How a file holds its arrays.
+/// Encoding of the arrays of a file.
 #[derive(Clone, Copy, Debug)]
 struct Form {
     place: &'static str,
@@ -20,14 +20,14 @@ struct Form {
     zlib: bool,
     floats: &'static str,
     integers: &'static str,
-    /// Bytes of a block of zlib.
+    /// Size of a block of zlib, bytes.
     block: usize,
 }
 
 const PLAIN: Form =
     Form { place: "ascii", big: false, wide: false, zlib: false, floats: "Float64", integers: "Int64", block: 10 };
 
-/// Writes files of a form.
+/// Writes files in one encoding.
 struct Builder {
     form: Form,
     appended: Vec<u8>,
@@ -57,7 +57,7 @@ impl Builder {
         lengths.iter().flat_map(|&n| self.bytes(if self.form.wide { "UInt64" } else { "UInt32" }, n as f64)).collect()
     }
 
-    /// The header and the data of an array, as VTK puts them.
+    /// Header and data of an array, as VTK writes them.
     fn encoded(&self, data: &[u8]) -> (Vec<u8>, Vec<u8>) {
         if !self.form.zlib {
             return (self.header(&[data.len()]), data.to_vec());
@@ -85,7 +85,7 @@ impl Builder {
         }
         let data: Vec<u8> = values.iter().flat_map(|&value| self.bytes(kind, value)).collect();
         let (header, data) = self.encoded(&data);
-        // VTK encodes the header with the data, or by itself if these are compressed.
+        // VTK encodes the header together with the data, or separately if the data are compressed.
         let text = match form.zlib {
             true => STANDARD.encode(&header) + &STANDARD.encode(&data),
             false => STANDARD.encode([&header[..], &data].concat()),
@@ -103,7 +103,7 @@ impl Builder {
         self.array("String", name, 1, &bytes)
     }
 
-    /// Cells of one sort.
+    /// Cells of one kind.
     fn cells(&mut self, tag: &str, cells: &[&[usize]]) -> String {
         let corners: Vec<f64> = cells.iter().flat_map(|cell| cell.iter()).map(|&v| v as f64).collect();
         let ends = cells.iter().scan(0, |end, cell| {
@@ -136,7 +136,8 @@ impl Builder {
     }
 }
 
-/// A file of two pieces: a vertex, a line, three polygons, a strip; then a triangle.
+/// A file of two pieces. The first has a vertex, a line, three polygons and a strip, the second a
+/// triangle.
 fn file(form: Form) -> Vec<u8> {
     let mut b = Builder { form, appended: Vec::new() };
     let mut document = format!(
@@ -307,13 +308,13 @@ fn numbers_too_large_for_anything_are_refused_before_anything_is_made() {
     let many = "<a/>".repeat(2_000_000);
     let text = format!("<VTKFile type=\"PolyData\">{many}</VTKFile>");
     assert_eq!(refusal(text.as_bytes()), "document: there are 2000001 XML elements, and at most 2000000 are read");
-    // Ten thousand attributes, the names of which are not compared in pairs.
+    // Ten thousand attributes. Comparing their names in pairs would take too long.
     let many: String = (0..200_000).map(|i| format!(" a{i}=\"\"")).collect();
     let text = format!("<VTKFile type=\"PolyData\"{many}><a{many}/></VTKFile>");
     assert_eq!(parse(text.as_bytes()).unwrap(), Surface::default());
 }
 
-/// Arrays that all lie in the same place of the file.
+/// Arrays that all name the same data of the file.
 fn overlapping(pieces: usize, array: &str, data: &[u8]) -> Vec<u8> {
     let piece = format!("<Piece NumberOfVerts=\"1000000\" NumberOfPolys=\"1\"><CellData>{array}</CellData></Piece>");
     let root = "<VTKFile type=\"PolyData\" header_type=\"UInt64\" compressor=\"vtkZLibDataCompressor\"><PolyData>";
@@ -323,7 +324,7 @@ fn overlapping(pieces: usize, array: &str, data: &[u8]) -> Vec<u8> {
 
 #[test]
 fn what_is_decoded_is_limited_in_all() {
-    // Zeros that take a thousandth of their size; each piece would decode them again.
+    // Zeros, compressed to a thousandth. Each piece decodes them again.
     let mut encoder = ZlibEncoder::new(Vec::new(), Compression::best());
     encoder.write_all(&vec![0; 8_000_000]).unwrap();
     let block = encoder.finish().unwrap();
@@ -331,13 +332,13 @@ fn what_is_decoded_is_limited_in_all() {
     let array = "<DataArray type=\"Int64\" Name=\"patch\" format=\"appended\" offset=\"0\"/>";
     let bytes = overlapping(1, array, &[header.as_flattened(), &block].concat());
     assert_eq!(refusal(&bytes), "piece 0, Polys, offsets: the array is missing");
-    // The same with the room nearly spent.
+    // The same if the limit is almost reached.
     let mut document = document::parse(&bytes).unwrap();
     document.file.room = std::cell::Cell::new(7_999_999);
     let mut integers = document.file.integers(document.pieces[0].patch.as_ref().unwrap()).unwrap();
     let refused = std::iter::repeat_with(|| integers.integer()).find_map(Result::err).unwrap().to_string();
     assert!(refused.starts_with("piece 0, CellData, patch: the arrays of the file, decoded, have more"), "{refused}");
-    // A header of as many blocks as there are bytes.
+    // A header that states as many blocks as the file has bytes.
     let blocks = 1_000_000_u64;
     let header = [blocks, 1, 0].map(u64::to_le_bytes);
     let bytes = overlapping(1, array, &[header.as_flattened(), &vec![0; 8_000_000]].concat());
