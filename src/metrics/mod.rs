@@ -4,13 +4,8 @@
 //! (`oviduct_jobs`, `oviduct_workers`, `oviduct_stored_bytes` …) are the same from every process: take their maximum, not
 //! their sum. Label values come from the code, never from requests, so that their number is bounded.
 
-mod labels;
 mod process;
 
-use labels::{
-    BackendLabel, BuildLabel, CauseLabel, ConnectionLabel, DirectionLabel, DurationLabel, EndLabel, MadeLabel,
-    PoolLabel, RequestLabel, ResultLabel, StageLabel, StatusLabel, Word, WorkerLabel, class,
-};
 use process::Process;
 use prometheus_client::encoding::text::{encode_eof, encode_registry};
 use prometheus_client::metrics::counter::Counter;
@@ -18,7 +13,8 @@ use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::{Histogram, exponential_buckets};
 use prometheus_client::metrics::info::Info;
-use prometheus_client::registry::{Metric, Registry};
+use prometheus_client::registry::Registry;
+use std::borrow::Cow;
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 use std::time::Duration;
@@ -49,48 +45,116 @@ impl Fallback {
     }
 }
 
-type Durations<L> = Family<L, Histogram, fn() -> Histogram>;
+/// Labels of a metric: names and values.
+type Labels<const N: usize> = [(&'static str, Cow<'static, str>); N];
+type Gauges = Family<Labels<1>, Gauge>;
+type Counters = Family<Labels<1>, Counter>;
+type Histograms<const N: usize> = Family<Labels<N>, Histogram, fn() -> Histogram>;
 
 /// The metrics of a process. Clones share them.
 #[derive(Clone, Debug)]
 pub struct Metrics(Arc<Inner>);
 
-#[derive(Debug)]
-struct Inner {
-    /// Metrics with the prefix `oviduct_`.
-    registry: Registry,
-    /// Metrics with names that all programs share.
-    common: Registry,
-    process: Option<Process>,
-    jobs: Family<StatusLabel, Gauge>,
-    queued: Family<BackendLabel, Gauge>,
-    oldest: Family<BackendLabel, Gauge<f64, AtomicU64>>,
-    workers: Family<WorkerLabel, Gauge>,
-    paused: Gauge,
-    slots: Family<BackendLabel, Gauge>,
-    busy_slots: Family<BackendLabel, Gauge>,
-    job_store_up: Gauge,
-    connections: Family<ConnectionLabel, Gauge>,
-    most_connections: Family<PoolLabel, Gauge>,
-    artifact_store_up: Gauge,
-    stored: Gauge,
-    streams: (Gauge, Gauge),
-    held: (Gauge, Gauge),
-    downloads: (Gauge, Gauge),
-    wait: Histogram,
-    stages: Durations<StageLabel>,
-    made: Family<MadeLabel, Counter>,
-    fallbacks: Family<CauseLabel, Counter>,
-    attempts: Family<EndLabel, Counter>,
-    leases_lost: Counter,
-    bytes: Family<DirectionLabel, Counter>,
-    checkpoints: Counter,
-    removed: Counter,
-    pictures: Family<ResultLabel, Counter>,
-    picture_seconds: Histogram,
-    requests: Family<RequestLabel, Counter>,
-    request_seconds: Histogram,
-    request_durations: Durations<DurationLabel>,
+/// Declares the metrics with the prefix `oviduct_`: field, type, initial value, name and help, in
+/// the order of the text.
+macro_rules! metrics {
+    ($($field:ident: $kind:ty = $new:expr, $name:literal, $help:literal;)+) => {
+        #[derive(Debug)]
+        struct Inner {
+            registry: Registry,
+            /// Metrics with names that all programs share.
+            common: Registry,
+            process: Option<Process>,
+            $($field: $kind,)+
+        }
+
+        impl Default for Inner {
+            fn default() -> Self {
+                let (mut registry, mut common) = (Registry::with_prefix("oviduct"), Registry::default());
+                registry.register("build", "Versions of the program and of its engine", Info::new(build()));
+                $(
+                    let $field: $kind = $new;
+                    registry.register($name, $help, $field.clone());
+                )+
+                let process = Process::register(&mut common);
+                Self { registry, common, process, $($field,)+ }
+            }
+        }
+    };
+}
+
+metrics! {
+    jobs: Gauges = Gauges::default(),
+        "jobs", "Jobs by status, from the store; queued is the depth of the queue";
+    queued: Gauges = Gauges::default(),
+        "queued_jobs", "Queued jobs by the backend asked for, from the store";
+    oldest: Family<Labels<1>, Gauge<f64, AtomicU64>> = Family::default(), "oldest_queued_seconds",
+        "Time since the oldest queued job was accepted, by the backend asked for, from the store; 0 if none is queued";
+    workers: Family<Labels<2>, Gauge> = Family::default(), "workers",
+        "Workers alive by backend and state (active, paused, draining, drained), from the store";
+    paused: Gauge = Gauge::default(),
+        "claiming_paused", "1 while all workers are paused, from the store";
+    slots: Gauges = Gauges::default(),
+        "worker_slots", "Workers of this process by backend";
+    busy_slots: Gauges = Gauges::default(),
+        "worker_slots_busy", "Workers of this process that run a job or a batch, by backend";
+    job_store_up: Gauge = Gauge::default(),
+        "job_store_up", "1 if the gauges from the store could be read; else they keep their last values";
+    connections: Family<Labels<2>, Gauge> = Family::default(), "database_connections",
+        "Connections of this process to the database, by pool and state (busy, idle)";
+    most_connections: Gauges = Gauges::default(), "database_connections_max",
+        "Limit of oviduct_database_connections by pool, busy and idle together";
+    artifact_store_up: Gauge = Gauge::default(),
+        "artifact_store_up", "1 unless this process's latest write to the artifact store failed";
+    stored: Gauge = Gauge::default(),
+        "stored_bytes", "Bytes of all files of models, from the store";
+    streams: Gauge = Gauge::default(),
+        "event_streams", "Event streams open in this process";
+    most_streams: Gauge = Gauge::default(),
+        "event_streams_max", "Limit of oviduct_event_streams";
+    held: Gauge = Gauge::default(),
+        "held_answers", "Answers held by Prefer: wait in this process";
+    most_held: Gauge = Gauge::default(),
+        "held_answers_max", "Limit of oviduct_held_answers";
+    downloads: Gauge = Gauge::default(),
+        "downloads", "Downloads through this process that run";
+    most_downloads: Gauge = Gauge::default(),
+        "downloads_max", "Limit of oviduct_downloads";
+    wait: Histogram = long(), "queue_wait_seconds",
+        "Time from a job's acceptance to its first claim, of jobs first claimed by this process";
+    stages: Histograms<1> = Histograms::new_with_constructor(stage),
+        "stage_seconds", "Run time of a job by stage";
+    made: Family<Labels<2>, Counter> = Family::default(),
+        "models_made", "Models made by this process, by backend and device";
+    fallbacks: Counters = Counters::default(), "fallbacks",
+        "Attempts of this process at jobs with backend auto that ran on a CPU: no-gpu (no GPU worker was alive), busy \
+         (the GPU workers had too many jobs), device (the device could not compute the model)";
+    attempts: Counters = Counters::default(),
+        "attempts", "Attempts of this process, by end";
+    leases_lost: Counter = Counter::default(),
+        "leases_lost", "Attempts of this process whose lease was lost";
+    bytes: Counters = Counters::default(),
+        "artifact_bytes", "Bytes to (in) and from (out) the artifact store";
+    checkpoints: Counter = Counter::default(),
+        "checkpoints", "Checkpoints stored";
+    removed: Counter = Counter::default(),
+        "models_removed", "Models removed because of their age or of the limit on bytes";
+    pictures: Counters = Counters::default(), "pictures",
+        "Requests for pictures of models: drawn, kept (in memory from an earlier request), refused (too many waited)";
+    picture_seconds: Histogram = short(),
+        "picture_seconds", "Time to draw a picture of a model";
+    requests: Family<Labels<3>, Counter> = Family::default(),
+        "http_requests", "Requests answered";
+    request_seconds: Histogram = short(), "http_request_seconds",
+        "Time to the head of the response, including long polls and streams";
+    request_durations: Histograms<3> = Histograms::new_with_constructor(request), "http_request_duration_seconds",
+        "Time to the head of the response by method, route and class of status, without answers held by Prefer: wait";
+}
+
+/// Versions of the program and of its engine.
+fn build() -> Labels<3> {
+    let arch = std::env::consts::ARCH.into();
+    [("version", env!("CARGO_PKG_VERSION").into()), ("engine", crate::ENGINE_VERSION.into()), ("arch", arch)]
 }
 
 /// From a tenth of a second to about three hours.
@@ -113,133 +177,11 @@ fn stage() -> Histogram {
     Histogram::new(exponential_buckets(0.01, 2.0, 17))
 }
 
-/// Registers a metric.
-fn add<M: Metric + Clone>(registry: &mut Registry, name: &str, help: &str, metric: M) -> M {
-    registry.register(name, help, metric.clone());
-    metric
-}
-
-/// Registers a gauge, and one of its limit.
-fn limited(registry: &mut Registry, name: &str, help: &str) -> (Gauge, Gauge) {
-    let now = add(registry, name, help, Gauge::default());
-    (now, add(registry, &format!("{name}_max"), &format!("Limit of oviduct_{name}"), Gauge::default()))
-}
-
 impl Default for Metrics {
     fn default() -> Self {
-        let mut registry = Registry::with_prefix("oviduct");
-        let mut common = Registry::default();
-        let r = &mut registry;
-        let version = Word(env!("CARGO_PKG_VERSION"));
-        let build = BuildLabel { version, engine: Word(crate::ENGINE_VERSION), arch: Word(std::env::consts::ARCH) };
-        r.register("build", "Versions of the program and of its engine", Info::new(build));
-        let inner = Inner {
-            process: Process::register(&mut common),
-            jobs: add(r, "jobs", "Jobs by status, from the store; queued is the depth of the queue", Family::default()),
-            queued: add(r, "queued_jobs", "Queued jobs by the backend asked for, from the store", Family::default()),
-            oldest: add(
-                r,
-                "oldest_queued_seconds",
-                "Time since the oldest queued job was accepted, by the backend asked for, from the store; 0 if none is queued",
-                Family::default(),
-            ),
-            workers: add(
-                r,
-                "workers",
-                "Workers alive by backend and state (active, paused, draining, drained), from the store",
-                Family::default(),
-            ),
-            paused: add(r, "claiming_paused", "1 while all workers are paused, from the store", Gauge::default()),
-            slots: add(r, "worker_slots", "Workers of this process by backend", Family::default()),
-            busy_slots: add(
-                r,
-                "worker_slots_busy",
-                "Workers of this process that run a job or a batch, by backend",
-                Family::default(),
-            ),
-            job_store_up: add(
-                r,
-                "job_store_up",
-                "1 if the gauges from the store could be read; else they keep their last values",
-                Gauge::default(),
-            ),
-            connections: add(
-                r,
-                "database_connections",
-                "Connections of this process to the database, by pool and state (busy, idle)",
-                Family::default(),
-            ),
-            most_connections: add(
-                r,
-                "database_connections_max",
-                "Limit of oviduct_database_connections by pool, busy and idle together",
-                Family::default(),
-            ),
-            artifact_store_up: add(
-                r,
-                "artifact_store_up",
-                "1 unless this process's latest write to the artifact store failed",
-                Gauge::default(),
-            ),
-            stored: add(r, "stored_bytes", "Bytes of all files of models, from the store", Gauge::default()),
-            streams: limited(r, "event_streams", "Event streams open in this process"),
-            held: limited(r, "held_answers", "Answers held by Prefer: wait in this process"),
-            downloads: limited(r, "downloads", "Downloads through this process that run"),
-            wait: add(
-                r,
-                "queue_wait_seconds",
-                "Time from a job's acceptance to its first claim, of jobs first claimed by this process",
-                long(),
-            ),
-            stages: add(
-                r,
-                "stage_seconds",
-                "Run time of a job by stage",
-                Durations::new_with_constructor(stage as fn() -> Histogram),
-            ),
-            made: add(r, "models_made", "Models made by this process, by backend and device", Family::default()),
-            fallbacks: add(
-                r,
-                "fallbacks",
-                "Attempts of this process at jobs with backend auto that ran on a CPU: no-gpu (no GPU worker was alive), busy \
-                 (the GPU workers had too many jobs), device (the device could not compute the model)",
-                Family::default(),
-            ),
-            attempts: add(r, "attempts", "Attempts of this process, by end", Family::default()),
-            leases_lost: add(r, "leases_lost", "Attempts of this process whose lease was lost", Counter::default()),
-            bytes: add(r, "artifact_bytes", "Bytes to (in) and from (out) the artifact store", Family::default()),
-            checkpoints: add(r, "checkpoints", "Checkpoints stored", Counter::default()),
-            removed: add(
-                r,
-                "models_removed",
-                "Models removed because of their age or of the limit on bytes",
-                Counter::default(),
-            ),
-            pictures: add(
-                r,
-                "pictures",
-                "Requests for pictures of models: drawn, kept (in memory from an earlier request), refused (too many waited)",
-                Family::default(),
-            ),
-            picture_seconds: add(r, "picture_seconds", "Time to draw a picture of a model", short()),
-            requests: add(r, "http_requests", "Requests answered", Family::default()),
-            request_seconds: add(
-                r,
-                "http_request_seconds",
-                "Time to the head of the response, including long polls and streams",
-                short(),
-            ),
-            request_durations: add(
-                r,
-                "http_request_duration_seconds",
-                "Time to the head of the response by method, route and class of status, without answers held by Prefer: wait",
-                Durations::new_with_constructor(request as fn() -> Histogram),
-            ),
-            registry: Registry::default(),
-            common: Registry::default(),
-        };
+        let inner = Inner::default();
         inner.artifact_store_up.set(1);
-        Self(Arc::new(Inner { registry, common, ..inner }))
+        Self(Arc::new(inner))
     }
 }
 
@@ -247,28 +189,28 @@ impl Metrics {
     /// Number of jobs by status.
     pub fn set_jobs(&self, counts: impl IntoIterator<Item = (&'static str, u64)>) {
         for (status, count) in counts {
-            self.0.jobs.get_or_create(&StatusLabel { status: Word(status) }).set(gauge(count));
+            self.0.jobs.get_or_create(&[("status", status.into())]).set(gauge(count));
         }
     }
 
     /// Queued jobs by the backend asked for.
     pub fn set_queued(&self, queued: impl IntoIterator<Item = (&'static str, u64)>) {
         for (backend, count) in queued {
-            self.0.queued.get_or_create(&BackendLabel { backend: Word(backend) }).set(gauge(count));
+            self.0.queued.get_or_create(&[("backend", backend.into())]).set(gauge(count));
         }
     }
 
     /// Time since the oldest queued job was accepted, by the backend asked for.
     pub fn set_oldest(&self, ages: impl IntoIterator<Item = (&'static str, Duration)>) {
         for (backend, age) in ages {
-            self.0.oldest.get_or_create(&BackendLabel { backend: Word(backend) }).set(age.as_secs_f64());
+            self.0.oldest.get_or_create(&[("backend", backend.into())]).set(age.as_secs_f64());
         }
     }
 
     /// Workers alive by backend and state.
     pub fn set_workers(&self, workers: impl IntoIterator<Item = (&'static str, &'static str, u64)>) {
         for (backend, state, count) in workers {
-            let label = WorkerLabel { backend: Word(backend), state: Word(state) };
+            let label = [("backend", backend.into()), ("state", state.into())];
             self.0.workers.get_or_create(&label).set(gauge(count));
         }
     }
@@ -280,7 +222,7 @@ impl Metrics {
 
     /// Counts a worker of this process.
     pub fn add_slot(&self, backend: &'static str) {
-        let label = BackendLabel { backend: Word(backend) };
+        let label = [("backend", backend.into())];
         self.0.slots.get_or_create(&label).inc();
         // So that a worker without a job is seen too.
         drop(self.0.busy_slots.get_or_create(&label));
@@ -288,7 +230,7 @@ impl Metrics {
 
     /// A worker of this process begins to run something, or has nothing left to run.
     pub fn slot_busy(&self, backend: &'static str, busy: bool) {
-        self.0.busy_slots.get_or_create(&BackendLabel { backend: Word(backend) }).inc_by(if busy { 1 } else { -1 });
+        self.0.busy_slots.get_or_create(&[("backend", backend.into())]).inc_by(if busy { 1 } else { -1 });
     }
 
     /// Whether the job store could be read.
@@ -298,11 +240,11 @@ impl Metrics {
 
     /// Connections to the database of a pool.
     pub fn set_connections(&self, pool: &'static str, busy: u32, idle: u32, most: u32) {
-        let pool = Word(pool);
         for (state, count) in [("busy", busy), ("idle", idle)] {
-            self.0.connections.get_or_create(&ConnectionLabel { pool, state: Word(state) }).set(count.into());
+            let label = [("pool", pool.into()), ("state", state.into())];
+            self.0.connections.get_or_create(&label).set(count.into());
         }
-        self.0.most_connections.get_or_create(&PoolLabel { pool }).set(most.into());
+        self.0.most_connections.get_or_create(&[("pool", pool.into())]).set(most.into());
     }
 
     /// Whether the latest write of this process to the artifact store succeeded.
@@ -317,17 +259,20 @@ impl Metrics {
 
     /// Number of open event streams, and its limit.
     pub fn set_streams(&self, open: usize, most: usize) {
-        set_limited(&self.0.streams, open, most);
+        self.0.streams.set(gauge(open as u64));
+        self.0.most_streams.set(gauge(most as u64));
     }
 
     /// Number of held answers, and its limit.
     pub fn set_held(&self, open: usize, most: usize) {
-        set_limited(&self.0.held, open, most);
+        self.0.held.set(gauge(open as u64));
+        self.0.most_held.set(gauge(most as u64));
     }
 
     /// Number of running downloads, and its limit.
     pub fn set_downloads(&self, open: usize, most: usize) {
-        set_limited(&self.0.downloads, open, most);
+        self.0.downloads.set(gauge(open as u64));
+        self.0.most_downloads.set(gauge(most as u64));
     }
 
     /// Records the wait of a job until its first claim.
@@ -337,22 +282,22 @@ impl Metrics {
 
     /// Records the duration of a stage of a job.
     pub fn stage(&self, stage: &'static str, seconds: f64) {
-        self.0.stages.get_or_create(&StageLabel { stage: Word(stage) }).observe(seconds);
+        self.0.stages.get_or_create(&[("stage", stage.into())]).observe(seconds);
     }
 
     /// Counts a finished model: files stored, record committed.
     pub fn made(&self, backend: &'static str, device: String) {
-        self.0.made.get_or_create(&MadeLabel { backend: Word(backend), device }).inc();
+        self.0.made.get_or_create(&[("backend", backend.into()), ("device", device.into())]).inc();
     }
 
     /// Counts a job with backend `auto` that runs on the CPU.
     pub fn fallback(&self, cause: Fallback) {
-        self.0.fallbacks.get_or_create(&CauseLabel { cause: Word(cause.name()) }).inc();
+        self.0.fallbacks.get_or_create(&[("cause", cause.name().into())]).inc();
     }
 
     /// Counts the end of an attempt.
     pub fn attempt(&self, end: &'static str) {
-        self.0.attempts.get_or_create(&EndLabel { end: Word(end) }).inc();
+        self.0.attempts.get_or_create(&[("end", end.into())]).inc();
         if end == "lost" {
             self.0.leases_lost.inc();
         }
@@ -360,12 +305,12 @@ impl Metrics {
 
     /// Counts bytes written to the artifact store.
     pub fn bytes_in(&self, bytes: u64) {
-        self.0.bytes.get_or_create(&DirectionLabel { direction: Word("in") }).inc_by(bytes);
+        self.0.bytes.get_or_create(&[("direction", "in".into())]).inc_by(bytes);
     }
 
     /// Counts bytes read from the artifact store for clients.
     pub fn bytes_out(&self, bytes: u64) {
-        self.0.bytes.get_or_create(&DirectionLabel { direction: Word("out") }).inc_by(bytes);
+        self.0.bytes.get_or_create(&[("direction", "out".into())]).inc_by(bytes);
     }
 
     /// Counts a stored checkpoint.
@@ -380,7 +325,7 @@ impl Metrics {
 
     /// Counts a request for a picture of a model that was not drawn: it was `kept` in memory, or `refused`.
     pub fn picture(&self, result: &'static str) {
-        self.0.pictures.get_or_create(&ResultLabel { result: Word(result) }).inc();
+        self.0.pictures.get_or_create(&[("result", result.into())]).inc();
     }
 
     /// Counts a picture that was drawn, within this time.
@@ -391,12 +336,14 @@ impl Metrics {
 
     /// Counts an answered request. `route` is the pattern of the path, not the path. `held`: because the client asked for it.
     pub fn request(&self, method: &str, route: &str, status: u16, time: Duration, held: bool) {
-        let (method, route) = (method.to_owned(), route.to_owned());
+        let method = ("method", Cow::from(method.to_owned()));
+        let route = ("route", Cow::from(route.to_owned()));
         if !held {
-            let label = DurationLabel { method: method.clone(), route: route.clone(), status: class(status) };
+            let class = format!("{}xx", status / 100);
+            let label = [method.clone(), route.clone(), ("status", class.into())];
             self.0.request_durations.get_or_create(&label).observe(time.as_secs_f64());
         }
-        self.0.requests.get_or_create(&RequestLabel { method, route, status }).inc();
+        self.0.requests.get_or_create(&[method, route, ("status", status.to_string().into())]).inc();
         self.0.request_seconds.observe(time.as_secs_f64());
     }
 
@@ -418,11 +365,6 @@ impl Metrics {
 
 fn gauge(count: u64) -> i64 {
     i64::try_from(count).unwrap_or(i64::MAX)
-}
-
-fn set_limited((now, limit): &(Gauge, Gauge), open: usize, most: usize) {
-    now.set(gauge(open as u64));
-    limit.set(gauge(most as u64));
 }
 
 #[cfg(test)]
