@@ -2,47 +2,26 @@
 //! the record of a job. If no traces are collected there is no context, and the functions have no effect.
 
 use opentelemetry::global;
-use opentelemetry::propagation::{Extractor, Injector};
+use std::collections::HashMap;
 use tracing::Span;
 use tracing_opentelemetry::OpenTelemetrySpanExt;
 
 /// Name of the header that contains a context.
 pub const TRACEPARENT: &str = "traceparent";
 
-#[derive(Default)]
-struct Carrier(Option<String>);
-
-impl Injector for Carrier {
-    fn set(&mut self, key: &str, value: String) {
-        if key == TRACEPARENT {
-            self.0 = Some(value);
-        }
-    }
-}
-
-impl Extractor for Carrier {
-    fn get(&self, key: &str) -> Option<&str> {
-        self.0.as_deref().filter(|_| key == TRACEPARENT)
-    }
-
-    fn keys(&self) -> Vec<&str> {
-        self.0.as_ref().map(|_| TRACEPARENT).into_iter().collect()
-    }
-}
-
 /// The context of the current span.
 #[must_use]
 pub fn current() -> Option<String> {
-    let mut carrier = Carrier::default();
+    let mut carrier = HashMap::new();
     let context = Span::current().context();
     global::get_text_map_propagator(|propagator| propagator.inject_context(&context, &mut carrier));
-    carrier.0
+    carrier.remove(TRACEPARENT)
 }
 
 /// Makes the new `span` part of the trace that `traceparent` names; an invalid value is ignored.
 pub fn adopt(span: &Span, traceparent: Option<&str>) {
     let Some(traceparent) = traceparent else { return };
-    let carrier = Carrier(Some(traceparent.to_owned()));
+    let carrier = HashMap::from([(TRACEPARENT.to_owned(), traceparent.to_owned())]);
     let context = global::get_text_map_propagator(|propagator| propagator.extract(&carrier));
     // Fails if no traces are collected.
     let _ = span.set_parent(context);
