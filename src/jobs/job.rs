@@ -49,10 +49,10 @@ impl IdGenerator {
     }
 
     /// A new id of the time `now`.
-    pub(super) fn next(&self, now: Timestamp) -> JobId {
+    pub(super) fn next(&self, now: Timestamp) -> uuid::Uuid {
         let seconds = u64::try_from(now.as_second()).unwrap_or_default();
         let nanos = u32::try_from(now.subsec_nanosecond()).unwrap_or_default();
-        JobId(uuid::Uuid::new_v7(uuid::Timestamp::from_unix(&*self.0.lock(), seconds, nanos)))
+        uuid::Uuid::new_v7(uuid::Timestamp::from_unix(&*self.0.lock(), seconds, nanos))
     }
 }
 
@@ -330,33 +330,6 @@ impl Submitted {
     pub fn job(&self) -> &Job {
         match self {
             Self::Queued(job) | Self::Reused(job) | Self::Replayed(job) => job,
-        }
-    }
-}
-
-#[cfg(test)]
-impl NewJob {
-    /// A job for tests, with a separate digest for each seed.
-    pub(super) fn sample(seed: u64) -> Self {
-        Self {
-            kind: JobKind::Model,
-            preset: "pig".into(),
-            seed,
-            spec: serde_json::json!({}),
-            outputs: vec![crate::generate::Output::Glb].into(),
-            backend: Backend::Auto,
-            labels: BTreeMap::new(),
-            priority: Priority::default(),
-            digest: seed.to_string(),
-            engine: crate::ENGINE_VERSION.into(),
-            reuse: false,
-            missing: Vec::new(),
-            batch_key: None,
-            idempotency: None,
-            owner: None,
-            quota: Quota::default(),
-            trace: None,
-            retry_of: None,
         }
     }
 }

@@ -90,3 +90,10 @@ pub struct Change {
     /// Its version after the change; `None` if it was deleted.
     pub version: Option<u64>,
 }
+
+impl Change {
+    /// The latest change of `job`.
+    pub(super) fn of(job: &Job) -> Self {
+        Self { id: job.id, version: Some(job.version) }
+    }
+}

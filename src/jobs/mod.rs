@@ -19,6 +19,8 @@ mod operators;
 mod options;
 mod postgres;
 pub mod reuse;
+#[cfg(test)]
+mod sample;
 pub mod scratch;
 mod sql;
 mod sqlite;

@@ -50,16 +50,8 @@ pub enum Event {
     Expire,
     /// The holder renews its lease.
     Renew(Fence),
-    /// The holder has finished the model.
-    Finish(Fence),
-    /// The holder met an error that would occur in every attempt.
-    Fail(Fence),
-    /// The holder stopped because the job was cancelled.
-    Stopped(Fence),
-    /// The holder releases the job; the attempt does not count.
-    Release(Fence),
-    /// The holder met a transient error; the attempt counts.
-    Retry(Fence),
+    /// The holder ends its attempt.
+    End(Fence, AttemptEnd),
 }
 
 /// Attempt end.
@@ -133,11 +125,12 @@ impl JobState {
             })),
             Event::Expire => Ok(self.again(AttemptEnd::Vanished, max_attempts)),
             Event::Renew(fence) => self.held_by(fence).map(|()| self.stays(self.clone())),
-            Event::Finish(fence) => self.held_by(fence).map(|()| self.ends(Status::Succeeded, AttemptEnd::Succeeded)),
-            Event::Fail(fence) => self.held_by(fence).map(|()| self.ends(Status::Failed, AttemptEnd::Failed)),
-            Event::Stopped(fence) => self.held_by(fence).map(|()| self.ends(Status::Cancelled, AttemptEnd::Cancelled)),
-            Event::Release(fence) => self.held_by(fence).map(|()| self.again(AttemptEnd::Released, max_attempts)),
-            Event::Retry(fence) => self.held_by(fence).map(|()| self.again(AttemptEnd::Retried, max_attempts)),
+            Event::End(fence, how) => self.held_by(fence).map(|()| match how {
+                AttemptEnd::Succeeded => self.ends(Status::Succeeded, *how),
+                AttemptEnd::Failed => self.ends(Status::Failed, *how),
+                AttemptEnd::Cancelled => self.ends(Status::Cancelled, *how),
+                AttemptEnd::Released | AttemptEnd::Retried | AttemptEnd::Vanished => self.again(*how, max_attempts),
+            }),
         }
     }
 
@@ -228,11 +221,11 @@ mod tests {
             6 => "[ab]".prop_map(Event::Claim),
             3 => Just(Event::Expire),
             2 => fence().prop_map(Event::Renew),
-            1 => fence().prop_map(Event::Finish),
-            1 => fence().prop_map(Event::Fail),
-            1 => fence().prop_map(Event::Stopped),
-            3 => fence().prop_map(Event::Release),
-            3 => fence().prop_map(Event::Retry),
+            1 => fence().prop_map(|fence| Event::End(fence, AttemptEnd::Succeeded)),
+            1 => fence().prop_map(|fence| Event::End(fence, AttemptEnd::Failed)),
+            1 => fence().prop_map(|fence| Event::End(fence, AttemptEnd::Cancelled)),
+            3 => fence().prop_map(|fence| Event::End(fence, AttemptEnd::Released)),
+            3 => fence().prop_map(|fence| Event::End(fence, AttemptEnd::Retried)),
         ]
     }
 
@@ -255,9 +248,7 @@ mod tests {
                             before.status == Status::Running && next.state.status != Status::Running
                         );
                         prop_assert!(!next.exhausted || next.state.status == Status::Failed);
-                        if let Event::Finish(f) | Event::Fail(f) | Event::Stopped(f) | Event::Release(f)
-                            | Event::Retry(f) | Event::Renew(f) = event
-                        {
+                        if let Event::End(f, _) | Event::Renew(f) = event {
                             prop_assert_eq!(f.attempt, before.attempts);
                             prop_assert_eq!(Some(&f.worker), before.holder.as_ref());
                         }
@@ -288,7 +279,8 @@ mod tests {
         let mut state = JobState::queued();
         for attempt in 1..=20 {
             state = state.on(&Event::Claim("a".into()), 2).unwrap().state;
-            state = state.on(&Event::Release(Fence { attempt, worker: "a".into() }), 2).unwrap().state;
+            state =
+                state.on(&Event::End(Fence { attempt, worker: "a".into() }, AttemptEnd::Released), 2).unwrap().state;
             assert_eq!((state.status, state.spent, state.attempts), (Status::Queued, 0, attempt));
         }
     }
@@ -299,7 +291,8 @@ mod tests {
         let asked = running.on(&Event::Cancel, 5).unwrap().state;
         assert_eq!(asked.status, Status::Running);
         let fence = Fence { attempt: 1, worker: "a".into() };
-        for event in [Event::Expire, Event::Release(fence.clone()), Event::Retry(fence)] {
+        let ends = [AttemptEnd::Released, AttemptEnd::Retried].map(|how| Event::End(fence.clone(), how));
+        for event in ends.into_iter().chain([Event::Expire]) {
             assert_eq!(asked.on(&event, 5).unwrap().state.status, Status::Cancelled);
         }
     }

@@ -2,8 +2,8 @@
 
 use super::error::ArtifactError;
 use super::local::{Object, Walk};
-use futures_util::StreamExt;
 use futures_util::stream::BoxStream;
+use futures_util::{StreamExt, TryStreamExt};
 use object_store::ObjectMeta;
 
 /// Number of objects on a page. S3 lists and deletes as many in one request.
@@ -22,15 +22,11 @@ impl Listing {
     pub(in crate::jobs) async fn next(&mut self) -> Result<Vec<Object>, ArtifactError> {
         match self {
             Self::Remote(listed) => {
-                let mut page = Vec::new();
-                while page.len() < PAGE
-                    && let Some(object) = listed.next().await
-                {
-                    let object = object?;
-                    let modified_micros = object.last_modified.timestamp_micros();
-                    page.push(Object { key: object.location.to_string(), modified_micros });
-                }
-                Ok(page)
+                let page = listed.take(PAGE).map_ok(|object| Object {
+                    key: object.location.to_string(),
+                    modified_micros: object.last_modified.timestamp_micros(),
+                });
+                Ok(page.try_collect().await?)
             }
             Self::Local(walk) => {
                 let Some(mut moved) = walk.take() else { return Ok(Vec::new()) };

@@ -16,9 +16,7 @@ const BYTES: usize = 32;
 /// Secret of a key: `oviduct_`, a prefix that names the key, `_` and 256 random bits in hex.
 /// `Debug` hides the secret, and it cannot be serialised, so that it does not get into a log.
 #[derive(Clone)]
-pub struct Secret {
-    text: String,
-}
+pub struct Secret(String);
 
 /// Error of a text that is not the secret of a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -52,7 +50,7 @@ impl Secret {
     /// A new secret.
     #[must_use]
     pub fn generate() -> Self {
-        Self { text: format!("{KEY}{}_{}", random(PREFIX / 2), random(BYTES)) }
+        Self(format!("{KEY}{}_{}", random(PREFIX / 2), random(BYTES)))
     }
 
     /// Parses a secret that a client sent.
@@ -63,25 +61,25 @@ impl Secret {
         let rest = text.strip_prefix(KEY).ok_or(NoSecret)?;
         let (prefix, random) = rest.split_once('_').ok_or(NoSecret)?;
         let valid = is_hex(prefix, PREFIX) && is_hex(random, 2 * BYTES);
-        if valid { Ok(Self { text: text.to_owned() }) } else { Err(NoSecret) }
+        if valid { Ok(Self(text.to_owned())) } else { Err(NoSecret) }
     }
 
     /// The secret itself, to be shown once to its owner.
     #[must_use]
     pub fn reveal(&self) -> &str {
-        &self.text
+        &self.0
     }
 
     /// The prefix, which names the key.
     #[must_use]
     pub fn prefix(&self) -> &str {
-        &self.text[KEY.len()..KEY.len() + PREFIX]
+        &self.0[KEY.len()..KEY.len() + PREFIX]
     }
 
     /// SHA-256 in lower-case hex, which the store keeps.
     #[must_use]
     pub fn hash(&self) -> String {
-        hash(&self.text)
+        hash(&self.0)
     }
 
     /// True if the secret has this hash. The duration does not depend on where the two differ.
@@ -99,15 +97,13 @@ fn is_hex(text: &str, length: usize) -> bool {
 /// Secret of a ticket. The store looks it up by its hash, so the duration of no comparison depends
 /// on the secret.
 #[derive(Clone)]
-pub struct TicketSecret {
-    text: String,
-}
+pub struct TicketSecret(String);
 
 impl TicketSecret {
     /// A new secret.
     #[must_use]
     pub fn generate() -> Self {
-        Self { text: format!("{TICKET}{}", random(BYTES)) }
+        Self(format!("{TICKET}{}", random(BYTES)))
     }
 
     /// Parses a ticket that a client sent.
@@ -116,19 +112,19 @@ impl TicketSecret {
     /// [`NoSecret`] if the text does not have the form of a ticket.
     pub fn parse(text: &str) -> Result<Self, NoSecret> {
         let valid = text.strip_prefix(TICKET).is_some_and(|random| is_hex(random, 2 * BYTES));
-        if valid { Ok(Self { text: text.to_owned() }) } else { Err(NoSecret) }
+        if valid { Ok(Self(text.to_owned())) } else { Err(NoSecret) }
     }
 
     /// The secret itself, to be sent once.
     #[must_use]
     pub fn reveal(&self) -> &str {
-        &self.text
+        &self.0
     }
 
     /// SHA-256 in lower-case hex, which the store keeps.
     #[must_use]
     pub fn hash(&self) -> String {
-        hash(&self.text)
+        hash(&self.0)
     }
 }
 

@@ -8,7 +8,7 @@ use super::quota;
 use super::record::{owner, parse_optional, priority, select_jobs, submitter, to_record};
 use super::store::Store;
 use super::submit::{self, place};
-use super::tx::Tx;
+use super::tx::{Row, Tx};
 use crate::jobs::job::IdGenerator;
 use crate::jobs::{
     Batch, BatchFilter, BatchId, BatchPage, Change, Counts, Job, JobId, NewBatch, NewJob, StoreError, StoreOptions,
@@ -40,13 +40,8 @@ impl Store {
     ) -> Result<Option<Batch>, StoreError> {
         let tx = &mut self.read("replayed_batch").await?;
         let sql = "SELECT id FROM batches WHERE idempotency_key = $1 AND idempotency_body = $2";
-        match tx.optional(sql, values![submit::scoped(owner, key), body]).await? {
-            Some(row) => {
-                let JobId(id) = row.id("id")?;
-                Ok(read(tx, BatchId(id)).await?)
-            }
-            None => Ok(None),
-        }
+        let Some(row) = tx.optional(sql, values![submit::scoped(owner, key), body]).await? else { return Ok(None) };
+        Ok(read(tx, BatchId(row.id("id")?)).await?)
     }
 
     /// A batch by id.
@@ -61,7 +56,7 @@ impl Store {
         let jobs = select_jobs(tx);
         let sql = format!("{jobs}FROM jobs j WHERE j.batch = $1 AND j.id > $2 ORDER BY j.id LIMIT {limit}");
         let after = after.map_or_else(String::new, |id| id.to_string());
-        let rows = tx.all(sql, values![id.to_string(), after]).await?;
+        let rows = tx.all(sql, values![id, after]).await?;
         rows.iter().map(|row| Ok(to_record(row)?.job)).collect()
     }
 
@@ -73,7 +68,7 @@ impl Store {
     /// Deletes a batch with all its jobs in one transaction. Returns keys as [`Store::delete`]
     /// does.
     pub async fn delete_batch(&self, id: BatchId) -> Result<Option<Vec<String>>, StoreError> {
-        self.change("delete_batch", DeleteBatch(id)).await
+        self.apply("delete_batch", id, |id, tx, _| Box::pin(delete(*id, tx))).await
     }
 }
 
@@ -107,76 +102,50 @@ impl Operation for SubmitBatch {
             tx.execute(empty, values![&key]).await?;
             let sql = "SELECT id, idempotency_body FROM batches WHERE idempotency_key = $1";
             if let Some(row) = tx.optional(sql, values![&key]).await? {
-                if row.optional_text("idempotency_body")? != body.as_deref() {
+                if row.get::<Option<&str>>("idempotency_body")? != body.as_deref() {
                     return Err(StoreError::IdempotencyConflict.into());
                 }
-                let JobId(id) = row.id("id")?;
-                return Ok(Done::quiet(SubmittedBatch::Replayed(known(tx, BatchId(id)).await?)));
+                return Ok(Done::quiet(SubmittedBatch::Replayed(known(tx, BatchId(row.id("id")?)).await?)));
             }
         }
         let now = tx.now().await?;
-        let id = *self.tried.lock().get_or_insert_with(|| BatchId(self.ids.next(now).0));
-        tx.execute(
-            "INSERT INTO batches (id, created_at, idempotency_key, idempotency_body, priority, submitter, study) \
-             VALUES ($1, $2, $3, $4, $5, $6, $7)",
-            values![
-                id.to_string(),
-                now,
-                key,
-                body,
-                self.new.priority.get(),
-                submitter(whose),
-                self.new.study.as_ref().map(json),
-            ],
-        )
-        .await?;
+        let id = *self.tried.lock().get_or_insert_with(|| BatchId(self.ids.next(now)));
+        let sql = "INSERT INTO batches (id, created_at, idempotency_key, idempotency_body, priority, submitter, study) \
+                   VALUES ($1, $2, $3, $4, $5, $6, $7)";
+        let study = self.new.study.as_ref().map(json);
+        tx.execute(sql, values![id, now, key, body, self.new.priority.get(), submitter(whose), study]).await?;
         let mut room = queue_room(tx, options).await?;
         quota::check(tx, whose, self.new.quota, self.new.jobs.len() as u64).await?;
         for (index, new) in (0_u32..).zip(&self.new.jobs) {
             let owner = self.new.owner.clone();
             let alone = NewJob { idempotency: None, priority: self.new.priority, owner, ..new.clone() };
-            place(tx, options, self.ids.next(now), &alone, Some((id, Some(index))), &mut room).await?;
+            place(tx, options, JobId(self.ids.next(now)), &alone, Some((id, Some(index))), &mut room).await?;
         }
         Ok(accepted(known(tx, id).await?))
     }
 
     async fn recover_committed(&self, tx: &mut Tx<'_>) -> Result<Option<Done<SubmittedBatch>>, SqlError> {
         let tried = *self.tried.lock();
-        let batch = match tried {
-            Some(id) => read(tx, id).await?,
-            None => None,
-        };
-        Ok(batch.map(accepted))
+        let Some(id) = tried else { return Ok(None) };
+        Ok(read(tx, id).await?.map(accepted))
     }
 }
 
 async fn read(tx: &mut Tx<'_>, id: BatchId) -> Result<Option<Batch>, SqlError> {
     // One statement, so that the result is consistent.
-    let rows = tx
-        .all(
-            "SELECT b.created_at, b.priority, b.submitter, j.id, j.status, j.batch_index FROM batches b \
-             LEFT JOIN jobs j ON j.batch = b.id WHERE b.id = $1 ORDER BY j.id",
-            values![id.to_string()],
-        )
-        .await?;
-    let Some(first) = rows.first() else {
-        return Ok(None);
-    };
-    let created_at = first.time("created_at")?;
-    let priority = priority(first.int("priority")?);
+    let sql = "SELECT b.created_at, b.priority, b.submitter, j.id, j.status, j.batch_index FROM batches b \
+               LEFT JOIN jobs j ON j.batch = b.id WHERE b.id = $1 ORDER BY j.id";
+    let rows = tx.all(sql, values![id]).await?;
+    let Some(first) = rows.first() else { return Ok(None) };
+    let mut batch = without_jobs(id, first)?;
     // A separate query, because a join would repeat the study for each job. A study never changes.
-    let study = tx.optional("SELECT study FROM batches WHERE id = $1", values![id.to_string()]).await?;
-    let study = study.map(|row| parse_optional(&row, "study")).transpose()?.flatten();
-    let (jobs, places) = (Vec::with_capacity(rows.len()), Vec::with_capacity(rows.len()));
-    let (owner, counts) = (owner(first)?, Counts::default());
-    let mut batch = Batch { id, owner, created_at, priority, counts, jobs, places, study };
+    let study = tx.optional("SELECT study FROM batches WHERE id = $1", values![id]).await?;
+    batch.study = study.map(|row| parse_optional(&row, "study")).transpose()?.flatten();
     for (row, order) in rows.iter().zip(0_u32..) {
         if let Some(job) = row.optional_id("id")? {
-            batch.jobs.push(job);
-            // Versions before studies did not record the index.
-            let place = row.optional_int("batch_index")?.and_then(|place| u32::try_from(place).ok());
-            batch.places.push(place.unwrap_or(order));
-            *batch.counts.of_mut(enum_from_sql(row.text("status")?)?) += 1;
+            batch.jobs.push(JobId(job));
+            batch.places.push(submit::batch_index(row)?.unwrap_or(order));
+            *batch.counts.of_mut(enum_from_sql(row.get("status")?)?) += 1;
         }
     }
     Ok(Some(batch))
@@ -202,28 +171,30 @@ async fn list(tx: &mut Tx<'_>, filter: &BatchFilter) -> Result<BatchPage, SqlErr
         and("created_at <", before.into());
     }
     if let Some(before) = filter.before {
-        and("id <", before.to_string().into());
+        and("id <", before.into());
     }
     sql += &format!(" ORDER BY id DESC LIMIT {}", limit + 1);
     let rows = tx.all(sql, values).await?;
     let more = rows.len() > limit as usize;
-    let mut batches = Vec::new();
-    for row in rows.iter().take(limit as usize) {
-        let JobId(id) = row.id("id")?;
-        batches.push(Batch {
-            id: BatchId(id),
-            owner: owner(row)?,
-            created_at: row.time("created_at")?,
-            priority: priority(row.int("priority")?),
-            counts: Counts::default(),
-            jobs: Vec::new(),
-            places: Vec::new(),
-            study: None,
-        });
-    }
+    let batch = |row: &Row| without_jobs(BatchId(row.id("id")?), row);
+    let mut batches = rows.iter().take(limit as usize).map(batch).collect::<Result<Vec<_>, _>>()?;
     count(tx, &mut batches).await?;
     let next = if more { batches.last().map(|batch| batch.id) } else { None };
     Ok(BatchPage { batches, next })
+}
+
+/// The batch of a row, without its jobs and its study.
+fn without_jobs(id: BatchId, row: &Row) -> Result<Batch, SqlError> {
+    Ok(Batch {
+        id,
+        owner: owner(row)?,
+        created_at: row.time("created_at")?,
+        priority: priority(row.get("priority")?),
+        counts: Counts::default(),
+        jobs: Vec::new(),
+        places: Vec::new(),
+        study: None,
+    })
 }
 
 /// Counts the jobs of batches by status, from an index alone.
@@ -234,9 +205,9 @@ async fn count(tx: &mut Tx<'_>, batches: &mut [Batch]) -> Result<(), SqlError> {
     );
     let ids: Vec<String> = batches.iter().map(|batch| batch.id.to_string()).collect();
     for row in tx.all(sql, values![ids]).await? {
-        let Some(JobId(id)) = row.optional_id("batch")? else { continue };
-        if let Some(batch) = batches.iter_mut().find(|batch| batch.id.0 == id) {
-            *batch.counts.of_mut(enum_from_sql(row.text("status")?)?) = row.count("n")?;
+        let id = BatchId(row.id("batch")?);
+        if let Some(batch) = batches.iter_mut().find(|batch| batch.id == id) {
+            *batch.counts.of_mut(enum_from_sql(row.get("status")?)?) = row.count("n")?;
         }
     }
     Ok(())
@@ -246,25 +217,18 @@ async fn known(tx: &mut Tx<'_>, id: BatchId) -> Result<Batch, SqlError> {
     read(tx, id).await?.ok_or_else(|| SqlError::Inconsistent(format!("batch {id}")))
 }
 
-struct DeleteBatch(BatchId);
-
-impl Operation for DeleteBatch {
-    type Output = Option<Vec<String>>;
-
-    async fn run(&self, tx: &mut Tx<'_>, _: &StoreOptions) -> Result<Done<Self::Output>, SqlError> {
-        let sql = format!("SELECT id FROM batches WHERE id = $1{}", tx.either("", " FOR UPDATE"));
-        if tx.optional(sql, values![self.0.to_string()]).await?.is_none() {
-            return Ok(Done::quiet(None));
-        }
-        let batch = known(tx, self.0).await?;
-        let (mut keys, mut changes) = (Vec::new(), Vec::new());
-        for &job in &batch.jobs {
-            let Some(deleted) = submit::delete(tx, job, None).await? else { continue };
-            keys.extend(deleted.keys);
-            changes.extend(deleted.changes);
-        }
-        // Deleting the last job deletes the batch, unless it had none.
-        submit::delete_empty_batch(tx, &self.0.to_string()).await?;
-        Ok(Done::new(Some(keys), changes))
+async fn delete(id: BatchId, tx: &mut Tx<'_>) -> Result<Done<Option<Vec<String>>>, SqlError> {
+    let sql = format!("SELECT id FROM batches WHERE id = $1{}", tx.either("", " FOR UPDATE"));
+    if tx.optional(sql, values![id]).await?.is_none() {
+        return Ok(Done::quiet(None));
     }
+    let (mut keys, mut changes) = (Vec::new(), Vec::new());
+    for job in known(tx, id).await?.jobs {
+        let Some(deleted) = submit::delete(tx, job, None).await? else { continue };
+        keys.extend(deleted.output);
+        changes.extend(deleted.changes);
+    }
+    // Deleting the last job deletes the batch, unless it had none.
+    submit::delete_empty_batch(tx, &id.to_string()).await?;
+    Ok(Done::new(Some(keys), changes))
 }

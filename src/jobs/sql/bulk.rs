@@ -4,7 +4,7 @@
 use super::codec::Value;
 use super::error::SqlError;
 use super::lease;
-use super::operation::{Done, Operation};
+use super::operation::Done;
 use super::read::matching;
 use super::store::Store;
 use super::submit;
@@ -19,58 +19,53 @@ impl Store {
         let mut values: Vec<Value> = Vec::new();
         let matching = matching(tx, filter, &mut values);
         let sql = format!("SELECT j.id AS id {matching} LIMIT {}", filter.limit);
-        tx.all(sql, values).await?.iter().map(|row| Ok(row.id("id")?)).collect()
+        tx.all(sql, values).await?.iter().map(|row| Ok(JobId(row.id("id")?))).collect()
     }
 
     /// Cancels these jobs as [`Store::cancel`] does, in one transaction. Ignores jobs that have
     /// ended, do not exist, or are not in `status` (any more).
     pub async fn cancel_many(&self, ids: Vec<JobId>, status: Option<Status>) -> Result<BulkResult, StoreError> {
-        self.change("cancel_many", CancelMany(ids, status)).await
+        self.apply("cancel_many", (ids, status), |input, tx, options| Box::pin(cancel(input, tx, options))).await
     }
 
     /// Deletes these jobs as [`Store::delete`] does, in one transaction; with `status`, only jobs
     /// in that status.
     pub async fn delete_many(&self, ids: Vec<JobId>, status: Option<Status>) -> Result<BulkResult, StoreError> {
-        self.change("delete_many", DeleteMany(ids, status)).await
+        self.apply("delete_many", (ids, status), |input, tx, _| Box::pin(delete(input, tx))).await
     }
 }
 
 /// The jobs in the order in which transactions lock them.
-fn in_lock_order(mut ids: Vec<JobId>) -> Vec<JobId> {
+fn in_lock_order(ids: &[JobId]) -> Vec<JobId> {
+    let mut ids = ids.to_vec();
     ids.sort_unstable();
     ids
 }
 
-struct CancelMany(Vec<JobId>, Option<Status>);
-
-impl Operation for CancelMany {
-    type Output = BulkResult;
-
-    async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<BulkResult>, SqlError> {
-        let (mut result, mut changes) = (BulkResult::default(), Vec::new());
-        for id in in_lock_order(self.0.clone()) {
-            let Some(cancelled) = lease::cancel(tx, options, id, self.1).await? else { continue };
-            result.jobs += 1;
-            result.keys.extend(cancelled.checkpoint);
-            changes.extend(cancelled.changes);
-        }
-        Ok(Done::new(result, changes))
+async fn cancel(
+    (ids, status): &(Vec<JobId>, Option<Status>),
+    tx: &mut Tx<'_>,
+    options: &StoreOptions,
+) -> Result<Done<BulkResult>, SqlError> {
+    let mut all = Done::quiet(BulkResult::default());
+    for id in in_lock_order(ids) {
+        add(&mut all, lease::cancel(tx, options, id, *status).await?);
     }
+    Ok(all)
 }
 
-struct DeleteMany(Vec<JobId>, Option<Status>);
-
-impl Operation for DeleteMany {
-    type Output = BulkResult;
-
-    async fn run(&self, tx: &mut Tx<'_>, _: &StoreOptions) -> Result<Done<BulkResult>, SqlError> {
-        let (mut result, mut changes) = (BulkResult::default(), Vec::new());
-        for id in in_lock_order(self.0.clone()) {
-            let Some(deleted) = submit::delete(tx, id, self.1).await? else { continue };
-            result.jobs += 1;
-            result.keys.extend(deleted.keys);
-            changes.extend(deleted.changes);
-        }
-        Ok(Done::new(result, changes))
+async fn delete((ids, status): &(Vec<JobId>, Option<Status>), tx: &mut Tx<'_>) -> Result<Done<BulkResult>, SqlError> {
+    let mut all = Done::quiet(BulkResult::default());
+    for id in in_lock_order(ids) {
+        add(&mut all, submit::delete(tx, id, *status).await?);
     }
+    Ok(all)
+}
+
+/// Adds the change of one job, with its keys for removal.
+fn add(all: &mut Done<BulkResult>, one: Option<Done<Vec<String>>>) {
+    let Some(Done { output, changes }) = one else { return };
+    all.output.jobs += 1;
+    all.output.keys.extend(output);
+    all.changes.extend(changes);
 }

@@ -13,16 +13,16 @@
 
 use super::codec::{Value, enum_to_sql, until, values};
 use super::error::SqlError;
-use super::lease::{self, AttemptEffect, End, Expire};
+use super::lease::{self, AttemptEffect, End};
 use super::operation::{Done, LONG_RETRY_LIMIT, Operation, RETRY_LIMIT};
 use super::order;
-use super::pause::unpaused;
 use super::read;
 use super::record::{Record, select_jobs, to_record};
 use super::store::Store;
-use super::tx::{Dialect, Tx};
+use super::tx::Tx;
+use super::workers::unpaused;
 use crate::clock::Stopwatch;
-use crate::jobs::state::{ClaimScope, Event};
+use crate::jobs::state::{self, AttemptEnd, ClaimScope, Event};
 use crate::jobs::{Change, ClaimedJob, Job, JobId, Problem, StoreError, StoreOptions};
 use crate::lock::Mutex;
 use jiff::Timestamp;
@@ -69,7 +69,7 @@ impl Store {
             if found.leases_expired && may_expire {
                 // Only leases that had expired at the look, not leases that expire while an outage
                 // interrupts this.
-                self.transact(Expire { before: found.at }).await?;
+                self.expire(found.at).await?;
             } else if !found.jobs_due {
                 return Ok(Vec::new());
             }
@@ -121,7 +121,7 @@ async fn look(tx: &mut Tx<'_>, worker: &str, scope: ClaimScope) -> Result<Look, 
         unpaused("$3")
     );
     let row = tx.one(sql, values).await?;
-    Ok(Look { at: now, leases_expired: row.flag("expired")?, jobs_due: row.flag("due")? })
+    Ok(Look { at: now, leases_expired: row.get("expired")?, jobs_due: row.get("due")? })
 }
 
 /// The jobs claimed so far.
@@ -159,16 +159,11 @@ impl Operation for Claim {
             // not see its result.
             lease::load_for_renewal(tx, id).await?;
             // The lease begins again.
-            let held = tx
-                .execute(
-                    "UPDATE jobs SET lease_until = $4 \
-                     WHERE id = $1 AND status = 'running' AND attempts = $2 AND holder = $3",
-                    values![id, attempt, &self.worker, until],
-                )
-                .await?;
-            if held > 0 {
-                let Record { job, .. } = read::known_record(tx, id).await?;
-                claimed.changes.push(Change { id, version: Some(job.version) });
+            let sql = "UPDATE jobs SET lease_until = $4 \
+                       WHERE id = $1 AND status = 'running' AND attempts = $2 AND holder = $3";
+            if tx.execute(sql, values![id, attempt, &self.worker, until]).await? > 0 {
+                let job = read::known_job(tx, id).await?;
+                claimed.changes.push(Change::of(&job));
                 claimed.jobs.push(ClaimedJob { job, attempt, worker: self.worker.clone() });
             }
         }
@@ -196,7 +191,7 @@ async fn fail(
         detail: format!("{why}; a later version may have queued it"),
     };
     let effect = AttemptEffect::Failed(claimed.job.backend.clone(), problem);
-    let end = End { id: claimed.job.id, fence: claimed.fence(), event: Event::Fail(claimed.fence()), effect };
+    let end = End { id: claimed.job.id, fence: claimed.fence(), how: AttemptEnd::Failed, effect };
     Ok(end.run(tx, options).await?.changes)
 }
 
@@ -216,9 +211,10 @@ impl Claim {
             if wanted == 0 {
                 return Ok(());
             }
-            let taken = match tx.dialect() {
-                Dialect::Sqlite => self.one_by_one(tx, options, wanted, batch_key).await?,
-                Dialect::Postgres => self.at_once(tx, wanted, batch_key).await?,
+            let taken = if tx.is_postgres() {
+                self.at_once(tx, wanted, batch_key).await?
+            } else {
+                self.one_by_one(tx, options, wanted, batch_key).await?
             };
             let mut all_read = true;
             for Record { job, unread, batch_key, .. } in taken {
@@ -229,7 +225,7 @@ impl Claim {
                     claimed.changes.extend(fail(tx, options, &job, why).await?);
                     all_read = false;
                 } else {
-                    claimed.changes.push(Change { id: job.job.id, version: Some(job.job.version) });
+                    claimed.changes.push(Change::of(&job.job));
                     claimed.batch_key = batch_key;
                     claimed.jobs.push(job);
                 }
@@ -264,10 +260,9 @@ impl Claim {
                 unpaused("$5")
             );
             let values = values![value, steady, until(steady, MAX_RETRY_DELAY), limit, &self.worker];
-            let waiting = tx.all(sql, values).await?;
-            let waiting: Result<VecDeque<_>, SqlError> =
-                waiting.iter().map(|row| Ok((row.int("rank")?, row.id("id")?))).collect();
-            queues.push(waiting?);
+            let queue = tx.all(sql, values).await?;
+            let queue = queue.iter().map(|row| Ok((row.get("rank")?, JobId(row.id("id")?))));
+            queues.push(queue.collect::<Result<VecDeque<_>, SqlError>>()?);
         }
         let ids = due(queues, limit);
         let mut taken = Vec::with_capacity(ids.len());
@@ -275,11 +270,8 @@ impl Claim {
             let event = Event::Claim(self.worker.clone());
             lease::apply(tx, options, id, &event, Some(until(steady, self.lease))).await?;
             let record = read::known_record(tx, id).await?;
-            tx.execute(
-                "INSERT INTO attempts (job_id, attempt, worker, started_at) VALUES ($1, $2, $3, $4)",
-                values![id, record.job.attempts, &self.worker, now],
-            )
-            .await?;
+            let sql = "INSERT INTO attempts (job_id, attempt, worker, started_at) VALUES ($1, $2, $3, $4)";
+            tx.execute(sql, values![id, record.job.attempts, &self.worker, now]).await?;
             taken.push(record);
         }
         Ok(taken)

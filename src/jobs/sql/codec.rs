@@ -1,7 +1,7 @@
 //! Rust values to and from columns.
 
 use super::error::{SqlError, broken};
-use crate::jobs::JobId;
+use crate::jobs::{BatchId, JobId};
 use jiff::Timestamp;
 use std::time::Duration;
 
@@ -20,89 +20,33 @@ pub(in crate::jobs) enum Value {
     Flag(bool),
 }
 
-impl From<i64> for Value {
-    fn from(value: i64) -> Self {
-        Self::Int(Some(value))
-    }
+macro_rules! value_from {
+    ($($from:ty: $value:ident => $to:expr;)+) => {
+        $(impl From<$from> for Value {
+            fn from($value: $from) -> Self {
+                $to
+            }
+        })+
+    };
 }
 
-impl From<u32> for Value {
-    fn from(value: u32) -> Self {
-        Self::Int(Some(value.into()))
-    }
-}
-
-impl From<Option<u32>> for Value {
-    fn from(value: Option<u32>) -> Self {
-        Self::Int(value.map(i64::from))
-    }
-}
-
-/// Saturates at the largest integer of the database, which no count reaches.
-impl From<u64> for Value {
-    fn from(value: u64) -> Self {
-        Self::Int(Some(i64::try_from(value).unwrap_or(i64::MAX)))
-    }
-}
-
-impl From<Timestamp> for Value {
-    fn from(at: Timestamp) -> Self {
-        Self::Int(Some(at.as_microsecond()))
-    }
-}
-
-impl From<Option<Timestamp>> for Value {
-    fn from(at: Option<Timestamp>) -> Self {
-        Self::Int(at.map(Timestamp::as_microsecond))
-    }
-}
-
-impl From<bool> for Value {
-    fn from(value: bool) -> Self {
-        Self::Flag(value)
-    }
-}
-
-impl From<JobId> for Value {
-    fn from(id: JobId) -> Self {
-        Self::Text(Some(id.to_string()))
-    }
-}
-
-impl From<&str> for Value {
-    fn from(text: &str) -> Self {
-        Self::Text(Some(text.to_owned()))
-    }
-}
-
-impl From<String> for Value {
-    fn from(text: String) -> Self {
-        Self::Text(Some(text))
-    }
-}
-
-impl From<&String> for Value {
-    fn from(text: &String) -> Self {
-        Self::Text(Some(text.clone()))
-    }
-}
-
-impl From<Option<String>> for Value {
-    fn from(text: Option<String>) -> Self {
-        Self::Text(text)
-    }
-}
-
-impl From<&Option<String>> for Value {
-    fn from(text: &Option<String>) -> Self {
-        Self::Text(text.clone())
-    }
-}
-
-impl From<Vec<String>> for Value {
-    fn from(texts: Vec<String>) -> Self {
-        Self::Texts(texts)
-    }
+value_from! {
+    i64: n => Self::Int(Some(n));
+    u32: n => Self::Int(Some(n.into()));
+    Option<u32>: n => Self::Int(n.map(i64::from));
+    // Saturates at the largest integer of the database, which no count reaches.
+    u64: n => Self::Int(Some(i64::try_from(n).unwrap_or(i64::MAX)));
+    Timestamp: at => Self::Int(Some(at.as_microsecond()));
+    Option<Timestamp>: at => Self::Int(at.map(Timestamp::as_microsecond));
+    bool: flag => Self::Flag(flag);
+    JobId: id => Self::Text(Some(id.to_string()));
+    BatchId: id => Self::Text(Some(id.to_string()));
+    &str: text => Self::Text(Some(text.to_owned()));
+    String: text => Self::Text(Some(text));
+    &String: text => Self::Text(Some(text.clone()));
+    Option<String>: text => Self::Text(text);
+    &Option<String>: text => Self::Text(text.clone());
+    Vec<String>: texts => Self::Texts(texts);
 }
 
 pub(super) fn json<T: serde::Serialize>(value: &T) -> String {

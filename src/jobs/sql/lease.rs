@@ -3,13 +3,13 @@
 
 use super::codec::{enum_from_sql, enum_to_sql, json, until, values};
 use super::error::SqlError;
-use super::operation::{Done, LONG_RETRY_LIMIT, Operation};
+use super::operation::{Done, LONG_RETRY_LIMIT, Operation, Repeatable, Run};
 use super::read::{self, known_job};
 use super::share;
 use super::store::Store;
 use super::submit::insert_files;
 use super::tx::Tx;
-use super::upkeep::FreeUpkeep;
+use super::upkeep::free_all;
 use crate::jobs::state::{self, AttemptEnd, Event, Fence, JobState, Next};
 use crate::jobs::{
     Attempt, BackendReport, Change, ClaimedJob, Directive, Finished, Job, JobId, JobProgress, LiveSection, Problem,
@@ -35,7 +35,8 @@ impl Store {
     ) -> Result<Directive, StoreError> {
         let (id, fence, backend) = (claimed.job.id, claimed.fence(), backend.clone());
         let (progress, section) = (progress.copied(), section.cloned());
-        self.change("heartbeat", Renew { id, fence, lease, backend, progress, section }).await
+        let renewal = Renewal { id, fence, lease, backend, progress, section };
+        self.apply("heartbeat", renewal, |renewal, tx, options| Box::pin(renew(renewal, tx, options))).await
     }
 
     /// Records `key` as the latest checkpoint, from which the next attempt resumes. Returns the key
@@ -44,23 +45,26 @@ impl Store {
     /// Fails with [`StoreError::Fenced`] if the lease was lost. The version does not grow. The key
     /// outlives the attempt; the end of the job removes it from the record.
     pub async fn set_checkpoint(&self, claimed: &ClaimedJob, key: &str) -> Result<Option<String>, StoreError> {
-        let (id, fence) = (claimed.job.id, claimed.fence());
-        self.change("set_checkpoint", SetCheckpoint { id, fence, key: key.to_owned() }).await
+        let input = (claimed.job.id, claimed.fence(), key.to_owned());
+        self.apply("set_checkpoint", input, |(id, fence, key), tx, options| {
+            Box::pin(set_checkpoint(*id, fence, key, tx, options))
+        })
+        .await
     }
 
     /// Ends the job as succeeded. Its files and its state become visible together.
     pub async fn finish(&self, claimed: ClaimedJob, finished: Finished) -> Result<Job, StoreError> {
-        self.end("finish", &claimed, Event::Finish, AttemptEffect::Finished(finished)).await
+        self.end("finish", &claimed, AttemptEnd::Succeeded, AttemptEffect::Finished(finished)).await
     }
 
     /// Ends the job as failed.
     pub async fn fail(&self, claimed: ClaimedJob, backend: BackendReport, problem: Problem) -> Result<Job, StoreError> {
-        self.end("fail", &claimed, Event::Fail, AttemptEffect::Failed(backend, problem)).await
+        self.end("fail", &claimed, AttemptEnd::Failed, AttemptEffect::Failed(backend, problem)).await
     }
 
     /// Ends the job as cancelled.
     pub async fn cancelled(&self, claimed: ClaimedJob) -> Result<Job, StoreError> {
-        self.end("cancelled", &claimed, Event::Stopped, AttemptEffect::None).await
+        self.end("cancelled", &claimed, AttemptEnd::Cancelled, AttemptEffect::None).await
     }
 
     /// Returns the job to its place in the queue; the attempt does not count. The row of the
@@ -68,83 +72,74 @@ impl Store {
     /// the meantime ends as cancelled.
     pub async fn release(&self, claimed: ClaimedJob, problem: Option<Problem>) -> Result<(), StoreError> {
         let effect = problem.map_or(AttemptEffect::None, AttemptEffect::Fault);
-        self.end("release", &claimed, Event::Release, effect).await.map(drop)
+        self.end("release", &claimed, AttemptEnd::Released, effect).await.map(drop)
     }
 
     /// Queues the job again after a transient error; the attempt counts. The job is due again after
     /// a delay (1 s, doubled for each counted attempt). After the last attempt it fails
     /// (`attempts-exhausted`, with the history).
     pub async fn retry(&self, claimed: ClaimedJob, problem: Problem) -> Result<Job, StoreError> {
-        self.end("retry", &claimed, Event::Retry, AttemptEffect::Fault(problem)).await
+        self.end("retry", &claimed, AttemptEnd::Retried, AttemptEffect::Fault(problem)).await
     }
 
     async fn end(
         &self,
         call: &'static str,
         claimed: &ClaimedJob,
-        event: fn(Fence) -> Event,
+        how: AttemptEnd,
         effect: AttemptEffect,
     ) -> Result<Job, StoreError> {
-        let (id, fence) = (claimed.job.id, claimed.fence());
-        self.change(call, End { id, event: event(fence.clone()), fence, effect }).await
+        self.change(call, End { id: claimed.job.id, fence: claimed.fence(), how, effect }).await
     }
 
     /// Cancels a job: a queued job ends immediately; a running job is asked to stop; a job that has
     /// ended stays unchanged. If this call ends the job, [`Job::checkpoint`] is the key that its
     /// record named until then, for removal from the artifact store.
     pub async fn cancel(&self, id: JobId) -> Result<Option<Job>, StoreError> {
-        self.change("cancel", Cancel(id)).await
+        self.apply("cancel", id, |id, tx, options| Box::pin(cancel_one(*id, tx, options))).await
     }
 
     /// Ends the attempts that an earlier process left running, and frees its locks of upkeep tasks;
     /// to be called at the start of the only process that uses the store, before any worker. Each
     /// attempt counts as one whose worker vanished. Returns the jobs.
     pub async fn recover(&self) -> Result<Vec<JobId>, StoreError> {
-        self.transact(FreeUpkeep).await?;
+        self.transact(Repeatable { input: (), run: |(), tx, _| Box::pin(free_all(tx)) }).await?;
         let mut jobs = Vec::new();
         loop {
-            let expired = self.transact(Expire { before: Timestamp::MAX }).await?;
+            let expired = self.expire(Timestamp::MAX).await?;
             if expired.is_empty() {
                 return Ok(jobs);
             }
             jobs.extend(expired);
         }
     }
+
+    /// Ends attempts whose lease ended at `before` or earlier. Returns some of their jobs, none if
+    /// none are left.
+    pub(super) async fn expire(&self, before: Timestamp) -> Result<Vec<JobId>, StoreError> {
+        let run: Run<_, _> = |before, tx, options| Box::pin(expire(*before, tx, options));
+        self.transact(Repeatable { input: before, run }).await
+    }
 }
 
 /// Ends attempts whose lease ended at `before` or earlier, at most [`EXPIRED`] of them. Returns
 /// their jobs.
-pub(super) struct Expire {
-    pub(super) before: Timestamp,
-}
-
-impl Operation for Expire {
-    type Output = Vec<JobId>;
-
-    async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Vec<JobId>>, SqlError> {
-        let changes = expire(tx, options, self.before).await?;
-        Ok(Done::new(changes.iter().map(|change| change.id).collect(), changes))
-    }
-}
-
-async fn expire(tx: &mut Tx<'_>, options: &StoreOptions, before: Timestamp) -> Result<Vec<Change>, SqlError> {
+async fn expire(before: Timestamp, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Vec<JobId>>, SqlError> {
     // Skips rows that another transaction is writing.
     let sql = format!(
         "SELECT id FROM jobs{} WHERE status = 'running' AND lease_until <= $1 ORDER BY lease_until LIMIT {EXPIRED}{}",
         tx.either(" INDEXED BY jobs_leases", ""),
         tx.either("", " FOR UPDATE SKIP LOCKED"),
     );
-    let rows = tx.all(sql, values![before]).await?;
-    let mut changes = Vec::with_capacity(rows.len());
-    for row in &rows {
-        let id = row.id("id")?;
-        changes.extend(apply(tx, options, id, &Event::Expire, None).await?);
+    let mut changes = Vec::new();
+    for row in tx.all(sql, values![before]).await? {
+        changes.extend(apply(tx, options, JobId(row.id("id")?), &Event::Expire, None).await?);
     }
-    Ok(changes)
+    Ok(Done::of_changes(changes))
 }
 
-/// Renews a lease and records progress.
-struct Renew {
+/// Progress of an attempt that a heartbeat records.
+struct Renewal {
     id: JobId,
     fence: Fence,
     lease: Duration,
@@ -153,67 +148,54 @@ struct Renew {
     section: Option<LiveSection>,
 }
 
-impl Operation for Renew {
-    type Output = Directive;
-
-    async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Directive>, SqlError> {
-        let Some((state, before)) = load_for_renewal(tx, self.id).await? else {
-            return Ok(Done::quiet(Directive::Lost));
-        };
-        if state.on(&Event::Renew(self.fence.clone()), options.max_attempts).is_err() {
-            return Ok(Done::quiet(Directive::Lost));
-        }
-        let now = tx.steady().await?;
-        let row = tx
-            .one(
-                "UPDATE jobs SET lease_until = $2, \
-                 version = version + CASE WHEN $7 OR $8 OR backend_used IS DISTINCT FROM $3 \
-                 OR device IS DISTINCT FROM $4 OR fallback IS DISTINCT FROM $5 THEN 1 ELSE 0 END, \
-                 backend_used = $3, device = $4, fallback = $5, \
-                 progress = COALESCE($6, progress), section = COALESCE($9, section) \
-                 WHERE id = $1 RETURNING version",
-                values![
-                    self.id,
-                    until(now, self.lease),
-                    self.backend.used.map(enum_to_sql),
-                    &self.backend.device,
-                    &self.backend.fallback,
-                    self.progress.as_ref().map(json),
-                    self.progress.is_some(),
-                    self.section.is_some(),
-                    self.section.as_ref().map(json),
-                ],
-            )
-            .await?;
-        let directive = if state.cancel_requested { Directive::Cancel } else { Directive::Continue };
-        let version = row.count("version")?;
-        let change = Change { id: self.id, version: Some(version) };
-        Ok(Done::new(directive, if version > before { vec![change] } else { vec![] }))
+/// Renews a lease and records progress.
+async fn renew(renewal: &Renewal, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Directive>, SqlError> {
+    let Renewal { id, fence, lease, backend, progress, section } = renewal;
+    let Some((state, before)) = load_for_renewal(tx, *id).await? else { return Ok(Done::quiet(Directive::Lost)) };
+    if state.on(&Event::Renew(fence.clone()), options.max_attempts).is_err() {
+        return Ok(Done::quiet(Directive::Lost));
     }
+    let now = tx.steady().await?;
+    let sql = "UPDATE jobs SET lease_until = $2, \
+               version = version + CASE WHEN $7 OR $8 OR backend_used IS DISTINCT FROM $3 \
+               OR device IS DISTINCT FROM $4 OR fallback IS DISTINCT FROM $5 THEN 1 ELSE 0 END, \
+               backend_used = $3, device = $4, fallback = $5, \
+               progress = COALESCE($6, progress), section = COALESCE($9, section) \
+               WHERE id = $1 RETURNING version";
+    let values = values![
+        *id,
+        until(now, *lease),
+        backend.used.map(enum_to_sql),
+        &backend.device,
+        &backend.fallback,
+        progress.as_ref().map(json),
+        progress.is_some(),
+        section.is_some(),
+        section.as_ref().map(json),
+    ];
+    let version = tx.one(sql, values).await?.count("version")?;
+    let directive = if state.cancel_requested { Directive::Cancel } else { Directive::Continue };
+    let change = Change { id: *id, version: Some(version) };
+    Ok(Done::new(directive, if version > before { vec![change] } else { vec![] }))
 }
 
 /// Records the key of the latest checkpoint. Returns the key that it replaces.
-struct SetCheckpoint {
+async fn set_checkpoint(
     id: JobId,
-    fence: Fence,
-    key: String,
-}
-
-impl Operation for SetCheckpoint {
-    type Output = Option<String>;
-
-    async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Option<String>>, SqlError> {
-        let (state, _) = load_for_renewal(tx, self.id).await?.ok_or(StoreError::Fenced)?;
-        state.on(&Event::Renew(self.fence.clone()), options.max_attempts).map_err(|_| StoreError::Fenced)?;
-        let before = named_checkpoint(tx, self.id).await?;
-        tx.execute("UPDATE jobs SET checkpoint = $2 WHERE id = $1", values![self.id, &self.key]).await?;
-        Ok(Done::quiet(before.filter(|before| *before != self.key)))
-    }
+    fence: &Fence,
+    key: &String,
+    tx: &mut Tx<'_>,
+    options: &StoreOptions,
+) -> Result<Done<Option<String>>, SqlError> {
+    let (state, _) = load_for_renewal(tx, id).await?.ok_or(StoreError::Fenced)?;
+    state.on(&Event::Renew(fence.clone()), options.max_attempts).map_err(|_| StoreError::Fenced)?;
+    let before = named_checkpoint(tx, id).await?;
+    tx.execute("UPDATE jobs SET checkpoint = $2 WHERE id = $1", values![id, key]).await?;
+    Ok(Done::quiet(before.filter(|before| before != key)))
 }
 
 async fn named_checkpoint(tx: &mut Tx<'_>, id: JobId) -> Result<Option<String>, SqlError> {
-    let row = tx.one("SELECT checkpoint FROM jobs WHERE id = $1", values![id]).await?;
-    Ok(row.optional_text("checkpoint")?.map(str::to_owned))
+    tx.one("SELECT checkpoint FROM jobs WHERE id = $1", values![id]).await?.get("checkpoint")
 }
 
 /// Data that the end of an attempt adds to the records of the job and the attempt.
@@ -225,11 +207,11 @@ pub(super) enum AttemptEffect {
     Fault(Problem),
 }
 
-/// Ends the attempt of a claimed job by `event`.
+/// Ends the attempt of a claimed job.
 pub(super) struct End {
     pub(super) id: JobId,
     pub(super) fence: Fence,
-    pub(super) event: Event,
+    pub(super) how: AttemptEnd,
     pub(super) effect: AttemptEffect,
 }
 
@@ -239,16 +221,14 @@ impl Operation for End {
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Job>, SqlError> {
         let id = self.id;
         let (state, _) = load(tx, id).await?.ok_or(StoreError::Fenced)?;
-        let next = state.on(&self.event, options.max_attempts).map_err(|_| StoreError::Fenced)?;
+        let next = state.on(&Event::End(self.fence.clone(), self.how), options.max_attempts);
+        let next = next.map_err(|_| StoreError::Fenced)?;
         let mut fault = None;
         match &self.effect {
             AttemptEffect::None => {}
             AttemptEffect::Finished(finished) => {
-                tx.execute(
-                    "UPDATE jobs SET summary = $2, engine_used = $3 WHERE id = $1",
-                    values![id, json(&finished.summary), &finished.engine],
-                )
-                .await?;
+                let sql = "UPDATE jobs SET summary = $2, engine_used = $3 WHERE id = $1";
+                tx.execute(sql, values![id, json(&finished.summary), &finished.engine]).await?;
                 set_backend(tx, id, &finished.backend).await?;
                 insert_files(tx, id, finished.files.iter()).await?;
             }
@@ -260,11 +240,9 @@ impl Operation for End {
             AttemptEffect::Fault(problem) => fault = Some(problem),
         }
         if let Some(problem) = fault {
-            tx.execute(
-                "UPDATE attempts SET detail = $3 WHERE job_id = $1 AND attempt = $2",
-                values![id, state.attempts, format!("{}: {}", problem.kind, problem.detail)],
-            )
-            .await?;
+            let sql = "UPDATE attempts SET detail = $3 WHERE job_id = $1 AND attempt = $2";
+            let detail = format!("{}: {}", problem.kind, problem.detail);
+            tx.execute(sql, values![id, state.attempts, detail]).await?;
         }
         let changes = write(tx, id, &next, None).await?;
         Ok(Done::new(known_job(tx, id).await?, changes))
@@ -278,63 +256,35 @@ impl Operation for End {
     async fn recover_committed(&self, tx: &mut Tx<'_>) -> Result<Option<Done<Job>>, SqlError> {
         // Waits at the job's row for a commit that is still under way.
         load(tx, self.id).await?;
-        // Only the holder ends its attempt with these events, and only once.
-        let how = match self.event {
-            Event::Finish(_) => AttemptEnd::Succeeded,
-            Event::Fail(_) => AttemptEnd::Failed,
-            Event::Stopped(_) => AttemptEnd::Cancelled,
-            Event::Release(_) => AttemptEnd::Released,
-            Event::Retry(_) => AttemptEnd::Retried,
-            Event::Cancel | Event::Claim(_) | Event::Expire | Event::Renew(_) => return Ok(None),
-        };
-        let done = tx
-            .optional(
-                "SELECT 1 AS done FROM attempts WHERE job_id = $1 AND attempt = $2 AND worker = $3 AND outcome = $4",
-                values![self.id, self.fence.attempt, &self.fence.worker, enum_to_sql(how)],
-            )
-            .await?;
-        let job = match done {
-            Some(_) => read::job(tx, self.id).await?,
-            None => None,
-        };
+        // Only the holder ends its attempt, and only once.
+        let Fence { attempt, worker } = &self.fence;
+        let sql = "SELECT 1 AS done FROM attempts WHERE job_id = $1 AND attempt = $2 AND worker = $3 AND outcome = $4";
+        let done = tx.optional(sql, values![self.id, *attempt, worker, enum_to_sql(self.how)]).await?;
+        let job = if done.is_some() { read::job(tx, self.id).await? } else { None };
         Ok(job.map(|job| {
-            let change = Change { id: job.id, version: Some(job.version) };
+            let change = Change::of(&job);
             Done::new(job, vec![change])
         }))
     }
 }
 
-struct Cancel(JobId);
-
-impl Operation for Cancel {
-    type Output = Option<Job>;
-
-    async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Option<Job>>, SqlError> {
-        let id = self.0;
-        let cancelled = cancel(tx, options, id, None).await?;
-        let Some(job) = read::job(tx, id).await? else { return Ok(Done::quiet(None)) };
-        let Some(Cancellation { changes, checkpoint }) = cancelled else { return Ok(Done::quiet(Some(job))) };
-        // The record no longer names the checkpoint; the caller removes its file.
-        let job = Job { checkpoint: job.checkpoint.clone().or(checkpoint), ..job };
-        Ok(Done::new(Some(job), changes))
-    }
+async fn cancel_one(id: JobId, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Option<Job>>, SqlError> {
+    let cancelled = cancel(tx, options, id, None).await?;
+    let Some(job) = read::job(tx, id).await? else { return Ok(Done::quiet(None)) };
+    let Some(Done { output, changes }) = cancelled else { return Ok(Done::quiet(Some(job))) };
+    // The record no longer names the checkpoint; the caller removes its file.
+    let job = Job { checkpoint: job.checkpoint.clone().or(output.into_iter().next()), ..job };
+    Ok(Done::new(Some(job), changes))
 }
 
-/// Result of cancelling a job.
-pub(super) struct Cancellation {
-    pub(super) changes: Vec<Change>,
-    /// The checkpoint that the record named, if the cancellation ended the job.
-    pub(super) checkpoint: Option<String>,
-}
-
-/// Cancels a job; with `status`, only if it is in that status. `None` if nothing changes or the job
-/// does not exist.
+/// Cancels a job; with `status`, only if it is in that status. Returns the key of the checkpoint if
+/// the cancellation ended the job; `None` if nothing changes or the job does not exist.
 pub(super) async fn cancel(
     tx: &mut Tx<'_>,
     options: &StoreOptions,
     id: JobId,
     status: Option<Status>,
-) -> Result<Option<Cancellation>, SqlError> {
+) -> Result<Option<Done<Vec<String>>>, SqlError> {
     let found = load(tx, id).await?.filter(|(state, _)| status.is_none_or(|status| status == state.status));
     let Some((state, _)) = found else { return Ok(None) };
     let Some(next) = state.on(&Event::Cancel, options.max_attempts).ok().filter(|next| next.state != state) else {
@@ -342,7 +292,7 @@ pub(super) async fn cancel(
     };
     let checkpoint = if next.state.status.is_ended() { named_checkpoint(tx, id).await? } else { None };
     let changes = write(tx, id, &next, None).await?;
-    Ok(Some(Cancellation { changes, checkpoint }))
+    Ok(Some(Done::new(checkpoint.into_iter().collect(), changes)))
 }
 
 /// Applies an event that the state of the job is known to allow.
@@ -378,11 +328,11 @@ async fn load_locked(tx: &mut Tx<'_>, id: JobId, lock: &'static str) -> Result<O
     let row = tx.optional(sql, values![id]).await?;
     row.map(|row| {
         let state = JobState {
-            status: enum_from_sql(row.text("status")?)?,
+            status: enum_from_sql(row.get("status")?)?,
             attempts: row.count("attempts")?,
             spent: row.count("spent")?,
-            cancel_requested: row.flag("cancel_requested")?,
-            holder: row.optional_text("holder")?.map(str::to_owned),
+            cancel_requested: row.get("cancel_requested")?,
+            holder: row.get("holder")?,
         };
         Ok((state, row.count("version")?))
     })
@@ -400,11 +350,8 @@ async fn write(
     let now = tx.now().await?;
     let state = &next.state;
     if let Some(how) = next.ended {
-        tx.execute(
-            "UPDATE attempts SET ended_at = $3, outcome = $4 WHERE job_id = $1 AND attempt = $2",
-            values![id, state.attempts, now, enum_to_sql(how)],
-        )
-        .await?;
+        let sql = "UPDATE attempts SET ended_at = $3, outcome = $4 WHERE job_id = $1 AND attempt = $2";
+        tx.execute(sql, values![id, state.attempts, now, enum_to_sql(how)]).await?;
     }
     if next.exhausted {
         let history = read::attempts(tx, id).await?;
@@ -417,34 +364,20 @@ async fn write(
             // Immediately, even if the clock is set back.
             _ => 0,
         };
-        tx.execute(
-            "UPDATE jobs SET progress = NULL, section = NULL, backend_used = NULL, device = NULL, fallback = NULL, \
-             available_at = $2 WHERE id = $1",
-            values![id, available],
-        )
-        .await?;
+        let sql = "UPDATE jobs SET progress = NULL, section = NULL, backend_used = NULL, device = NULL, \
+                   fallback = NULL, available_at = $2 WHERE id = $1";
+        tx.execute(sql, values![id, available]).await?;
     }
-    let row = tx
-        .one(
-            "UPDATE jobs SET status = $2, attempts = $3, spent = $4, cancel_requested = $5, holder = $6, \
-             lease_until = CASE WHEN $2 = 'running' THEN COALESCE($7, lease_until) END, \
-             started_at = CASE WHEN $2 = 'running' THEN COALESCE(started_at, $8) ELSE started_at END, \
-             finished_at = CASE WHEN $9 THEN $8 END, \
-             checkpoint = CASE WHEN $9 THEN NULL ELSE checkpoint END, version = version + 1 WHERE id = $1 RETURNING version",
-            values![
-                id,
-                enum_to_sql(state.status),
-                state.attempts,
-                state.spent,
-                state.cancel_requested,
-                &state.holder,
-                lease_until,
-                now,
-                state.status.is_ended(),
-            ],
-        )
-        .await?;
-    let mut changes = vec![Change { id, version: Some(row.count("version")?) }];
+    let sql = "UPDATE jobs SET status = $2, attempts = $3, spent = $4, cancel_requested = $5, holder = $6, \
+               lease_until = CASE WHEN $2 = 'running' THEN COALESCE($7, lease_until) END, \
+               started_at = CASE WHEN $2 = 'running' THEN COALESCE(started_at, $8) ELSE started_at END, \
+               finished_at = CASE WHEN $9 THEN $8 END, \
+               checkpoint = CASE WHEN $9 THEN NULL ELSE checkpoint END, version = version + 1 \
+               WHERE id = $1 RETURNING version";
+    let JobState { status, attempts, spent, cancel_requested, holder } = state;
+    let (name, ended) = (enum_to_sql(status), status.is_ended());
+    let values = values![id, name, *attempts, *spent, *cancel_requested, holder, lease_until, now, ended];
+    let mut changes = vec![Change { id, version: Some(tx.one(sql, values).await?.count("version")?) }];
     if state.status.is_ended() {
         changes.extend(share::settle(tx, id, state.status).await?);
     } else if state.status == Status::Queued {

@@ -9,8 +9,7 @@
 //!
 //! | file | subject, with its calls |
 //! |---|---|
-//! | `store` | [`Store`]: retries, notification, test hook |
-//! | `engine` | the connections to either database |
+//! | `store` | [`Store`]: connections to either database, retries, notification, test hook |
 //! | `tx`, `codec`, `error`, `operation` | transactions, values, errors, operations |
 //! | `submit` | submissions, reuse, deletion |
 //! | `batch` | batches |
@@ -19,7 +18,7 @@
 //! | `lease` | heartbeats, attempt ends, cancellation, expiry |
 //! | `share` | equal requests that wait for one growth |
 //! | `read`, `record` | jobs, lists, attempts and counts; rows to jobs |
-//! | `workers`, `pause` | the list of workers; pauses |
+//! | `workers` | the list of workers; pauses |
 //! | `keys`, `quota` | API keys and tickets; quotas of owners |
 //! | `upkeep` | locks of periodic tasks; keys in use |
 //! | `migrations` | the tables from one version to the next |
@@ -28,14 +27,12 @@ mod batch;
 mod bulk;
 mod claim;
 mod codec;
-mod engine;
 mod error;
 mod keys;
 mod lease;
 mod migrations;
 mod operation;
 mod order;
-mod pause;
 mod quota;
 mod read;
 mod record;
@@ -46,9 +43,9 @@ mod tx;
 mod upkeep;
 mod workers;
 
-pub(super) use engine::Engine;
 pub(super) use error::{Severity, SqlError};
 pub(super) use migrations::{migrations, migrator};
+pub(super) use store::Engine;
 pub use store::{Hook, Store};
 pub(super) use tx::{Connection, Time, roll_back};
 pub use upkeep::UpkeepTask;

@@ -2,7 +2,8 @@
 
 use super::error::SqlError;
 use super::tx::Tx;
-use crate::jobs::{Change, StoreOptions};
+use crate::jobs::{Change, JobId, StoreOptions};
+use futures_util::future::BoxFuture;
 use std::future::Future;
 use std::time::Duration;
 
@@ -38,6 +39,24 @@ pub(in crate::jobs) trait Operation: Send + Sync + 'static {
     }
 }
 
+/// Function that makes a change from its input.
+pub(super) type Run<I, T> =
+    for<'a, 't> fn(&'a I, &'a mut Tx<'t>, &'a StoreOptions) -> BoxFuture<'a, Result<Done<T>, SqlError>>;
+
+/// A change whose result is the same if it runs again after its commit.
+pub(super) struct Repeatable<I, T> {
+    pub(super) input: I,
+    pub(super) run: Run<I, T>,
+}
+
+impl<I: Send + Sync + 'static, T: Send + 'static> Operation for Repeatable<I, T> {
+    type Output = T;
+
+    async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<T>, SqlError> {
+        (self.run)(&self.input, tx, options).await
+    }
+}
+
 /// Result of an operation.
 #[derive(Debug)]
 pub(in crate::jobs) struct Done<T> {
@@ -55,5 +74,12 @@ impl<T> Done<T> {
     /// A result without changes that subscribers need to know.
     pub(super) fn quiet(output: T) -> Self {
         Self::new(output, Vec::new())
+    }
+}
+
+impl Done<Vec<JobId>> {
+    /// The jobs that changed, as a result.
+    pub(super) fn of_changes(changes: Vec<Change>) -> Self {
+        Self::new(changes.iter().map(|change| change.id).collect(), changes)
     }
 }

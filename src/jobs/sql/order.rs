@@ -72,8 +72,8 @@ pub(super) async fn turn(tx: &mut Tx<'_>, new: &NewJob) -> Result<i64, SqlError>
     );
     let values = values![enum_to_sql(new.backend), rank(new.priority), submitter(new.owner.as_deref())];
     let row = tx.one(sql, values).await?;
-    let present = row.optional_int("running")?.max(row.optional_int("head")?).unwrap_or(0);
-    Ok(row.optional_int("own")?.map_or(present, |own| present.max(own + 1)))
+    let present = row.get::<Option<i64>>("running")?.max(row.get("head")?).unwrap_or(0);
+    Ok(row.get::<Option<i64>>("own")?.map_or(present, |own| present.max(own + 1)))
 }
 
 /// Number of jobs that the queue still accepts. Triggers keep its length, as rows to be summed.

@@ -15,7 +15,7 @@ pub(super) async fn lock_owner(tx: &mut Tx<'_>, owner: Option<&str>, quota: Quot
     let sql = tx.either("", "SELECT pg_try_advisory_xact_lock(hashtextextended($1, 1)) AS taken");
     let Some(owner) = owner.filter(|_| quota != Quota::default() && !sql.is_empty()) else { return Ok(()) };
     for wait in [2, 4, 8, 16, 32] {
-        if tx.one(sql, values![owner]).await?.flag("taken")? {
+        if tx.one(sql, values![owner]).await?.get("taken")? {
             return Ok(());
         }
         tokio::time::sleep(Duration::from_millis(wait)).await;

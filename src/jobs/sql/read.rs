@@ -3,7 +3,7 @@
 use super::codec::{Value, enum_from_sql, enum_to_sql, values};
 use super::error::SqlError;
 use super::order::set_positions;
-use super::record::{Record, optional_enum, owned, select_jobs, to_record};
+use super::record::{Record, optional_enum, select_jobs, to_record};
 use super::store::Store;
 use super::tx::Tx;
 use crate::generate::Backend;
@@ -58,7 +58,7 @@ impl Store {
             "SELECT id FROM jobs{} WHERE finished_at < $1 ORDER BY finished_at, id LIMIT {limit}",
             tx.either(" INDEXED BY jobs_by_end", ""),
         );
-        tx.all(sql, values![before]).await?.iter().map(|row| Ok(row.id("id")?)).collect()
+        tx.all(sql, values![before]).await?.iter().map(|row| Ok(JobId(row.id("id")?))).collect()
     }
 
     /// Bytes of all files that jobs name; each key counts once.
@@ -82,7 +82,7 @@ impl Store {
                    UNION ALL SELECT status, CAST(SUM(jobs) AS BIGINT) FROM ended_jobs GROUP BY status";
         let mut counts = Counts::default();
         for row in tx.all(sql, values![]).await? {
-            *counts.of_mut(enum_from_sql(row.text("status")?)?) = row.count("n")?;
+            *counts.of_mut(enum_from_sql(row.get("status")?)?) = row.count("n")?;
         }
         Ok(counts)
     }
@@ -93,7 +93,7 @@ impl Store {
         let sql = "SELECT backend, CAST(SUM(jobs) AS BIGINT) AS n FROM queue_length GROUP BY backend";
         let mut queued = LANES.map(|backend| (backend, 0));
         for row in tx.all(sql, values![]).await? {
-            let name = row.text("backend")?;
+            let name: &str = row.get("backend")?;
             // A later version may know further backends.
             if let Some((_, jobs)) = queued.iter_mut().find(|(backend, _)| backend.name() == name) {
                 *jobs = row.count("n")?;
@@ -219,11 +219,11 @@ pub(super) async fn attempts(tx: &mut Tx<'_>, id: JobId) -> Result<Vec<Attempt>,
         .map(|row| {
             Ok(Attempt {
                 attempt: row.count("attempt")?,
-                worker: row.text("worker")?.to_owned(),
+                worker: row.get("worker")?,
                 started_at: row.time("started_at")?,
                 ended_at: row.optional_time("ended_at")?,
                 outcome: optional_enum(row, "outcome")?,
-                detail: owned(row, "detail")?,
+                detail: row.get("detail")?,
             })
         })
         .collect()

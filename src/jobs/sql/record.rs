@@ -42,12 +42,12 @@ pub(super) fn select_jobs(tx: &Tx<'_>) -> &'static str {
 
 /// A JSON value; `None` if it is null or only a later version can read it.
 pub(super) fn parse_optional<T: DeserializeOwned>(row: &Row, column: &str) -> Result<Option<T>, SqlError> {
-    Ok(row.optional_text(column)?.and_then(|text| parse(text).ok()))
+    Ok(row.get::<Option<&str>>(column)?.and_then(|text| parse(text).ok()))
 }
 
 /// An enum; `None` if it is null or only a later version knows it.
 pub(super) fn optional_enum<T: DeserializeOwned>(row: &Row, column: &str) -> Result<Option<T>, SqlError> {
-    Ok(row.optional_text(column)?.and_then(|name| enum_from_sql(name).ok()))
+    Ok(row.get::<Option<&str>>(column)?.and_then(|name| enum_from_sql(name).ok()))
 }
 
 /// Stored form of an owner; all jobs without an owner have the same submitter.
@@ -57,11 +57,7 @@ pub(super) fn submitter(owner: Option<&str>) -> String {
 
 /// The owner in a row of jobs or batches.
 pub(super) fn owner(row: &Row) -> Result<Option<String>, SqlError> {
-    Ok(Some(row.text("submitter")?).filter(|name| !name.is_empty()).map(str::to_owned))
-}
-
-pub(super) fn owned(row: &Row, column: &str) -> Result<Option<String>, SqlError> {
-    Ok(row.optional_text(column)?.map(str::to_owned))
+    Ok(Some(row.get("submitter")?).filter(|name: &String| !name.is_empty()))
 }
 
 /// A priority, clamped to the range of this version.
@@ -115,53 +111,53 @@ fn known<T: DeserializeOwned>(list: &Value, unread: &mut Option<String>) -> Vec<
 
 /// Converts a row of [`select_jobs`], without the position in the queue.
 pub(super) fn to_record(row: &Row) -> Result<Record, SqlError> {
-    let (outputs, mut unread) = outputs_from_sql(row.text("outputs")?);
-    let spec = serde_json::from_str(row.text("spec")?).unwrap_or_else(|error| {
+    let (outputs, mut unread) = outputs_from_sql(row.get("outputs")?);
+    let spec = serde_json::from_str(row.get("spec")?).unwrap_or_else(|error| {
         unread = Some(format!("spec: {error}"));
         Value::Null
     });
     let kind = optional_enum(row, "kind")?;
     if kind.is_none() {
-        unread = Some(format!("kind: {}", row.text("kind")?));
+        unread = Some(format!("kind: {}", row.get::<&str>("kind")?));
     }
     let job = Job {
-        id: row.id("id")?,
+        id: JobId(row.id("id")?),
         kind: kind.unwrap_or_default(),
         owner: owner(row)?,
-        status: enum_from_sql(row.text("status")?)?,
+        status: enum_from_sql(row.get("status")?)?,
         version: row.count("version")?,
-        preset: row.text("preset")?.to_owned(),
+        preset: row.get("preset")?,
         seed: row.count("seed")?,
         spec,
         outputs,
-        labels: parse(row.text("labels")?)?,
-        priority: priority(row.int("rank")?.saturating_neg()),
-        trace: owned(row, "trace")?,
+        labels: parse(row.get("labels")?)?,
+        priority: priority(row.get::<i64>("rank")?.saturating_neg()),
+        trace: row.get("trace")?,
         backend: BackendReport {
             // Claims of this version never take a job of a backend that it does not know.
-            requested: enum_from_sql(row.text("backend_requested")?).unwrap_or(Backend::Auto),
+            requested: enum_from_sql(row.get("backend_requested")?).unwrap_or(Backend::Auto),
             used: optional_enum(row, "backend_used")?,
-            device: owned(row, "device")?,
-            fallback: owned(row, "fallback")?,
+            device: row.get("device")?,
+            fallback: row.get("fallback")?,
         },
         queue_position: None,
         progress: parse_optional(row, "progress")?,
         section: parse_optional(row, "section")?,
         attempts: row.count("attempts")?,
-        worker: owned(row, "worker")?,
-        cancel_requested: row.flag("cancel_requested")?,
+        worker: row.get("worker")?,
+        cancel_requested: row.get("cancel_requested")?,
         created_at: row.time("created_at")?,
         started_at: row.optional_time("started_at")?,
         finished_at: row.optional_time("finished_at")?,
-        files: parse(row.text("files")?)?,
+        files: parse(row.get("files")?)?,
         summary: parse_optional(row, "summary")?,
         problem: parse_optional(row, "problem")?,
-        digest: row.text("digest")?.to_owned(),
-        engine: row.text("engine")?.to_owned(),
-        batch: row.optional_id("batch")?.map(|JobId(id)| BatchId(id)),
-        checkpoint: owned(row, "checkpoint")?,
-        reused_from: row.optional_id("reused_from")?,
-        retry_of: row.optional_id("retry_of")?,
+        digest: row.get("digest")?,
+        engine: row.get("engine")?,
+        batch: row.optional_id("batch")?.map(BatchId),
+        checkpoint: row.get("checkpoint")?,
+        reused_from: row.optional_id("reused_from")?.map(JobId),
+        retry_of: row.optional_id("retry_of")?.map(JobId),
     };
-    Ok(Record { job, turn: row.int("turn")?, batch_key: owned(row, "batch_key")?, unread })
+    Ok(Record { job, turn: row.get("turn")?, batch_key: row.get("batch_key")?, unread })
 }

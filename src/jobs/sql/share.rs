@@ -18,9 +18,9 @@
 //! lock (`FOR KEY SHARE`) conflicts with the lock of an attempt end (`FOR UPDATE`), but not with
 //! the locks of claims and heartbeats (`FOR NO KEY UPDATE`).
 
-use super::codec::{Value, enum_to_sql, json, values};
+use super::codec::{enum_to_sql, json, values};
 use super::error::SqlError;
-use super::operation::{Done, Operation};
+use super::operation::Done;
 use super::order::rank;
 use super::read::known_job;
 use super::record::{outputs_from_sql, submitter};
@@ -28,7 +28,7 @@ use super::store::Store;
 use super::tx::{Row, Tx};
 use crate::generate::Outputs;
 use crate::jobs::state;
-use crate::jobs::{Change, Job, JobId, NewJob, Status, StoreError, StoreOptions};
+use crate::jobs::{Change, Job, JobId, NewJob, Status, StoreError};
 
 /// Maximum number of equal jobs that a submission considers as partners.
 const CANDIDATES: usize = 16;
@@ -39,7 +39,7 @@ impl Store {
     /// This happens if an older version, which does not know shared growth, ended it. Returns the
     /// queued jobs.
     pub async fn queue_stranded(&self) -> Result<Vec<JobId>, StoreError> {
-        self.change("queue_stranded", QueueStranded).await
+        self.apply("queue_stranded", (), |(), tx, _| Box::pin(queue_stranded(tx))).await
     }
 }
 
@@ -67,7 +67,7 @@ pub(super) async fn in_flight(tx: &mut Tx<'_>, new: &NewJob) -> Result<bool, Sql
     );
     let (owner, backend) = (submitter(new.owner.as_deref()), enum_to_sql(new.backend));
     for row in tx.all(sql, values![&new.digest, &new.preset, owner, backend, rank(new.priority)]).await? {
-        if !includes(row.text("outputs")?, &new.outputs) {
+        if !includes(row.get("outputs")?, &new.outputs) {
             continue;
         }
         // Checks again the conditions that may have changed.
@@ -76,7 +76,7 @@ pub(super) async fn in_flight(tx: &mut Tx<'_>, new: &NewJob) -> Result<bool, Sql
              AND (status = 'running' OR rank <= $2){}",
             tx.either("", " FOR KEY SHARE")
         );
-        if tx.optional(sql, values![row.id("id")?, rank(new.priority)]).await?.is_some() {
+        if tx.optional(sql, values![JobId(row.id("id")?), rank(new.priority)]).await?.is_some() {
             return Ok(true);
         }
     }
@@ -119,7 +119,7 @@ pub(super) async fn settle(tx: &mut Tx<'_>, id: JobId, ended: Status) -> Result<
         && tx.optional(own_engine, values![id]).await?.is_some();
     let mut changes = Vec::new();
     for group in groups {
-        let outputs = group.text("outputs")?;
+        let outputs = group.get("outputs")?;
         let (wanted, unread) = outputs_from_sql(outputs);
         if same && unread.is_none() && job.outputs.include(&wanted) {
             changes.extend(succeed(tx, &job, outputs, &wanted).await?);
@@ -155,8 +155,8 @@ async fn succeed(tx: &mut Tx<'_>, job: &Job, outputs: &str, wanted: &Outputs) ->
          WHERE o.job_id = $1 AND o.name {in_list}$2)) AND j.id {in_list}$3))",
         in_list = tx.either("IN (SELECT value FROM json_each(", "= ANY (("),
     );
-    let ids = rows.iter().map(|row| row.text("id").map(str::to_owned)).collect::<Result<Vec<_>, _>>()?;
-    tx.execute(sql, values![job.id, Value::Texts(names.cloned().collect()), Value::Texts(ids)]).await?;
+    let ids = rows.iter().map(|row| row.get("id")).collect::<Result<Vec<String>, _>>()?;
+    tx.execute(sql, values![job.id, names.cloned().collect::<Vec<String>>(), ids]).await?;
     rows.iter().map(to_change).collect()
 }
 
@@ -197,33 +197,26 @@ async fn queue_first(tx: &mut Tx<'_>, id: JobId, condition: &str) -> Result<Vec<
         // If the job was cancelled in the meantime, the next one is queued.
         let sql = "UPDATE jobs SET shares = FALSE, version = version + 1 \
                    WHERE id = $1 AND finished_at IS NULL RETURNING id, version";
-        if let Some(row) = tx.optional(sql, values![row.id("id")?]).await? {
+        if let Some(row) = tx.optional(sql, values![JobId(row.id("id")?)]).await? {
             return Ok(vec![to_change(&row)?]);
         }
     }
     Ok(Vec::new())
 }
 
-struct QueueStranded;
-
-impl Operation for QueueStranded {
-    type Output = Vec<JobId>;
-
-    async fn run(&self, tx: &mut Tx<'_>, _: &StoreOptions) -> Result<Done<Vec<JobId>>, SqlError> {
-        // One of each group of equal jobs; the others wait for it.
-        let sql = "UPDATE jobs SET shares = FALSE, version = version + 1 WHERE id IN (SELECT id FROM (\
-                   SELECT f.id, ROW_NUMBER() OVER (PARTITION BY f.digest, f.preset, f.submitter, f.backend_requested \
-                   ORDER BY f.rank, f.id) AS place FROM jobs f WHERE f.finished_at IS NULL AND f.shares \
-                   AND f.status = 'queued' AND NOT EXISTS (SELECT 1 FROM jobs l WHERE l.digest = f.digest \
-                   AND l.preset = f.preset AND l.submitter = f.submitter AND l.backend_requested = f.backend_requested \
-                   AND l.finished_at IS NULL AND NOT l.shares)) AS stranded WHERE place = 1) \
-                   AND status = 'queued' RETURNING id, version";
-        let rows = tx.all(sql, values![]).await?;
-        let changes = rows.iter().map(to_change).collect::<Result<Vec<_>, _>>()?;
-        Ok(Done::new(changes.iter().map(|change| change.id).collect(), changes))
-    }
+/// Queues one of each group of equal jobs that are stranded; the others wait for it.
+async fn queue_stranded(tx: &mut Tx<'_>) -> Result<Done<Vec<JobId>>, SqlError> {
+    let sql = "UPDATE jobs SET shares = FALSE, version = version + 1 WHERE id IN (SELECT id FROM (\
+               SELECT f.id, ROW_NUMBER() OVER (PARTITION BY f.digest, f.preset, f.submitter, f.backend_requested \
+               ORDER BY f.rank, f.id) AS place FROM jobs f WHERE f.finished_at IS NULL AND f.shares \
+               AND f.status = 'queued' AND NOT EXISTS (SELECT 1 FROM jobs l WHERE l.digest = f.digest \
+               AND l.preset = f.preset AND l.submitter = f.submitter AND l.backend_requested = f.backend_requested \
+               AND l.finished_at IS NULL AND NOT l.shares)) AS stranded WHERE place = 1) \
+               AND status = 'queued' RETURNING id, version";
+    let rows = tx.all(sql, values![]).await?;
+    Ok(Done::of_changes(rows.iter().map(to_change).collect::<Result<_, _>>()?))
 }
 
 fn to_change(row: &Row) -> Result<Change, SqlError> {
-    Ok(Change { id: row.id("id")?, version: Some(row.count("version")?) })
+    Ok(Change { id: JobId(row.id("id")?), version: Some(row.count("version")?) })
 }

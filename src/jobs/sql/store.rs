@@ -2,12 +2,13 @@
 //!
 //! Siblings of this file implement the calls of [`Store`], each next to its SQL.
 
-use super::engine::Engine;
 use super::error::{Severity, SqlError};
-use super::operation::{Done, Operation};
+use super::operation::{Done, Operation, Repeatable, Run};
 use super::tx::{Time, Tx};
 use crate::clock::Stopwatch;
 use crate::jobs::job::IdGenerator;
+use crate::jobs::postgres::Postgres;
+use crate::jobs::sqlite::Sqlite;
 use crate::jobs::{Change, PoolUse, StoreError, StoreOptions};
 use crate::lock::Mutex;
 use futures_util::future::BoxFuture;
@@ -41,6 +42,23 @@ struct Shared {
     /// Time of the first claim that the database answered after the start or after the last outage,
     /// by the clock of leases. `None` if there was none yet.
     available_since: Mutex<Option<Timestamp>>,
+}
+
+/// Connections to the database of a store.
+#[derive(Debug)]
+pub(in crate::jobs) enum Engine {
+    Sqlite(Sqlite),
+    Postgres(Postgres),
+}
+
+/// Evaluates an expression over the connections to either database.
+macro_rules! over {
+    ($engine:expr, $connections:ident => $value:expr) => {
+        match &$engine {
+            Engine::Sqlite($connections) => $value,
+            Engine::Postgres($connections) => $value,
+        }
+    };
 }
 
 /// Intervenes in the calls of a [`Store`], for tests: observes them, delays them, makes them fail,
@@ -97,8 +115,9 @@ impl Shared {
                 Ok(done) => return Ok(done),
                 Err(error) => self.noted(error),
             };
-            let is_over = since.elapsed() > operation.retry_limit() || self.engine.is_closed();
-            if is_over || self.engine.severity(&error) == Severity::Permanent {
+            let is_closed = over!(self.engine, database => database.is_closed());
+            let is_over = since.elapsed() > operation.retry_limit() || is_closed;
+            if is_over || self.severity(&error) == Severity::Permanent {
                 return Err(error);
             }
             match error {
@@ -117,7 +136,7 @@ impl Shared {
         operation: &O,
         maybe_committed: &mut bool,
     ) -> Result<Done<O::Output>, SqlError> {
-        let mut tx = Tx::new(self.engine.begin().await?, &self.time);
+        let mut tx = Tx::new(over!(self.engine, database => database.begin().await?), &self.time);
         match run_or_recover(operation, &mut tx, &self.options, *maybe_committed).await {
             Ok(done) => {
                 *maybe_committed = true;
@@ -130,9 +149,14 @@ impl Shared {
         }
     }
 
+    /// Consequence of an error for the caller.
+    fn severity(&self, error: &SqlError) -> Severity {
+        over!(self.engine, database => database.severity(error))
+    }
+
     /// Remembers an outage.
     fn noted(&self, error: SqlError) -> SqlError {
-        if self.engine.severity(&error) == Severity::Outage {
+        if self.severity(&error) == Severity::Outage {
             *self.available_since.lock() = None;
         }
         error
@@ -172,7 +196,7 @@ impl Store {
     /// Use of this process's connections to the database.
     #[must_use]
     pub fn pools(&self) -> Vec<PoolUse> {
-        self.shared.engine.pools()
+        over!(self.shared.engine, database => database.pools())
     }
 
     /// Checks that the store is available.
@@ -186,7 +210,7 @@ impl Store {
 
     /// Closes the store, which cannot be used afterwards.
     pub async fn close(&self) {
-        self.shared.engine.close().await;
+        over!(self.shared.engine, database => database.close().await);
     }
 
     #[cfg(test)]
@@ -223,7 +247,7 @@ impl Store {
 
     /// A connection for reading.
     pub(super) async fn reader(&self) -> Result<Tx<'_>, SqlError> {
-        Ok(Tx::new(self.shared.engine.reader().await?, &self.shared.time))
+        Ok(Tx::new(over!(self.shared.engine, database => database.reader().await?), &self.shared.time))
     }
 
     /// Makes the change of `call`.
@@ -231,6 +255,16 @@ impl Store {
         self.before(call).await?;
         let result = self.transact(operation).await;
         self.after(call, result)
+    }
+
+    /// Makes the change of `call` by `run`. Its result must be the same if it runs again after its
+    /// commit.
+    pub(super) async fn apply<I, T>(&self, call: &'static str, input: I, run: Run<I, T>) -> Result<T, StoreError>
+    where
+        I: Send + Sync + 'static,
+        T: Send + 'static,
+    {
+        self.change(call, Repeatable { input, run }).await
     }
 
     /// Completes `operation` even if the caller is dropped, and notifies subscribers.
@@ -242,7 +276,10 @@ impl Store {
                 // Fails if nobody subscribes.
                 let _ = shared.changes.send(*change);
             }
-            shared.engine.notify(&done.changes);
+            // No other process opens a SQLite file.
+            if let Engine::Postgres(database) = &shared.engine {
+                database.notify(&done.changes);
+            }
             Ok::<_, SqlError>(done.output)
         });
         match task.await {

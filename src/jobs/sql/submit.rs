@@ -9,7 +9,7 @@ use super::read::{self, known_job};
 use super::record::{outputs_to_sql, submitter};
 use super::share;
 use super::store::Store;
-use super::tx::Tx;
+use super::tx::{Row, Tx};
 use crate::jobs::job::IdGenerator;
 use crate::jobs::state::{self, ClaimScope};
 use crate::jobs::{BatchId, Change, File, Job, JobId, NewJob, Status, StoreError, StoreOptions, Submitted};
@@ -29,10 +29,8 @@ impl Store {
     pub async fn replayed(&self, owner: Option<&str>, key: &str, body: &str) -> Result<Option<Job>, StoreError> {
         let tx = &mut self.read("replayed").await?;
         let sql = "SELECT id FROM jobs WHERE idempotency_key = $1 AND idempotency_body = $2";
-        match tx.optional(sql, values![scoped(owner, key), body]).await? {
-            Some(row) => Ok(read::job(tx, row.id("id")?).await?),
-            None => Ok(None),
-        }
+        let Some(row) = tx.optional(sql, values![scoped(owner, key), body]).await? else { return Ok(None) };
+        Ok(read::job(tx, JobId(row.id("id")?)).await?)
     }
 
     /// The finished model of the same owner that [`Store::submit`] would reuse for `new`.
@@ -44,7 +42,7 @@ impl Store {
     /// the artifact store: the checkpoint, and files that no other job names. `None` if the job
     /// does not exist.
     pub async fn delete(&self, id: JobId) -> Result<Option<Vec<String>>, StoreError> {
-        self.change("delete", Delete(id)).await
+        self.apply("delete", id, |id, tx, _| Box::pin(delete_one(*id, tx))).await
     }
 }
 
@@ -66,42 +64,36 @@ impl Operation for Submit {
             let sql = "SELECT id, idempotency_body FROM jobs WHERE idempotency_key = $1";
             let key = scoped(new.owner.as_deref(), key);
             if let Some(row) = tx.optional(sql, values![key]).await? {
-                if row.text("idempotency_body")? != body {
+                if row.get::<&str>("idempotency_body")? != body {
                     return Err(StoreError::IdempotencyConflict.into());
                 }
-                return Ok(Done::quiet(Submitted::Replayed(known_job(tx, row.id("id")?).await?)));
+                return Ok(Done::quiet(Submitted::Replayed(known_job(tx, JobId(row.id("id")?)).await?)));
             }
         }
         let mut room = queue_room(tx, options).await?;
         // Every retry uses the same id: if an earlier commit is still under way, this one conflicts
         // at the primary key.
         let now = tx.now().await?;
-        let id = *self.tried.lock().get_or_insert_with(|| self.ids.next(now));
+        let id = *self.tried.lock().get_or_insert_with(|| JobId(self.ids.next(now)));
         quota::check(tx, new.owner.as_deref(), new.quota, 1).await?;
         let batch = batch_of(tx, new.retry_of).await?;
         share::lock_digest(tx, new).await?;
-        let reused = place(tx, options, id, new, batch, &mut room).await?;
-        let job = known_job(tx, id).await?;
-        let change = Change { id, version: Some(job.version) };
-        let submitted = if reused { Submitted::Reused(job) } else { Submitted::Queued(job) };
-        Ok(Done::new(submitted, vec![change]))
+        place(tx, options, id, new, batch, &mut room).await?;
+        Ok(submitted(known_job(tx, id).await?))
     }
 
     async fn recover_committed(&self, tx: &mut Tx<'_>) -> Result<Option<Done<Submitted>>, SqlError> {
         let tried = *self.tried.lock();
-        let job = match tried {
-            Some(id) => read::job(tx, id).await?,
-            None => None,
-        };
-        Ok(job.map(|job| {
-            let change = Change { id: job.id, version: Some(job.version) };
-            let submitted = match job.reused_from {
-                Some(_) => Submitted::Reused(job),
-                None => Submitted::Queued(job),
-            };
-            Done::new(submitted, vec![change])
-        }))
+        let Some(id) = tried else { return Ok(None) };
+        Ok(read::job(tx, id).await?.map(submitted))
     }
+}
+
+/// The result of a submission that created this job.
+fn submitted(job: Job) -> Done<Submitted> {
+    let change = Change::of(&job);
+    let submitted = if job.reused_from.is_some() { Submitted::Reused(job) } else { Submitted::Queued(job) };
+    Done::new(submitted, vec![change])
 }
 
 /// The batch of the job that a new one repeats, and its index there. The lock keeps the batch until
@@ -113,8 +105,12 @@ async fn batch_of(tx: &mut Tx<'_>, repeated: Option<JobId>) -> Result<Option<(Ba
         tx.either("", " FOR KEY SHARE OF b"),
     );
     let Some(row) = tx.optional(sql, values![id]).await? else { return Ok(None) };
-    let place = row.optional_int("batch_index")?.and_then(|place| u32::try_from(place).ok());
-    Ok(row.optional_id("id")?.map(|JobId(id)| (BatchId(id), place)))
+    Ok(Some((BatchId(row.id("id")?), batch_index(&row)?)))
+}
+
+/// Index of a job in its batch; `None` if it has none, or if a version before studies wrote it.
+pub(super) fn batch_index(row: &Row) -> Result<Option<u32>, SqlError> {
+    Ok(row.get::<Option<i64>>("batch_index")?.and_then(|index| u32::try_from(index).ok()))
 }
 
 /// Stored form of an idempotency key, which contains the owner. Neither a key nor an owner contains
@@ -124,7 +120,7 @@ pub(super) fn scoped(owner: Option<&str>, key: &str) -> String {
 }
 
 /// Queues a job if there is `room` for it, or reuses a finished model. `batch` is its batch and its
-/// index there. Returns true if it was reused.
+/// index there.
 pub(super) async fn place(
     tx: &mut Tx<'_>,
     options: &StoreOptions,
@@ -132,7 +128,7 @@ pub(super) async fn place(
     new: &NewJob,
     batch: Option<(BatchId, Option<u32>)>,
     room: &mut u64,
-) -> Result<bool, SqlError> {
+) -> Result<(), SqlError> {
     // In this order, so that an equal job that ends between the two queries is found finished.
     let in_flight = share::in_flight(tx, new).await?;
     let source = reusable(tx, new).await?;
@@ -140,8 +136,7 @@ pub(super) async fn place(
     if source.is_none() {
         *room = room.checked_sub(1).ok_or(StoreError::QueueFull { limit: options.queue_limit })?;
     }
-    insert(tx, id, new, source.as_ref(), shares, batch).await?;
-    Ok(source.is_some())
+    insert(tx, id, new, source.as_ref(), shares, batch).await
 }
 
 /// The finished model of the same owner that `new` would reuse: the oldest that still exists. The
@@ -159,10 +154,9 @@ async fn reusable(tx: &mut Tx<'_>, new: &NewJob) -> Result<Option<Job>, SqlError
         tx.either(" INDEXED BY jobs_by_digest", ""),
         tx.either("IN (SELECT value FROM json_each($3))", "= ANY ($3)"),
     );
-    for row in
-        tx.all(sql, values![&new.digest, &new.preset, new.missing.clone(), submitter(new.owner.as_deref())]).await?
-    {
-        let id = row.id("id")?;
+    let values = values![&new.digest, &new.preset, new.missing.clone(), submitter(new.owner.as_deref())];
+    for row in tx.all(sql, values).await? {
+        let id = JobId(row.id("id")?);
         let sql = format!("SELECT id FROM jobs WHERE id = $1{}", tx.either("", " FOR KEY SHARE"));
         if tx.optional(sql, values![id]).await?.is_none() {
             continue;
@@ -254,48 +248,32 @@ async fn insert_rows(tx: &mut Tx<'_>, sql: &'static str, rows: Vec<Vec<Value>>) 
         return Ok(());
     }
     let mut n = 0;
-    let places: Vec<String> = rows
-        .iter()
-        .map(|row| {
-            let places: Vec<String> = row
-                .iter()
-                .map(|_| {
-                    n += 1;
-                    format!("${n}")
-                })
-                .collect();
-            format!("({})", places.join(", "))
-        })
-        .collect();
+    let mut place = |_: &Value| {
+        n += 1;
+        format!("${n}")
+    };
+    let mut places = |row: &Vec<Value>| format!("({})", row.iter().map(&mut place).collect::<Vec<_>>().join(", "));
+    let places: Vec<String> = rows.iter().map(&mut places).collect();
     tx.execute(format!("{sql}{}", places.join(", ")), rows.into_iter().flatten().collect()).await?;
     Ok(())
 }
 
-struct Delete(JobId);
-
-impl Operation for Delete {
-    type Output = Option<Vec<String>>;
-
-    async fn run(&self, tx: &mut Tx<'_>, _: &StoreOptions) -> Result<Done<Self::Output>, SqlError> {
-        let (keys, changes) = delete(tx, self.0, None).await?.map(|deleted| (deleted.keys, deleted.changes)).unzip();
-        Ok(Done::new(keys, changes.unwrap_or_default()))
-    }
+async fn delete_one(id: JobId, tx: &mut Tx<'_>) -> Result<Done<Option<Vec<String>>>, SqlError> {
+    let (keys, changes) = delete(tx, id, None).await?.map(|Done { output, changes }| (output, changes)).unzip();
+    Ok(Done::new(keys, changes.unwrap_or_default()))
 }
 
-/// Result of deleting a record.
-pub(super) struct Deletion {
-    /// Keys that no other record names.
-    pub(super) keys: Vec<String>,
-    pub(super) changes: Vec<Change>,
-}
-
-/// Deletes a record; with `status`, only if the job is in that status.
-pub(super) async fn delete(tx: &mut Tx<'_>, id: JobId, status: Option<Status>) -> Result<Option<Deletion>, SqlError> {
-    // Locks the batch before the job, in the order of DeleteBatch. A job's batch never changes.
-    let batch = match tx.optional("SELECT batch FROM jobs WHERE id = $1", values![id]).await? {
-        None => return Ok(None),
-        Some(row) => row.optional_text("batch")?.map(str::to_owned),
-    };
+/// Deletes a record; with `status`, only if the job is in that status. Returns the keys that no
+/// other record names; `None` if nothing was deleted.
+pub(super) async fn delete(
+    tx: &mut Tx<'_>,
+    id: JobId,
+    status: Option<Status>,
+) -> Result<Option<Done<Vec<String>>>, SqlError> {
+    // Locks the batch before the job, as the deletion of a batch does. A job's batch never changes.
+    let row = tx.optional("SELECT batch FROM jobs WHERE id = $1", values![id]).await?;
+    let Some(row) = row else { return Ok(None) };
+    let batch: Option<String> = row.get("batch")?;
     if let Some(batch) = &batch {
         let sql = format!("SELECT id FROM batches WHERE id = $1{}", tx.either("", " FOR UPDATE"));
         tx.optional(sql, values![batch]).await?;
@@ -303,7 +281,7 @@ pub(super) async fn delete(tx: &mut Tx<'_>, id: JobId, status: Option<Status>) -
     // A submission that reuses its files comes before or after this lock, not between.
     let sql = format!("SELECT status, finished_at FROM jobs WHERE id = $1{}", tx.either("", " FOR UPDATE"));
     let Some(row) = tx.optional(sql, values![id]).await? else { return Ok(None) };
-    let found: Status = enum_from_sql(row.text("status")?)?;
+    let found: Status = enum_from_sql(row.get("status")?)?;
     if status.is_some_and(|status| status != found) {
         return Ok(None);
     }
@@ -311,20 +289,16 @@ pub(super) async fn delete(tx: &mut Tx<'_>, id: JobId, status: Option<Status>) -
     if row.optional_time("finished_at")?.is_none() {
         changes.extend(share::promote(tx, id).await?);
     }
-    let rows = tx
-        .all(
-            "SELECT DISTINCT key FROM files f WHERE job_id = $1 \
-                 AND NOT EXISTS (SELECT 1 FROM files o WHERE o.key = f.key AND o.job_id <> $1)",
-            values![id],
-        )
-        .await?;
-    let mut keys = rows.iter().map(|row| row.text("key").map(str::to_owned)).collect::<Result<Vec<_>, _>>()?;
+    let sql = "SELECT DISTINCT key FROM files f WHERE job_id = $1 \
+               AND NOT EXISTS (SELECT 1 FROM files o WHERE o.key = f.key AND o.job_id <> $1)";
+    let rows = tx.all(sql, values![id]).await?;
+    let mut keys = rows.iter().map(|row| row.get("key")).collect::<Result<Vec<String>, _>>()?;
     let gone = tx.one("DELETE FROM jobs WHERE id = $1 RETURNING checkpoint", values![id]).await?;
-    keys.extend(gone.optional_text("checkpoint")?.map(str::to_owned));
+    keys.extend(gone.get::<Option<String>>("checkpoint")?);
     if let Some(batch) = &batch {
         delete_empty_batch(tx, batch).await?;
     }
-    Ok(Some(Deletion { keys, changes }))
+    Ok(Some(Done::new(keys, changes)))
 }
 
 /// Deletes the batch and its idempotency key if it has no jobs left.

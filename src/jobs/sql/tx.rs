@@ -3,25 +3,19 @@
 use super::codec::{Value, json, until};
 use super::error::{SqlError, broken};
 use crate::clock::{Clock, Stopwatch};
-use crate::jobs::JobId;
 use jiff::Timestamp;
 use sqlx::pool::PoolConnection;
 use sqlx::postgres::{PgArguments, PgRow};
 use sqlx::query::Query;
 use sqlx::sqlite::{SqliteArguments, SqliteRow};
 use sqlx::{
-    AssertSqlSafe, PgConnection, Postgres, Row as _, SqlSafeStr, SqlStr, Sqlite, SqliteConnection, Transaction,
+    AssertSqlSafe, Decode, PgConnection, Postgres, Row as _, SqlSafeStr, SqlStr, Sqlite, SqliteConnection, Transaction,
+    Type,
 };
 use std::borrow::Cow;
 #[cfg(test)]
 use std::time::Duration;
-
-/// Dialect of SQL.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::jobs) enum Dialect {
-    Sqlite,
-    Postgres,
-}
+use uuid::Uuid;
 
 /// A connection on loan from a pool.
 #[derive(Debug)]
@@ -90,9 +84,12 @@ pub(in crate::jobs) struct Tx<'c> {
     now: Option<Timestamp>,
 }
 
+/// Text of a query.
+type Sql = Cow<'static, str>;
+
 /// Marks a query as safe: siblings of this module assemble queries from constants, and input of
 /// clients is always a parameter.
-fn constant(sql: impl Into<Cow<'static, str>>) -> SqlStr {
+fn constant(sql: impl Into<Sql>) -> SqlStr {
     match sql.into() {
         Cow::Borrowed(sql) => sql.into_sql_str(),
         Cow::Owned(sql) => AssertSqlSafe(sql).into_sql_str(),
@@ -152,19 +149,13 @@ impl<'c> Tx<'c> {
         }
     }
 
-    pub(in crate::jobs) fn dialect(&self) -> Dialect {
-        match self.connection {
-            Connection::Sqlite(_) => Dialect::Sqlite,
-            Connection::Postgres(_) | Connection::PostgresTransaction(_) => Dialect::Postgres,
-        }
+    pub(in crate::jobs) fn is_postgres(&self) -> bool {
+        !matches!(self.connection, Connection::Sqlite(_))
     }
 
     /// The first text on SQLite, the second on PostgreSQL.
     pub(in crate::jobs) fn either(&self, sqlite: &'static str, postgres: &'static str) -> &'static str {
-        match self.dialect() {
-            Dialect::Sqlite => sqlite,
-            Dialect::Postgres => postgres,
-        }
+        if self.is_postgres() { postgres } else { sqlite }
     }
 
     /// The time of this transaction, read once.
@@ -176,7 +167,7 @@ impl<'c> Tx<'c> {
             Time::Clock(clock, _) => clock.now(),
             Time::Database => {
                 let now = "SELECT CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000000 AS BIGINT) AS now";
-                timestamp(self.one(now, Vec::new()).await?.int("now")?)?
+                timestamp(self.one(now, Vec::new()).await?.get("now")?)?
             }
         };
         Ok(*self.now.insert(now))
@@ -191,11 +182,7 @@ impl<'c> Tx<'c> {
     }
 
     /// Runs a statement and returns the number of changed rows.
-    pub(in crate::jobs) async fn execute(
-        &mut self,
-        sql: impl Into<Cow<'static, str>>,
-        values: Vec<Value>,
-    ) -> Result<u64, SqlError> {
+    pub(super) async fn execute(&mut self, sql: impl Into<Sql>, values: Vec<Value>) -> Result<u64, SqlError> {
         let sql = constant(sql);
         Ok(match self.connection.driver() {
             Driver::Sqlite(driver) => for_sqlite(sql, values).execute(driver).await?.rows_affected(),
@@ -204,11 +191,7 @@ impl<'c> Tx<'c> {
     }
 
     /// All rows of a query.
-    pub(in crate::jobs) async fn all(
-        &mut self,
-        sql: impl Into<Cow<'static, str>>,
-        values: Vec<Value>,
-    ) -> Result<Vec<Row>, SqlError> {
+    pub(super) async fn all(&mut self, sql: impl Into<Sql>, values: Vec<Value>) -> Result<Vec<Row>, SqlError> {
         let sql = constant(sql);
         Ok(match self.connection.driver() {
             Driver::Sqlite(driver) => {
@@ -221,11 +204,7 @@ impl<'c> Tx<'c> {
     }
 
     /// The row of a query; `None` if there is none.
-    pub(in crate::jobs) async fn optional(
-        &mut self,
-        sql: impl Into<Cow<'static, str>>,
-        values: Vec<Value>,
-    ) -> Result<Option<Row>, SqlError> {
+    pub(super) async fn optional(&mut self, sql: impl Into<Sql>, values: Vec<Value>) -> Result<Option<Row>, SqlError> {
         let sql = constant(sql);
         Ok(match self.connection.driver() {
             Driver::Sqlite(driver) => for_sqlite(sql, values).fetch_optional(driver).await?.map(Row::Sqlite),
@@ -234,11 +213,7 @@ impl<'c> Tx<'c> {
     }
 
     /// The row of a query that always has one.
-    pub(in crate::jobs) async fn one(
-        &mut self,
-        sql: impl Into<Cow<'static, str>>,
-        values: Vec<Value>,
-    ) -> Result<Row, SqlError> {
+    pub(super) async fn one(&mut self, sql: impl Into<Sql>, values: Vec<Value>) -> Result<Row, SqlError> {
         Ok(self.optional(sql, values).await?.ok_or(sqlx::Error::RowNotFound)?)
     }
 }
@@ -255,34 +230,16 @@ pub(in crate::jobs) enum Row {
     Postgres(PgRow),
 }
 
-macro_rules! get {
-    ($row:expr, $column:expr, $kind:ty) => {
-        Ok(match $row {
-            Row::Sqlite(row) => row.try_get::<$kind, _>($column)?,
-            Row::Postgres(row) => row.try_get::<$kind, _>($column)?,
-        })
-    };
-}
-
 impl Row {
-    pub(in crate::jobs) fn text(&self, column: &str) -> Result<&str, SqlError> {
-        get!(self, column, &str)
-    }
-
-    pub(in crate::jobs) fn optional_text(&self, column: &str) -> Result<Option<&str>, SqlError> {
-        get!(self, column, Option<&str>)
-    }
-
-    pub(in crate::jobs) fn int(&self, column: &str) -> Result<i64, SqlError> {
-        get!(self, column, i64)
-    }
-
-    pub(in crate::jobs) fn optional_int(&self, column: &str) -> Result<Option<i64>, SqlError> {
-        get!(self, column, Option<i64>)
-    }
-
-    pub(in crate::jobs) fn flag(&self, column: &str) -> Result<bool, SqlError> {
-        get!(self, column, bool)
+    /// The value of a column: a text, an integer, a flag, or an optional one of these.
+    pub(in crate::jobs) fn get<'r, T>(&'r self, column: &str) -> Result<T, SqlError>
+    where
+        T: Decode<'r, Sqlite> + Type<Sqlite> + Decode<'r, Postgres> + Type<Postgres>,
+    {
+        Ok(match self {
+            Self::Sqlite(row) => row.try_get(column)?,
+            Self::Postgres(row) => row.try_get(column)?,
+        })
     }
 
     /// A count, as any integer type.
@@ -290,32 +247,29 @@ impl Row {
         &self,
         column: &str,
     ) -> Result<T, SqlError> {
-        T::try_from(self.int(column)?).map_err(broken)
+        T::try_from(self.get(column)?).map_err(broken)
     }
 
-    pub(in crate::jobs) fn id(&self, column: &str) -> Result<JobId, SqlError> {
-        id(self.text(column)?)
+    /// The id of a job or a batch.
+    pub(in crate::jobs) fn id(&self, column: &str) -> Result<Uuid, SqlError> {
+        self.get::<&str>(column)?.parse().map_err(broken)
     }
 
-    pub(in crate::jobs) fn optional_id(&self, column: &str) -> Result<Option<JobId>, SqlError> {
-        self.optional_text(column)?.map(id).transpose()
+    pub(in crate::jobs) fn optional_id(&self, column: &str) -> Result<Option<Uuid>, SqlError> {
+        self.get::<Option<&str>>(column)?.map(str::parse).transpose().map_err(broken)
     }
 
     pub(in crate::jobs) fn time(&self, column: &str) -> Result<Timestamp, SqlError> {
-        timestamp(self.int(column)?)
+        timestamp(self.get(column)?)
     }
 
     pub(in crate::jobs) fn optional_time(&self, column: &str) -> Result<Option<Timestamp>, SqlError> {
-        self.optional_int(column)?.map(timestamp).transpose()
+        self.get::<Option<i64>>(column)?.map(timestamp).transpose()
     }
 }
 
 fn timestamp(micros: i64) -> Result<Timestamp, SqlError> {
     Timestamp::from_microsecond(micros).map_err(broken)
-}
-
-fn id(text: &str) -> Result<JobId, SqlError> {
-    text.parse().map(JobId).map_err(broken)
 }
 
 #[cfg(test)]

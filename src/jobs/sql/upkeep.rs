@@ -2,10 +2,10 @@
 
 use super::codec::{until, values};
 use super::error::SqlError;
-use super::operation::{Done, Operation};
+use super::operation::Done;
 use super::store::Store;
 use super::tx::Tx;
-use crate::jobs::{StoreError, StoreOptions};
+use crate::jobs::StoreError;
 use std::collections::BTreeSet;
 use std::time::Duration;
 
@@ -34,7 +34,9 @@ impl Store {
     /// Takes the lock of an upkeep task for `lease`, or renews it. Returns true if `owner` holds
     /// the lock.
     pub async fn acquire_upkeep(&self, task: UpkeepTask, owner: &str, lease: Duration) -> Result<bool, StoreError> {
-        self.change("acquire_upkeep", AcquireUpkeep { task, owner: owner.to_owned(), lease }).await
+        let input = (task, owner.to_owned(), lease);
+        self.apply("acquire_upkeep", input, |(task, owner, lease), tx, _| Box::pin(acquire(*task, owner, *lease, tx)))
+            .await
     }
 
     /// Returns the subset of `keys` in use: named by a record as a file or a checkpoint, or under
@@ -48,46 +50,26 @@ impl Store {
              UNION SELECT 'models/' || id || '/' || attempts || '/' FROM jobs WHERE status = 'running'"
         );
         let rows = tx.all(sql, values![keys.to_vec()]).await?;
-        let used = rows.iter().map(|row| row.text("key")).collect::<Result<BTreeSet<_>, _>>()?;
-        let prefix = |key: &str| key.match_indices('/').nth(2).map(|(at, slash)| key[..at + slash.len()].to_owned());
-        let is_used = |key: &&String| {
-            used.contains(key.as_str()) || prefix(key).is_some_and(|prefix| used.contains(prefix.as_str()))
+        let used: BTreeSet<&str> = rows.iter().map(|row| row.get("key")).collect::<Result<_, _>>()?;
+        let is_used = |key: &str| {
+            let prefix = key.match_indices('/').nth(2).map(|(at, slash)| &key[..at + slash.len()]);
+            used.contains(key) || prefix.is_some_and(|prefix| used.contains(prefix))
         };
-        Ok(keys.iter().filter(is_used).cloned().collect())
+        Ok(keys.iter().filter(|key| is_used(key)).cloned().collect())
     }
 }
 
-struct AcquireUpkeep {
-    task: UpkeepTask,
-    owner: String,
-    lease: Duration,
-}
-
-impl Operation for AcquireUpkeep {
-    type Output = bool;
-
-    async fn run(&self, tx: &mut Tx<'_>, _: &StoreOptions) -> Result<Done<bool>, SqlError> {
-        let now = tx.steady().await?;
-        let taken = tx
-            .execute(
-                "INSERT INTO upkeep (task, owner, held_until) VALUES ($1, $2, $3) \
-                 ON CONFLICT (task) DO UPDATE SET owner = $2, held_until = $3 \
-                 WHERE upkeep.owner = $2 OR upkeep.held_until <= $4",
-                values![self.task.name(), &self.owner, until(now, self.lease), now],
-            )
-            .await?;
-        Ok(Done::quiet(taken > 0))
-    }
+async fn acquire(task: UpkeepTask, owner: &str, lease: Duration, tx: &mut Tx<'_>) -> Result<Done<bool>, SqlError> {
+    let now = tx.steady().await?;
+    let sql = "INSERT INTO upkeep (task, owner, held_until) VALUES ($1, $2, $3) \
+               ON CONFLICT (task) DO UPDATE SET owner = $2, held_until = $3 \
+               WHERE upkeep.owner = $2 OR upkeep.held_until <= $4";
+    let taken = tx.execute(sql, values![task.name(), owner, until(now, lease), now]).await?;
+    Ok(Done::quiet(taken > 0))
 }
 
 /// Frees the locks of all upkeep tasks, for a store that no other process has open.
-pub(super) struct FreeUpkeep;
-
-impl Operation for FreeUpkeep {
-    type Output = ();
-
-    async fn run(&self, tx: &mut Tx<'_>, _: &StoreOptions) -> Result<Done<()>, SqlError> {
-        tx.execute("DELETE FROM upkeep", values![]).await?;
-        Ok(Done::quiet(()))
-    }
+pub(super) async fn free_all(tx: &mut Tx<'_>) -> Result<Done<()>, SqlError> {
+    tx.execute("DELETE FROM upkeep", values![]).await?;
+    Ok(Done::quiet(()))
 }

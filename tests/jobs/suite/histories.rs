@@ -71,8 +71,8 @@ impl History {
         let Ok(Next { state, .. }) = job.state.on(event, MAX_ATTEMPTS) else { return false };
         match event {
             Event::Claim(_) | Event::Renew(_) => job.lease_until = now + LEASE,
-            Event::Retry(_) => job.available_at = now + retry_delay(state.spent),
-            Event::Release(_) | Event::Expire => job.available_at = now,
+            Event::End(_, AttemptEnd::Retried) => job.available_at = now + retry_delay(state.spent),
+            Event::End(_, AttemptEnd::Released) | Event::Expire => job.available_at = now,
             _ => {}
         }
         job.state = state;
@@ -208,19 +208,19 @@ impl History {
         }
         let Held { id, fence, claimed } = self.held.swap_remove(below(word, self.held.len() as u32) as usize);
         let store = &self.bench.store;
-        let (result, event) = match how {
+        let (result, how) = match how {
             0 => {
                 let done = finished(&claimed);
-                (store.finish(claimed, done).await.map(drop), Event::Finish(fence))
+                (store.finish(claimed, done).await.map(drop), AttemptEnd::Succeeded)
             }
-            1 => (store.fail(claimed, by_cpu(), problem("panic")).await.map(drop), Event::Fail(fence)),
-            2 => (store.cancelled(claimed).await.map(drop), Event::Stopped(fence)),
-            3 => (store.release(claimed, None).await, Event::Release(fence)),
-            _ => (store.retry(claimed, problem("io")).await.map(drop), Event::Retry(fence)),
+            1 => (store.fail(claimed, by_cpu(), problem("panic")).await.map(drop), AttemptEnd::Failed),
+            2 => (store.cancelled(claimed).await.map(drop), AttemptEnd::Cancelled),
+            3 => (store.release(claimed, None).await, AttemptEnd::Released),
+            _ => (store.retry(claimed, problem("io")).await.map(drop), AttemptEnd::Retried),
         };
-        match (result, self.apply(id, &event)) {
+        match (result, self.apply(id, &Event::End(fence, how))) {
             (Ok(()), true) | (Err(StoreError::Fenced), false) => {}
-            other => panic!("{event:?}: {other:?}"),
+            other => panic!("{how:?}: {other:?}"),
         }
     }
 
