@@ -4,9 +4,10 @@ use super::args::{GpuArgs, GpuUse};
 use crate::generate::{
     Backend, Calls, CancelToken, GenerateError, Member, Outcome, Request, Sink, generate, generate_batch,
 };
+use crate::lock::Mutex;
 use crate::sim::gpu::{GpuDevice, GpuError, GpuOptions, adapters};
-use crate::worker::GpuGenerator;
-use std::sync::{Mutex, PoisonError};
+use crate::worker::{BatchGenerator, GpuGenerator};
+use std::sync::Arc;
 
 /// Reason that is reported with `--gpu off`.
 const OFF: &str = "GPUs are switched off (--gpu off)";
@@ -16,7 +17,7 @@ fn options(args: GpuArgs) -> GpuOptions {
 }
 
 /// Returns a generator for each GPU, or the reason why there is none.
-pub(super) async fn generators(args: GpuArgs) -> Result<Vec<GpuGenerator>, String> {
+pub(super) async fn generators(args: GpuArgs) -> Result<Vec<Arc<dyn BatchGenerator>>, String> {
     let found = match args.gpu {
         GpuUse::Off => Err(OFF.to_owned()),
         GpuUse::Auto => match tokio::task::spawn_blocking(move || GpuGenerator::all(options(args))).await {
@@ -27,7 +28,7 @@ pub(super) async fn generators(args: GpuArgs) -> Result<Vec<GpuGenerator>, Strin
     if let Err(reason) = &found {
         tracing::info!(reason, "no GPU worker; models are grown on the CPU");
     }
-    found
+    Ok(found?.into_iter().map(|gpu| Arc::new(gpu) as Arc<dyn BatchGenerator>).collect())
 }
 
 /// Opens the best GPU, or returns the reason why there is none.
@@ -82,14 +83,15 @@ fn alone(
     cancel: &CancelToken,
 ) -> Result<Outcome, GenerateError> {
     let end = Mutex::new(None);
-    let ended = |_, result| *end.lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
+    let ended = |_, result| *end.lock() = Some(result);
     generate_batch(
         device,
         None,
         &[Member { request, plan: None, sink, cancel }],
         Calls { simulated: &|| (), ended: &ended },
     );
-    end.into_inner().unwrap_or_else(PoisonError::into_inner).expect("every member of a batch ends")
+    let end = end.lock().take();
+    end.expect("every member of a batch ends")
 }
 
 /// Restarts this process with `NODEVICE_SELECT=1`, so that listing adapters prints no errors.

@@ -62,25 +62,27 @@ pub(super) enum Start {
     Running(Generation),
 }
 
-/// Result of the work of an attempt.
-enum WorkResult {
-    /// The files are stored, and the record can be committed.
-    Stored(Box<Finished>),
+/// Reason why an attempt has no result.
+enum NoResult {
     Failed(Verdict),
     Interrupted(Interrupt),
 }
 
-impl From<Interrupt> for WorkResult {
+impl From<Interrupt> for NoResult {
     fn from(interrupt: Interrupt) -> Self {
         Self::Interrupted(interrupt)
     }
 }
 
-impl From<Verdict> for WorkResult {
+impl From<Verdict> for NoResult {
     fn from(verdict: Verdict) -> Self {
         Self::Failed(verdict)
     }
 }
+
+/// Result of the work of an attempt. If it is `Ok`, the files are stored, and the record can be
+/// committed.
+type WorkResult = Result<Finished, NoResult>;
 
 /// Attempt end for metrics and logs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -139,7 +141,7 @@ impl<'a> Attempt<'a> {
                 Some(Self { context, worker, claim, lease, dir, sink, checkpoints, cancel, stopping: None })
             }
             Err(verdict) => {
-                record(context, claim, WorkResult::Failed(verdict)).instrument(span).await;
+                record(context, claim, Err(verdict.into())).instrument(span).await;
                 None
             }
         }
@@ -160,19 +162,18 @@ impl<'a> Attempt<'a> {
     /// Waits for the generation, stores its files and ends the attempt. Returns true if the job has
     /// ended.
     pub(super) async fn run(mut self, start: Start, cpu: &Cpu) -> bool {
-        let span = self.sink.span().clone();
+        let span = self.sink.span.clone();
         let run = async {
-            let ending =
-                self.work(start, cpu).await.map_or_else(|ending| ending, |done| WorkResult::Stored(Box::new(done)));
+            let ending = self.work(start, cpu).await;
             self.conclude(ending).await
         };
         run.instrument(span).await
     }
 
-    async fn work(&mut self, start: Start, cpu: &Cpu) -> Result<Finished, WorkResult> {
+    async fn work(&mut self, start: Start, cpu: &Cpu) -> WorkResult {
         let result = self.follow(start, cpu).await;
         let made = match self.sink.injected() {
-            Some(injected) if !matches!(result, Err(WorkResult::Interrupted(_))) => {
+            Some(injected) if !matches!(result, Err(NoResult::Interrupted(_))) => {
                 return Err(verdict::of_injected(injected).into());
             }
             _ => result?,
@@ -199,7 +200,7 @@ impl<'a> Attempt<'a> {
 
     /// Waits for the output of the generation. Its threads are then free, unless it was told to
     /// stop and still runs.
-    async fn follow(&mut self, start: Start, cpu: &Cpu) -> Result<GenerationOutput, WorkResult> {
+    async fn follow(&mut self, start: Start, cpu: &Cpu) -> Result<GenerationOutput, NoResult> {
         let mut time = self.time_limit();
         let mut generation = match start {
             Start::Running(generation) => generation,
@@ -241,7 +242,7 @@ impl<'a> Attempt<'a> {
     }
 
     /// Starts the generation on the CPU, from the checkpoint of an earlier attempt if there is one.
-    async fn generate_on(&mut self, cpu: &Cpu, permit: OwnedSemaphorePermit) -> Result<Generation, WorkResult> {
+    async fn generate_on(&mut self, cpu: &Cpu, permit: OwnedSemaphorePermit) -> Result<Generation, NoResult> {
         let checkpoint = self.checkpoints.load(self.dir.path());
         let checkpoint = self.lease.hold(&self.claim, &self.sink.progress, checkpoint).await?;
         let backend = self.claim.report.used.unwrap_or(UsedBackend::Cpu);
@@ -264,7 +265,7 @@ impl<'a> Attempt<'a> {
         &mut self,
         generation: &mut Generation,
         time: Option<Duration>,
-    ) -> Result<Result<GenerationOutput, GenerateFailure>, WorkResult> {
+    ) -> Result<Result<GenerationOutput, GenerateFailure>, NoResult> {
         let Self { claim, lease, sink, checkpoints, .. } = self;
         let late = async {
             match time {
@@ -280,10 +281,10 @@ impl<'a> Attempt<'a> {
     }
 
     /// Stops a generation. Before a release it takes a last checkpoint.
-    async fn stop(&mut self, mut generation: Generation, ending: &WorkResult) {
+    async fn stop(&mut self, mut generation: Generation, ending: &NoResult) {
         let mut running = true;
         // A GPU takes no checkpoints that another attempt could resume from.
-        let is_released = matches!(ending, WorkResult::Interrupted(Interrupt::Shutdown));
+        let is_released = matches!(ending, NoResult::Interrupted(Interrupt::Shutdown));
         if is_released && self.claim.report.used != Some(UsedBackend::Gpu) && self.sink.checkpoints.is_enabled() {
             running = self.take_last_checkpoint(&mut generation).await;
         }
@@ -309,7 +310,7 @@ impl<'a> Attempt<'a> {
     }
 
     /// Stores the files while renewing the lease.
-    async fn store(&mut self, files: &[File]) -> Result<(), WorkResult> {
+    async fn store(&mut self, files: &[File]) -> Result<(), NoResult> {
         let stop = CancellationToken::new();
         let mut upload = Box::pin(upload::upload(self.context, &self.sink, files, self.dir.path(), &stop));
         let uploaded = self.lease.hold(&self.claim, &self.sink.progress, &mut upload).await;
@@ -319,7 +320,7 @@ impl<'a> Attempt<'a> {
             let _ = timeout(UPLOAD_STOP_WAIT, &mut upload).await;
         }
         uploaded?.map_err(|error| {
-            WorkResult::Failed(match error {
+            NoResult::Failed(match error {
                 UploadError::Injected(injected) => verdict::of_injected(injected),
                 UploadError::Store { .. } => verdict::of_storage(&error),
                 UploadError::Unreadable { ref source, .. } if verdict::is_storage_fault(source) => {
@@ -399,7 +400,7 @@ async fn record(context: &Context, claim: Claim, ending: WorkResult) -> bool {
     let Claim { job: claimed, report } = claim;
     let (id, used, device) = (claimed.job().id, report.used, report.device.clone());
     let (fallback, is_model) = (report.fallback.clone(), claimed.job().kind == JobKind::Model);
-    if let WorkResult::Failed(Verdict::Storage { problem, scratch }) = &ending {
+    if let Err(NoResult::Failed(Verdict::Storage { problem, scratch })) = &ending {
         let space = || backend::predict(claimed.job()).map_or(0, |predicted| predicted.bytes);
         context.storage.job_released(&problem.detail, scratch.then(space)).await;
     }
@@ -437,22 +438,24 @@ async fn write(
 ) -> (AttemptMetric, Result<(), StoreError>) {
     let store = &context.store;
     match ending {
-        WorkResult::Stored(finished) => commit(context, claimed, *finished).await,
-        WorkResult::Failed(Verdict::Fail(problem)) => {
+        Ok(finished) => commit(context, claimed, finished).await,
+        Err(NoResult::Failed(Verdict::Fail(problem))) => {
             (AttemptMetric::Failed, store.fail(claimed, report, problem).await.map(drop))
         }
-        WorkResult::Failed(Verdict::Retry(problem)) => {
+        Err(NoResult::Failed(Verdict::Retry(problem))) => {
             (AttemptMetric::Retried, store.retry(claimed, problem).await.map(drop))
         }
-        WorkResult::Failed(Verdict::Release(problem) | Verdict::Storage { problem, .. }) => {
+        Err(NoResult::Failed(Verdict::Release(problem) | Verdict::Storage { problem, .. })) => {
             (AttemptMetric::Released, store.release(claimed, Some(problem)).await)
         }
-        WorkResult::Interrupted(Interrupt::Lost) => (AttemptMetric::Lost, Ok(())),
-        WorkResult::Interrupted(Interrupt::Deleted) => (AttemptMetric::Deleted, Ok(())),
-        WorkResult::Interrupted(Interrupt::Cancelled) => {
+        Err(NoResult::Interrupted(Interrupt::Lost)) => (AttemptMetric::Lost, Ok(())),
+        Err(NoResult::Interrupted(Interrupt::Deleted)) => (AttemptMetric::Deleted, Ok(())),
+        Err(NoResult::Interrupted(Interrupt::Cancelled)) => {
             (AttemptMetric::Cancelled, store.cancelled(claimed).await.map(drop))
         }
-        WorkResult::Interrupted(Interrupt::Shutdown) => (AttemptMetric::Released, store.release(claimed, None).await),
+        Err(NoResult::Interrupted(Interrupt::Shutdown)) => {
+            (AttemptMetric::Released, store.release(claimed, None).await)
+        }
     }
 }
 

@@ -10,7 +10,7 @@ use crate::clock::Stopwatch;
 use crate::jobs::artifacts::{self, ArtifactError};
 use crate::jobs::scratch::drop_blocking;
 use crate::jobs::{ClaimedJob, StoreError};
-use crate::lock::{Mutex, MutexGuard};
+use crate::lock::Mutex;
 use std::convert::Infallible;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -67,20 +67,20 @@ impl Mailbox {
 
     /// Requests a checkpoint at the next step, if checkpoints are taken at all.
     pub(super) fn request(&self) {
-        self.state().requested = self.is_enabled();
+        self.state.lock().requested = self.is_enabled();
     }
 
     /// True if the generation should take a checkpoint at this step.
     pub(super) fn wants(&self) -> bool {
         let Some(every) = self.every else { return false };
-        let state = self.state();
+        let state = self.state.lock();
         // A checkpoint that has not been fetched yet goes first.
         state.requested || (state.checkpoint.is_none() && state.since.elapsed() >= every.max(state.cost * STORE_TIMES))
     }
 
     /// Adds a checkpoint to be stored.
     pub(super) fn put(&self, checkpoint: Saved) {
-        let mut state = self.state();
+        let mut state = self.state.lock();
         state.since = Stopwatch::start();
         state.checkpoint = Some(checkpoint);
         state.requested = false;
@@ -89,27 +89,23 @@ impl Mailbox {
 
     /// Reports the time that the last fetched checkpoint took to store.
     fn stored(&self, cost: Duration) {
-        self.state().cost = cost;
+        self.state.lock().cost = cost;
     }
 
     /// Reports that the generation starts from the beginning.
     pub(super) fn restart(&self) {
-        self.state().since = Stopwatch::start();
+        self.state.lock().since = Stopwatch::start();
     }
 
     /// Waits for the next checkpoint.
     async fn next(&self) -> Saved {
         loop {
             let arrived = self.arrived.notified();
-            if let Some(checkpoint) = self.state().checkpoint.take() {
+            if let Some(checkpoint) = self.state.lock().checkpoint.take() {
                 return checkpoint;
             }
             arrived.await;
         }
-    }
-
-    fn state(&self) -> MutexGuard<'_, MailboxState> {
-        self.state.lock()
     }
 }
 

@@ -3,7 +3,6 @@
 use super::generator::Generator;
 use super::options::PoolOptions;
 use super::policy::Storage;
-use crate::clock::Clock;
 use crate::jobs::Store;
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::scratch::Scratch;
@@ -16,9 +15,8 @@ pub(super) struct Context {
     pub(super) store: Store,
     pub(super) artifacts: Artifacts,
     /// Runs jobs on the CPU.
-    pub(super) generator: Arc<dyn Generator>,
+    pub(super) generator: Arc<Generator>,
     pub(super) options: PoolOptions,
-    pub(super) clock: Clock,
     pub(super) scratch: Arc<Scratch>,
     pub(super) storage: Storage,
     pub(super) phase: watch::Receiver<Phase>,

@@ -42,29 +42,8 @@ pub enum WorkError {
 
 /// Generates the model of a job. The worker calls it on a thread of a rayon pool: of one thread for
 /// `cpu-single`, of all threads of the worker otherwise. If it panics, the job fails and the worker
-/// continues.
-pub trait Generator: Send + Sync + 'static {
-    /// Generates the model. Checks `cancel` at least every few tens of milliseconds.
-    ///
-    /// # Errors
-    /// [`WorkError`].
-    fn generate(&self, input: GenerationInput<'_>, sink: &dyn Sink, cancel: &CancelToken)
-    -> Result<Outcome, WorkError>;
-}
-
-impl<F> Generator for F
-where
-    F: Fn(GenerationInput<'_>, &dyn Sink, &CancelToken) -> Result<Outcome, WorkError> + Send + Sync + 'static,
-{
-    fn generate(
-        &self,
-        input: GenerationInput<'_>,
-        sink: &dyn Sink,
-        cancel: &CancelToken,
-    ) -> Result<Outcome, WorkError> {
-        self(input, sink, cancel)
-    }
-}
+/// continues. It checks the token at least every few tens of milliseconds.
+pub type Generator = dyn Fn(GenerationInput<'_>, &dyn Sink, &CancelToken) -> Result<Outcome, WorkError> + Send + Sync;
 
 /// Simulation plan of an admitted job. `None` if the generator builds the plan later, in
 /// `generate`.

@@ -80,7 +80,7 @@ impl PoolOptions {
             stuck_after: Duration::from_secs(120),
             scratch,
             host: host(),
-            faults: Faults::none(),
+            faults: Faults::default(),
             metrics: Metrics::default(),
             status: Status::default(),
         }

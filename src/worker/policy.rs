@@ -25,50 +25,25 @@ use std::time::Duration;
 use tokio::sync::{Mutex, RwLock, watch};
 use tokio::time::{Instant, sleep_until};
 
-/// Jobs that a CPU worker may claim.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum CpuEligibility {
-    /// Jobs that requested a CPU.
-    CpuOnly,
-    /// Jobs of `auto` as well.
-    Auto {
-        /// Reason for the record.
-        why: String,
-        /// Reason for the metrics.
-        cause: Fallback,
-    },
-}
+/// Reason why a CPU worker runs jobs of `auto`, for the record and for the metrics.
+pub(super) type CpuFallback = (String, Fallback);
 
-impl CpuEligibility {
-    /// Scope of the claim.
-    pub(super) fn scope(&self) -> ClaimScope {
-        match self {
-            Self::CpuOnly => ClaimScope::CpuOnly,
-            Self::Auto { .. } => ClaimScope::Cpu,
-        }
-    }
-}
-
-/// Jobs that a CPU worker may claim at present. `surfaces_lag` is true if a GPU of this pool waits
-/// for surfaces.
-pub(super) async fn cpu_eligibility(
+/// Reason why a CPU worker may claim jobs of `auto` at present; `None` if it may not.
+/// `surfaces_lag` is true if a GPU of this pool waits for surfaces.
+pub(super) async fn cpu_fallback(
     store: &Store,
     options: &PoolOptions,
     surfaces_lag: bool,
-) -> Result<CpuEligibility, StoreError> {
+) -> Result<Option<CpuFallback>, StoreError> {
     let live = store.count_unpaused_workers(WorkerKind::Gpu, ALIVE_HEARTBEATS * options.heartbeat).await?;
     if live == 0 {
         let why = options.no_gpu.clone().unwrap_or_else(|| "no GPU worker is alive".to_owned());
-        return Ok(CpuEligibility::Auto { why, cause: Fallback::NoGpu });
+        return Ok(Some((why, Fallback::NoGpu)));
     }
     let queued = store.count_claimable_jobs(ClaimScope::Gpu).await?;
     let next_claims = 2 * u64::from(options.batch) * live;
-    Ok(if queued > next_claims && !surfaces_lag {
-        let why = format!("{queued} jobs were waiting for {live} GPU worker{}", if live == 1 { "" } else { "s" });
-        CpuEligibility::Auto { why, cause: Fallback::Busy }
-    } else {
-        CpuEligibility::CpuOnly
-    })
+    let why = || format!("{queued} jobs were waiting for {live} GPU worker{}", if live == 1 { "" } else { "s" });
+    Ok((queued > next_claims && !surfaces_lag).then(|| (why(), Fallback::Busy)))
 }
 
 /// Maximum wait between two checks, in units.

@@ -8,9 +8,8 @@ use super::busy::Busy;
 use super::context::{Context, Phase};
 use super::generator::{BatchGenerator, Generator};
 use super::options::PoolOptions;
-use super::policy::{CpuEligibility, Storage, cpu_eligibility};
+use super::policy::{CpuFallback, Storage, cpu_fallback};
 use super::verdict;
-use crate::clock::Clock;
 use crate::generate::Backend;
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::scratch::{Scratch, drop_blocking};
@@ -18,10 +17,11 @@ use crate::jobs::{Change, ClaimScope, ClaimedJob, Job, Store, StoreError, Worker
 use crate::lock::Mutex;
 use crate::status::{Condition, Status};
 use futures_util::future::join_all;
+use jiff::Timestamp;
 use std::io;
 use std::iter::repeat_with;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use tokio::sync::broadcast::{Receiver, error::RecvError};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
@@ -87,32 +87,17 @@ enum GpuState {
 }
 
 impl WorkerPool {
-    /// Starts CPU workers. Must be called within a tokio runtime.
+    /// Starts CPU workers, and a GPU worker for each of `gpus`. Must be called within a tokio
+    /// runtime.
     ///
     /// # Errors
     /// The error of creating the scratch directory or threads.
     pub fn start(
         store: Store,
         artifacts: Artifacts,
-        generator: Arc<dyn Generator>,
-        options: PoolOptions,
-        clock: Clock,
-    ) -> io::Result<Self> {
-        Self::start_with_gpus(store, artifacts, generator, Vec::new(), options, clock)
-    }
-
-    /// Starts CPU workers, and a GPU worker for each of `gpus`. Must be called within a tokio
-    /// runtime.
-    ///
-    /// # Errors
-    /// The error of creating the scratch directory or threads.
-    pub fn start_with_gpus(
-        store: Store,
-        artifacts: Artifacts,
-        generator: Arc<dyn Generator>,
+        generator: Arc<Generator>,
         gpus: Vec<Arc<dyn BatchGenerator>>,
         options: PoolOptions,
-        clock: Clock,
     ) -> io::Result<Self> {
         let (phase, receiver) = watch::channel(Phase::Run);
         let scratch = Arc::new(Scratch::open(&options.scratch)?);
@@ -122,7 +107,6 @@ impl WorkerPool {
             artifacts,
             generator,
             options,
-            clock,
             scratch: Arc::clone(&scratch),
             storage,
             phase: receiver,
@@ -137,7 +121,12 @@ impl WorkerPool {
         for n in 0..context.options.workers {
             slots.push(Slot::new(&context, &n.to_string(), None)?);
         }
-        let opening = Arc::new(Opening::start(devices, context.options.status.clone()));
+        let status = context.options.status.clone();
+        if devices > 0 {
+            let plural = if devices == 1 { "" } else { "s" };
+            status.set(Condition::OpeningDevices, format!("opening {devices} GPU{plural}"));
+        }
+        let opening = Arc::new(Opening(status));
         let mut tasks = JoinSet::new();
         for slot in &slots {
             tasks.spawn(claim_loop(Arc::clone(slot), Arc::clone(&opening)));
@@ -169,25 +158,13 @@ impl WorkerPool {
     }
 }
 
-/// Number of GPU workers that have not tried to open their device. The process is not ready until
-/// it is 0.
-struct Opening {
-    left: AtomicUsize,
-    status: Status,
-}
+/// Held by GPU workers that have not tried to open their device. The process is not ready until all
+/// have dropped it.
+struct Opening(Status);
 
-impl Opening {
-    fn start(gpus: usize, status: Status) -> Self {
-        if gpus > 0 {
-            status.set(Condition::OpeningDevices, format!("opening {gpus} GPU{}", if gpus == 1 { "" } else { "s" }));
-        }
-        Self { left: AtomicUsize::new(gpus), status }
-    }
-
-    fn opened(&self) {
-        if self.left.fetch_sub(1, Ordering::AcqRel) == 1 {
-            self.status.clear(Condition::OpeningDevices);
-        }
+impl Drop for Opening {
+    fn drop(&mut self) {
+        self.0.clear(Condition::OpeningDevices);
     }
 }
 
@@ -203,8 +180,8 @@ async fn claim_loop(slot: Arc<Slot>, opening: Arc<Opening>) {
     let mut attempts = JoinSet::new();
     if let Some(gpu) = &slot.gpu {
         slot.open(gpu).await;
-        opening.opened();
     }
+    drop(opening);
     loop {
         let permit = tokio::select! {
             biased;
@@ -214,10 +191,10 @@ async fn claim_loop(slot: Arc<Slot>, opening: Arc<Opening>) {
         // Subscribes before the claim, so that no job is missed that is queued in between.
         let mut changes = context.store.changes();
         let unavailable = match slot.claim().await {
-            Ok((claimed, eligibility)) => {
+            Ok((claimed, fallback)) => {
                 wait = context.options.poll;
                 if !claimed.is_empty() {
-                    attempts.spawn(Arc::clone(&slot).run(claimed, eligibility, permit));
+                    attempts.spawn(Arc::clone(&slot).run(claimed, fallback, permit));
                     while let Some(ended) = attempts.try_join_next() {
                         log_panic(ended);
                     }
@@ -337,22 +314,22 @@ impl Slot {
 
     /// Claims jobs that this worker may run. A GPU worker whose device cannot be opened claims one
     /// job at a time, because jobs of `gpu` must end too, with the reason.
-    async fn claim(&self) -> Result<(Vec<ClaimedJob>, CpuEligibility), StoreError> {
+    async fn claim(&self) -> Result<(Vec<ClaimedJob>, Option<CpuFallback>), StoreError> {
         let Context { store, options, .. } = &*self.context;
-        let (eligibility, scope, limit) = match &self.gpu {
+        let (fallback, scope, limit) = match &self.gpu {
             Some(gpu) => {
                 let limit = if self.open(gpu).await { options.batch.max(1) } else { 1 };
-                (CpuEligibility::CpuOnly, ClaimScope::Gpu, limit)
+                (None, ClaimScope::Gpu, limit)
             }
             None => {
                 let surfaces_lag = self.context.surfaces_lag.load(Ordering::Relaxed);
-                let eligibility = cpu_eligibility(store, options, surfaces_lag).await?;
-                let scope = eligibility.scope();
-                (eligibility, scope, 1)
+                let fallback = cpu_fallback(store, options, surfaces_lag).await?;
+                let scope = if fallback.is_some() { ClaimScope::Cpu } else { ClaimScope::CpuOnly };
+                (fallback, scope, 1)
             }
         };
         let claim = self.context.storage.claim(store.claim(&self.id, scope, options.lease, limit)).await;
-        Ok((claim.transpose()?.unwrap_or_default(), eligibility))
+        Ok((claim.transpose()?.unwrap_or_default(), fallback))
     }
 
     /// Opens the device, or opens it again if it was lost. Returns true if it is open.
@@ -374,12 +351,12 @@ impl Slot {
         opened.is_ok()
     }
 
-    async fn run(self: Arc<Self>, claimed: Vec<ClaimedJob>, eligibility: CpuEligibility, permit: RunPermit) {
+    async fn run(self: Arc<Self>, claimed: Vec<ClaimedJob>, fallback: Option<CpuFallback>, permit: RunPermit) {
         let RunPermit { compute, claim } = permit;
         let _running = self.busy.begin();
         let ended = match &self.gpu {
             Some(gpu) => self.run_batch(gpu, claimed, compute).await,
-            None => self.run_one(claimed, &eligibility, compute).await,
+            None => self.run_one(claimed, fallback, compute).await,
         };
         self.state.lock().jobs_done += ended;
         drop(claim);
@@ -389,15 +366,15 @@ impl Slot {
     async fn run_one(
         &self,
         claimed: Vec<ClaimedJob>,
-        eligibility: &CpuEligibility,
+        fallback: Option<CpuFallback>,
         compute: Option<OwnedSemaphorePermit>,
     ) -> u64 {
         // A CPU worker claims one job at a time.
         let Some(claimed) = claimed.into_iter().next() else { return 0 };
         let mut report = self.cpu.report(claimed.job().backend.requested);
-        if let (CpuEligibility::Auto { why, cause }, Backend::Auto) = (eligibility, report.requested) {
-            report.fallback = Some(why.clone());
-            self.context.options.metrics.fallback(*cause);
+        if let (Some((why, cause)), Backend::Auto) = (fallback, report.requested) {
+            report.fallback = Some(why);
+            self.context.options.metrics.fallback(cause);
         }
         match Attempt::begin(&self.context, &self.id, claimed, report).await {
             Some(attempt) => u64::from(attempt.run(Start::Cpu(compute), &self.cpu).await),
@@ -467,7 +444,7 @@ impl Slot {
             device,
             jobs: Vec::new(),
             jobs_done: state.jobs_done,
-            heartbeat_at: self.context.clock.now(),
+            heartbeat_at: Timestamp::UNIX_EPOCH,
             pause: None,
         };
         if let Err(error) = self.context.store.worker_seen(&worker).await {

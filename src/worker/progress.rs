@@ -9,9 +9,10 @@ use crate::fit::{FitProgress, FitSink, FitStage};
 use crate::generate::{CancelToken, Progress, Sink, Stage};
 use crate::jobs::fault::{Faults, Injected};
 use crate::jobs::{JobProgress, LiveSection};
-use crate::lock::{Mutex, MutexGuard};
+use crate::lock::Mutex;
 use crate::model::{Ring, Section};
 use tempfile::TempPath;
+use tokio::sync::watch;
 use tracing::Span;
 
 /// Maximum number of points of a thinned contour.
@@ -50,14 +51,14 @@ impl Update {
 impl LiveProgress {
     /// Fetches the changes since the last call.
     pub(super) fn take(&self) -> Update {
-        let mut latest = self.latest();
+        let mut latest = self.0.lock();
         let progress = if std::mem::take(&mut latest.is_new) { latest.progress } else { None };
         Update { progress, section: latest.section.take() }
     }
 
     /// Returns an update that could not be sent, unless a newer one has arrived.
     pub(super) fn put_back(&self, update: Update) {
-        let mut latest = self.latest();
+        let mut latest = self.0.lock();
         latest.is_new |= update.progress.is_some();
         if latest.section.is_none() {
             latest.section = update.section;
@@ -65,13 +66,13 @@ impl LiveProgress {
     }
 
     fn record(&self, progress: JobProgress) {
-        let mut latest = self.latest();
+        let mut latest = self.0.lock();
         latest.progress = Some(progress.at_least(latest.floor));
         latest.is_new = true;
     }
 
     fn record_section(&self, section: &Section) {
-        let mut latest = self.latest();
+        let mut latest = self.0.lock();
         let index = latest.sections;
         latest.sections += 1;
         latest.section = Some(LiveSection {
@@ -85,7 +86,7 @@ impl LiveProgress {
 
     /// Records that a model is complete except for its files. A fit has no such stage.
     fn record_storing(&self) {
-        let mut latest = self.latest();
+        let mut latest = self.0.lock();
         if let Some(JobProgress::Model(progress)) = &mut latest.progress {
             progress.stage = Stage::Store;
             progress.fraction = progress.fraction.max(0.99);
@@ -97,14 +98,10 @@ impl LiveProgress {
     /// Counts sections from 0 again. The reported fraction stays until the new one exceeds it, so
     /// that it never falls.
     fn restart(&self) {
-        let mut latest = self.latest();
+        let mut latest = self.0.lock();
         latest.sections = 0;
         latest.section = None;
         latest.floor = latest.progress.map_or(0.0, JobProgress::fraction);
-    }
-
-    fn latest(&self) -> MutexGuard<'_, Latest> {
-        self.0.lock()
     }
 }
 
@@ -114,7 +111,7 @@ pub(super) struct AttemptSink {
     pub(super) progress: LiveProgress,
     pub(super) checkpoints: Mailbox,
     /// Span of the attempt, for logs and traces.
-    span: Span,
+    pub(super) span: Span,
     faults: Faults,
     run: Mutex<Run>,
 }
@@ -126,69 +123,71 @@ struct Run {
     /// Stops the current generation.
     cancel: CancelToken,
     injected: Option<Injected>,
+    /// Is set when the certificate of the generation begins: its threads will be free soon.
+    nearly_free: Option<watch::Sender<bool>>,
 }
 
 impl AttemptSink {
     /// The sink of an attempt with this `span`. An injected fault stops the generation through
     /// `cancel`.
     pub(super) fn new(checkpoints: Mailbox, span: Span, faults: Faults, cancel: CancelToken) -> Self {
-        let run = Mutex::new(Run { stage: None, cancel, injected: None });
+        let run = Mutex::new(Run { stage: None, cancel, injected: None, nearly_free: None });
         Self { progress: LiveProgress::default(), checkpoints, span, faults, run }
-    }
-
-    /// Span of the attempt, for logs and traces.
-    pub(super) fn span(&self) -> &Span {
-        &self.span
     }
 
     /// Reports that the upload of the files begins.
     pub(super) fn storing(&self) {
-        self.enter(name(Stage::Store), |attempt| span(Stage::Store, attempt));
+        self.enter(name(Stage::Store));
         self.progress.record_storing();
     }
 
     /// Reports that another generation of the attempt starts from the beginning. An injected fault
     /// stops it through `cancel`.
     pub(super) fn restart(&self, cancel: CancelToken) {
-        self.run().cancel = cancel;
+        self.run.lock().cancel = cancel;
         self.progress.restart();
         self.checkpoints.restart();
     }
 
+    /// Lets the next certificate set `nearly_free`.
+    pub(super) fn announce_certificate(&self, nearly_free: watch::Sender<bool>) {
+        self.run.lock().nearly_free = Some(nearly_free);
+    }
+
     /// The fault that was injected into the generation.
     pub(super) fn injected(&self) -> Option<Injected> {
-        self.run().injected
+        self.run.lock().injected
     }
 
     /// Ends the span of the previous stage and starts the span of `stage`.
-    fn enter(&self, stage: &'static str, span: impl FnOnce(&Span) -> Span) {
-        let mut run = self.run();
+    fn enter(&self, stage: &'static str) {
+        let mut run = self.run.lock();
         if run.stage.as_ref().is_none_or(|(before, _)| *before != stage) {
             run.stage = None;
-            run.stage = Some((stage, span(&self.span)));
+            run.stage = Some((stage, span(stage, &self.span)));
         }
     }
 
     /// Records progress and passes the fault point of the stage.
     fn advance(&self, stage: &'static str, progress: JobProgress) {
+        self.enter(stage);
         self.progress.record(progress);
         if let Err(injected) = self.faults.point_blocking(stage) {
-            let mut run = self.run();
+            let mut run = self.run.lock();
             run.injected = Some(injected);
             run.cancel.cancel();
         }
-    }
-
-    fn run(&self) -> MutexGuard<'_, Run> {
-        self.run.lock()
     }
 }
 
 impl Sink for AttemptSink {
     fn progress(&self, progress: &Progress) {
-        let stage = progress.stage;
-        self.enter(name(stage), |attempt| span(stage, attempt));
-        self.advance(name(stage), JobProgress::Model(*progress));
+        if matches!(progress.stage, Stage::Certify | Stage::Measure | Stage::Export)
+            && let Some(nearly_free) = self.run.lock().nearly_free.take()
+        {
+            nearly_free.send_replace(true);
+        }
+        self.advance(name(progress.stage), JobProgress::Model(*progress));
     }
 
     fn section(&self, section: &Section) {
@@ -212,10 +211,6 @@ impl FitSink for AttemptSink {
             FitStage::Search => "search",
             FitStage::Verify => "verify",
         };
-        self.enter(stage, |attempt| match progress.stage {
-            FitStage::Search => tracing::info_span!(parent: attempt, "search"),
-            FitStage::Verify => tracing::info_span!(parent: attempt, "verify"),
-        });
         self.advance(stage, JobProgress::Fit(*progress));
     }
 
@@ -239,15 +234,17 @@ fn name(stage: Stage) -> &'static str {
     }
 }
 
-fn span(stage: Stage, attempt: &Span) -> Span {
-    match stage {
-        Stage::Simulate => tracing::info_span!(parent: attempt, "simulate"),
-        Stage::Mesh => tracing::info_span!(parent: attempt, "mesh"),
-        Stage::Certify => tracing::info_span!(parent: attempt, "certify"),
-        Stage::Measure => tracing::info_span!(parent: attempt, "measure"),
-        Stage::Export => tracing::info_span!(parent: attempt, "export"),
-        Stage::Store => tracing::info_span!(parent: attempt, "store"),
+/// The span of a stage. The names of spans are constants.
+fn span(stage: &'static str, attempt: &Span) -> Span {
+    macro_rules! span_of {
+        ($($name:literal),+) => {
+            match stage {
+                $($name => tracing::info_span!(parent: attempt, $name),)+
+                _ => Span::none(),
+            }
+        };
     }
+    span_of!("simulate", "mesh", "certify", "measure", "export", "store", "search", "verify")
 }
 
 /// At most [`MAX_POINTS`] points of a contour, evenly by index.
@@ -290,7 +287,7 @@ mod tests {
 
     #[test]
     fn an_update_holds_what_is_newest_and_is_given_once() {
-        let sink = sink(Faults::none(), CancelToken::default());
+        let sink = sink(Faults::default(), CancelToken::default());
         let section = |step, added| Section { step, added, inner: ring(3), outer: ring(4), ..Section::default() };
         Sink::progress(&sink, &at(Stage::Simulate, 1, 0.1));
         Sink::progress(&sink, &at(Stage::Simulate, 2, 0.1));
@@ -309,7 +306,7 @@ mod tests {
 
     #[test]
     fn a_restart_counts_sections_from_0_and_the_fraction_never_falls() {
-        let sink = sink(Faults::none(), CancelToken::default());
+        let sink = sink(Faults::default(), CancelToken::default());
         let section = Section { inner: ring(3), outer: ring(4), ..Section::default() };
         Sink::progress(&sink, &at(Stage::Simulate, 1, 0.4));
         sink.section(&section);

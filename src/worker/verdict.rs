@@ -40,38 +40,38 @@ fn problem(kind: &str, title: &str, detail: String) -> Problem {
 /// The verdict on a generation that returned an error.
 pub(super) fn of_error(error: &WorkError) -> Verdict {
     let detail = error.to_string();
-    match error {
-        WorkError::Spec { .. } => Verdict::Fail(problem("spec", "The spec is not valid for this engine", detail)),
-        WorkError::Fit(error) => match error {
-            FitError::Search { .. } => Verdict::Fail(problem("search", "The search found no candidate", detail)),
-            FitError::Memory { .. } => {
-                Verdict::Fail(problem("memory", "The models of the fit need more memory than allowed", detail))
-            }
-            FitError::Io(source) if is_storage_fault(source) => of_scratch(error),
-            FitError::Io(_) => Verdict::Retry(problem("io", "Files could not be written", detail)),
-            // The worker did not request it.
-            FitError::Cancelled => Verdict::Retry(problem("interrupted", "The fit was interrupted", detail)),
-        },
-        WorkError::Generate(error) => match error {
-            GenerateError::Certificate { .. } => {
-                Verdict::Fail(problem("certificate", "The model failed its certificate", detail))
-            }
-            GenerateError::Memory { .. } => {
-                Verdict::Fail(problem("memory", "The model needs more memory than allowed", detail))
-            }
-            GenerateError::Format { .. } => Verdict::Fail(problem("format", "A file cannot hold the model", detail)),
-            GenerateError::Backend { .. } => Verdict::Fail(problem("backend", "The backend is not available", detail)),
-            GenerateError::Gpu(_) => Verdict::Fail(of_gpu(detail)),
-            GenerateError::Panic { detail } => Verdict::Fail(panicked(detail.clone())),
-            GenerateError::Simulation { .. } => Verdict::Fail(problem("simulation", "The simulation failed", detail)),
-            GenerateError::Io { source, .. } if is_storage_fault(source) => of_scratch(error),
-            GenerateError::Io { .. } => Verdict::Retry(problem("io", "Files could not be written", with_causes(error))),
-            // The worker did not request it.
-            GenerateError::Cancelled => {
-                Verdict::Retry(problem("interrupted", "The generation was interrupted", detail))
-            }
-        },
-    }
+    let (kind, title) = match error {
+        WorkError::Fit(FitError::Io(source)) if is_storage_fault(source) => return of_scratch(error),
+        WorkError::Generate(GenerateError::Io { source, .. }) if is_storage_fault(source) => return of_scratch(error),
+        WorkError::Fit(FitError::Io(_)) => return unwritten(detail),
+        WorkError::Generate(GenerateError::Io { .. }) => return unwritten(with_causes(error)),
+        // The worker did not request it.
+        WorkError::Fit(FitError::Cancelled) => {
+            return Verdict::Retry(problem("interrupted", "The fit was interrupted", detail));
+        }
+        WorkError::Generate(GenerateError::Cancelled) => return interrupted(detail),
+        WorkError::Generate(GenerateError::Gpu(_)) => return Verdict::Fail(of_gpu(detail)),
+        WorkError::Generate(GenerateError::Panic { detail }) => return Verdict::Fail(panicked(detail.clone())),
+        WorkError::Spec { .. } => ("spec", "The spec is not valid for this engine"),
+        WorkError::Fit(FitError::Search { .. }) => ("search", "The search found no candidate"),
+        WorkError::Fit(FitError::Memory { .. }) => ("memory", "The models of the fit need more memory than allowed"),
+        WorkError::Generate(GenerateError::Certificate { .. }) => ("certificate", "The model failed its certificate"),
+        WorkError::Generate(GenerateError::Memory { .. }) => ("memory", "The model needs more memory than allowed"),
+        WorkError::Generate(GenerateError::Format { .. }) => ("format", "A file cannot hold the model"),
+        WorkError::Generate(GenerateError::Backend { .. }) => ("backend", "The backend is not available"),
+        WorkError::Generate(GenerateError::Simulation { .. }) => ("simulation", "The simulation failed"),
+    };
+    Verdict::Fail(problem(kind, title, detail))
+}
+
+/// The verdict on a generation that could not write its files.
+fn unwritten(detail: String) -> Verdict {
+    Verdict::Retry(problem("io", "Files could not be written", detail))
+}
+
+/// The verdict on a generation that was interrupted although the worker did not request it.
+fn interrupted(detail: String) -> Verdict {
+    Verdict::Retry(problem("interrupted", "The generation was interrupted", detail))
 }
 
 /// True if an I/O error results from the state of a disk (full, over quota, read-only, failing,
@@ -101,7 +101,7 @@ pub(super) fn of_join(error: JoinError) -> Verdict {
     match error.try_into_panic() {
         Ok(payload) => Verdict::Fail(panicked(panic_message(payload.as_ref()))),
         // The runtime is shutting down.
-        Err(error) => Verdict::Retry(problem("interrupted", "The generation was interrupted", error.to_string())),
+        Err(error) => interrupted(error.to_string()),
     }
 }
 
@@ -113,8 +113,7 @@ pub(super) fn panic_message(payload: &(dyn Any + Send)) -> String {
 
 /// The verdict on a member of a GPU batch without a result.
 pub(super) fn of_silence() -> Verdict {
-    let detail = "the batch ended without a result for it".to_owned();
-    Verdict::Retry(problem("interrupted", "The generation was interrupted", detail))
+    interrupted("the batch ended without a result for it".to_owned())
 }
 
 fn panicked(message: String) -> Problem {

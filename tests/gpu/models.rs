@@ -2,7 +2,7 @@
 //! lost or hangs during a batch.
 
 use crate::common::{OPTIONS, device, generate, leave, no_vulkan};
-use oviduct::clock::{Clock, Stopwatch};
+use oviduct::clock::Stopwatch;
 use oviduct::generate::{
     Backend, Calls, CancelToken, Member, Outcome, Output, Progress, Request, Sink, UsedBackend, generate_batch,
 };
@@ -187,13 +187,12 @@ impl Place {
             lease: Duration::from_secs(60),
             ..PoolOptions::new(self.dir.path().join("scratch"))
         };
-        WorkerPool::start_with_gpus(
+        WorkerPool::start(
             self.store.clone(),
             Artifacts::local(&self.dir.path().join("artifacts")).unwrap(),
             Arc::new(generate_on_cpu),
             vec![gpu],
             options,
-            Clock::System,
         )
         .unwrap()
     }

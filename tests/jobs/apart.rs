@@ -2,7 +2,6 @@
 
 use crate::scripted::{Database, FakeGpu, Fate, Place, generate, scripted};
 use futures_util::future::join_all;
-use oviduct::clock::Clock;
 use oviduct::generate::{Backend, CancelToken, Outcome, Progress, Sink, Stage, UsedBackend};
 use oviduct::jobs::{JobId, JobProgress, NewJob, Status, StoreOptions};
 use oviduct::worker::{GenerationInput, Generator, WorkError};
@@ -39,7 +38,7 @@ impl Drop for OpenGateOnDrop {
     }
 }
 
-fn gated(gate: &Arc<Gate>) -> Arc<dyn Generator> {
+fn gated(gate: &Arc<Gate>) -> Arc<Generator> {
     let gate = Arc::clone(gate);
     Arc::new(move |input: GenerationInput<'_>, sink: &dyn Sink, cancel: &CancelToken| -> Result<Outcome, WorkError> {
         if input.job.seed == HELD {
@@ -66,7 +65,7 @@ async fn while_one_worker_is_held_the_other_runs_all_jobs() {
     let place = Place::fresh(|_| {}).await;
     let gate = Arc::new(Gate::default());
     let _opens = OpenGateOnDrop(Arc::clone(&gate));
-    let pool = place.start_with(place.store.clone(), Clock::System, gated(&gate), |options| {
+    let pool = place.start_with(place.store.clone(), gated(&gate), |options| {
         options.workers = 2;
         options.poll = Duration::from_millis(100);
     });
@@ -103,7 +102,7 @@ async fn no_job_waits_behind_one_that_timed_out_and_does_not_stop() {
     let gate = Arc::new(Gate::default());
     let _opens = OpenGateOnDrop(Arc::clone(&gate));
     let start = |name: &'static str| {
-        place.start_with(place.store.clone(), Clock::System, gated(&gate), move |options| {
+        place.start_with(place.store.clone(), gated(&gate), move |options| {
             options.host = name.into();
             options.poll = Duration::from_millis(100);
             options.job_timeout = Some(Duration::from_secs(1));

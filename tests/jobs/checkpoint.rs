@@ -92,24 +92,24 @@ fn generator(
 
 /// Starts a worker whose generations store a checkpoint every 20 ms.
 fn start(place: &Place, resumed: &Arc<AtomicU32>, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
-    start_with(place, generator(Arc::clone(resumed), false), Duration::from_millis(20), change)
+    start_with(place, Arc::new(generator(Arc::clone(resumed), false)), Duration::from_millis(20), change)
 }
 
 /// Starts a worker whose generations pause after their first checkpoint.
 fn start_pausing(place: &Place, resumed: &Arc<AtomicU32>, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
-    start_with(place, generator(Arc::clone(resumed), true), Duration::from_secs(3600), change)
+    start_with(place, Arc::new(generator(Arc::clone(resumed), true)), Duration::from_secs(3600), change)
 }
 
 fn start_with(
     place: &Place,
-    generator: impl Generator,
+    generator: Arc<Generator>,
     checkpoints: Duration,
     change: impl FnOnce(&mut PoolOptions),
 ) -> WorkerPool {
     let mut options = PoolOptions { checkpoint_every: Some(checkpoints), ..place.options() };
     change(&mut options);
     let (store, artifacts) = (place.store.clone(), place.artifacts.clone());
-    WorkerPool::start(store, artifacts, Arc::new(generator), options, Clock::System).unwrap()
+    WorkerPool::start(store, artifacts, generator, Vec::new(), options).unwrap()
 }
 
 fn unbroken() -> BTreeMap<String, String> {

@@ -220,7 +220,7 @@ async fn a_full_artifact_store_costs_no_attempt() {
             }
         };
         let start = |storage_wait| {
-            place.start_with(store.clone(), Clock::System, Arc::new(generator.clone()), |options| {
+            place.start_with(store.clone(), Arc::new(generator.clone()), |options| {
                 options.storage_wait = storage_wait;
                 options.heartbeat = Duration::from_millis(200);
                 options.lease = Duration::from_millis(800);
@@ -306,7 +306,7 @@ async fn a_full_scratch_directory_costs_no_attempt_and_no_partial_file_is_stored
             place.store.submit(new).await.unwrap().job().id
         };
         let status = oviduct::status::Status::default();
-        let pool = place.start_with(place.store.clone(), Clock::System, Arc::new(generate_on_cpu), |options| {
+        let pool = place.start_with(place.store.clone(), Arc::new(generate_on_cpu), |options| {
             options.poll = Duration::from_millis(100);
             options.storage_wait = Duration::from_millis(100);
             options.status = status.clone();
@@ -372,7 +372,7 @@ async fn on_a_full_disk_under_everything_models_are_still_cancelled_and_deleted(
                 }
                 Ok(made)
             };
-        let pool = place.start_with(place.store.clone(), Clock::System, Arc::new(generator), |options| {
+        let pool = place.start_with(place.store.clone(), Arc::new(generator), |options| {
             options.storage_wait = Duration::from_millis(10);
         });
         let first = place.ended(place.queue("ok", 1).await).await;

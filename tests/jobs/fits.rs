@@ -1,7 +1,6 @@
 //! Real fits on a worker: completed, cancelled, and resumed after a shutdown.
 
 use crate::scripted::{Place, scripted};
-use oviduct::clock::Clock;
 use oviduct::fit::{FitResult, FitSpec, FitStage};
 use oviduct::generate::Backend;
 use oviduct::jobs::{Job, JobId, JobKind, JobProgress, NewJob, Status};
@@ -37,7 +36,7 @@ async fn submit(place: &Place, fit: &FitSpec) -> JobId {
 }
 
 fn start(place: &Place) -> WorkerPool {
-    place.start_with(place.store.clone(), Clock::System, Arc::new(generate_on_cpu), |options| {
+    place.start_with(place.store.clone(), Arc::new(generate_on_cpu), |options| {
         options.checkpoint_every = Some(Duration::from_millis(50));
     })
 }

@@ -44,7 +44,7 @@ pub struct Busy {
 
 impl Busy {
     /// The scripted generator, which this counter observes.
-    pub fn generator(self: &Arc<Self>) -> Arc<dyn Generator> {
+    pub fn generator(self: &Arc<Self>) -> Arc<Generator> {
         let busy = Arc::clone(self);
         Arc::new(
             move |input: GenerationInput<'_>, sink: &dyn Sink, cancel: &CancelToken| -> Result<Outcome, WorkError> {

@@ -366,7 +366,7 @@ async fn while_no_gpu_worker_is_alive_a_cpu_worker_takes_auto_and_records_why() 
     };
     place.store.worker_seen(&dead).await.unwrap();
     clock.advance(Duration::from_secs(60));
-    let pool = place.start_by(clock, |options| options.no_gpu = Some("no GPU was found".into()));
+    let pool = place.start(|options| options.no_gpu = Some("no GPU was found".into()));
     let job = place.ended(place.ask(Backend::Auto, "ok", 1, 1).await).await;
     let listed = place.store.workers().await.unwrap();
     assert!(listed.iter().any(|worker| worker.id == dead.id), "it is not listed: {listed:?}");

@@ -23,7 +23,7 @@ async fn survives(database: Database) {
     let place = Place::on(database, options).await;
     let faults = Faults::random(seed, 12, FAULTS, Duration::from_millis(1500));
     // Leases last 1 s and are renewed every 150 ms, both in real time. A stall outlasts the lease.
-    let pool = place.start_by(clock.clone(), |options| {
+    let pool = place.start(|options| {
         options.workers = 4;
         options.threads = 1;
         options.heartbeat = Duration::from_millis(150);

@@ -5,7 +5,7 @@ use crate::cluster::Cluster;
 use crate::gate::{self, Busy};
 use crate::suite::new_job;
 use jiff::Timestamp;
-use oviduct::clock::{Clock, Stopwatch};
+use oviduct::clock::Stopwatch;
 use oviduct::generate::{
     CancelToken, FileOutput, Findings, GenerateError, Outcome, Progress, Seconds, Sink, Stage, UsedBackend,
 };
@@ -301,29 +301,23 @@ impl Place {
         change(&mut options);
         let gpus: Vec<Arc<dyn BatchGenerator>> = vec![Arc::clone(gpu) as Arc<dyn BatchGenerator>];
         let (store, artifacts) = (self.store.clone(), self.artifacts.clone());
-        WorkerPool::start_with_gpus(store, artifacts, self.busy.generator(), gpus, options, Clock::System).unwrap()
+        WorkerPool::start(store, artifacts, self.busy.generator(), gpus, options).unwrap()
     }
 
     /// Starts workers over another view of the job store.
     pub fn start_over(&self, store: Store, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
-        self.start_with(store, Clock::System, self.busy.generator(), change)
-    }
-
-    /// Starts workers whose heartbeats are timed by `clock`.
-    pub fn start_by(&self, clock: Clock, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
-        self.start_with(self.store.clone(), clock, self.busy.generator(), change)
+        self.start_with(store, self.busy.generator(), change)
     }
 
     pub fn start_with(
         &self,
         store: Store,
-        clock: Clock,
-        generator: Arc<dyn Generator>,
+        generator: Arc<Generator>,
         change: impl FnOnce(&mut PoolOptions),
     ) -> WorkerPool {
         let mut options = self.options();
         change(&mut options);
-        WorkerPool::start(store, self.artifacts.clone(), generator, options, clock).unwrap()
+        WorkerPool::start(store, self.artifacts.clone(), generator, Vec::new(), options).unwrap()
     }
 
     pub async fn queue(&self, script: &str, seed: u64) -> JobId {

@@ -6,7 +6,7 @@ use crate::scripted::{Database, Place, generate, scripted};
 use axum::body::Body;
 use axum::http::{Request, StatusCode};
 use http_body_util::BodyExt;
-use oviduct::clock::{Clock, Stopwatch};
+use oviduct::clock::Stopwatch;
 use oviduct::generate::{CancelToken, Outcome, Progress, Sink, Stage};
 use oviduct::http::{AppState, Limits, router};
 use oviduct::worker::{GenerationInput, WorkError};
@@ -40,7 +40,7 @@ async fn a_stream_shows_what_another_process_does_within_half_a_second() {
             generate(input, sink, cancel)
         };
     // Only notifications are in time: polls and heartbeats are far apart, progress is written at once.
-    let pool = worker.start_with(worker.store.clone(), Clock::System, Arc::new(stepping), |options| {
+    let pool = worker.start_with(worker.store.clone(), Arc::new(stepping), |options| {
         options.heartbeat = Duration::from_secs(60);
         options.lease = Duration::from_secs(240);
         options.poll = Duration::from_secs(60);

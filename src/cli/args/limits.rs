@@ -24,7 +24,7 @@ pub(in crate::cli) struct LimitArgs {
     max_model_size: u64,
     /// Refuse a request (413) whose body exceeds this size
     #[arg(long, value_name = "SIZE", value_parser = units::positive_bytes, default_value = "1MiB")]
-    max_body: u64,
+    pub(in crate::cli) max_body: u64,
     /// Maximum number of open event streams; further ones are refused (503) [default: 4096, or half
     /// of --connections if that is less]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
@@ -36,10 +36,10 @@ pub(in crate::cli) struct LimitArgs {
     /// Maximum number of simultaneous downloads; further ones are refused (503) [default: 10000, or
     /// an eighth of the process's file descriptors if that is less]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-    downloads: Option<u32>,
+    pub(in crate::cli) downloads: Option<u32>,
     /// Maximum number of pictures of models drawn at the same time; each uses all cores
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024), default_value_t = 2)]
-    pictures: u32,
+    pub(in crate::cli) pictures: u32,
 }
 
 impl LimitArgs {
@@ -51,11 +51,6 @@ impl LimitArgs {
             max_vertices: self.max_model_vertices,
             max_output_bytes: self.max_model_size,
         }
-    }
-
-    /// Maximum size of a request body, bytes.
-    pub(in crate::cli) fn body_bytes(&self) -> usize {
-        usize::try_from(self.max_body).unwrap_or(usize::MAX)
     }
 
     /// Returns the limits on event streams and on held responses; `streams` and `held` are their
@@ -81,15 +76,5 @@ impl LimitArgs {
             )));
         }
         Ok((streams, held))
-    }
-
-    /// Maximum number of simultaneous downloads.
-    pub(in crate::cli) fn downloads(&self, default: usize) -> usize {
-        self.downloads.map_or(default, |given| given as usize)
-    }
-
-    /// Maximum number of pictures drawn at the same time.
-    pub(in crate::cli) fn pictures(&self) -> usize {
-        self.pictures as usize
     }
 }

@@ -6,8 +6,8 @@ use super::{database, location};
 use crate::cli::args::{DatabaseArgs, Keys, KeysAddArgs, KeysListArgs, KeysRevokeArgs, KeysRotateArgs};
 use crate::cli::exit::{Ended, Failure};
 use crate::cli::term;
-use crate::jobs::keys::{Key, KeyLimits, NewKey, Secret};
-use crate::jobs::{Quota, Store, StoreError};
+use crate::jobs::keys::{Key, KeyLimits, NewKey, Owner, Scopes, Secret};
+use crate::jobs::{Quota, Store};
 use anyhow::Context;
 use jiff::{SignedDuration, Timestamp};
 use serde_json::{Value, json};
@@ -35,36 +35,34 @@ async fn read(store: &Store) -> Result<(Timestamp, Vec<Key>), Failure> {
 async fn add(args: KeysAddArgs) -> Ended {
     let store = open(&args.database).await?;
     let (now, _) = read(&store).await?;
-    let secret = Secret::generate();
     let life = args.expires.map(|life| SignedDuration::try_from(life).ok().and_then(|life| now.checked_add(life).ok()));
     if life == Some(None) {
         return Err(Failure::usage("--expires: is too long; leave it out for a key that never ends"));
     }
-    let new = NewKey {
-        prefix: secret.prefix().to_owned(),
-        hash: secret.hash(),
-        owner: args.owner,
-        scopes: args.scopes.into_iter().collect(),
-        limits: KeyLimits { rate: args.rate, quota: Quota { unfinished: args.models, bytes: args.bytes } },
-        expires_at: life.flatten(),
-    };
-    let key = stored(store.add_key(new).await)?;
+    let limits = KeyLimits { rate: args.rate, quota: Quota { unfinished: args.models, bytes: args.bytes } };
+    create(&store, args.owner, args.scopes.into_iter().collect(), limits, life.flatten(), args.json).await?;
     store.close().await;
-    show(&secret, &key, args.json)
+    Ok(())
 }
 
-fn stored(key: Result<Key, StoreError>) -> Result<Key, Failure> {
-    Ok(key.context("the key could not be stored")?)
-}
-
-/// Prints a new key with its secret.
-fn show(secret: &Secret, key: &Key, as_json: bool) -> Ended {
+/// Stores a new key, and prints it with its secret.
+async fn create(
+    store: &Store,
+    owner: Owner,
+    scopes: Scopes,
+    limits: KeyLimits,
+    expires_at: Option<Timestamp>,
+    as_json: bool,
+) -> Ended {
+    let secret = Secret::generate();
+    let (prefix, hash) = (secret.prefix().to_owned(), secret.hash());
+    let new = NewKey { prefix, hash, owner, scopes, limits, expires_at };
+    let key = store.add_key(new).await.context("the key could not be stored")?;
     key.audit_added();
     if as_json {
-        let mut value = described(key, "active");
+        let mut value = described(&key, "active");
         value["key"] = json!(secret.reveal());
-        term::print_json(&value)?;
-        return Ok(());
+        return Ok(term::print_json(&value)?);
     }
     term::note(&format!("key of {} ({}); it is shown only this once:", key.owner, key.scopes));
     Ok(term::print(secret.reveal())?)
@@ -158,19 +156,9 @@ async fn rotate(args: KeysRotateArgs) -> Ended {
     if !old.works_at(now) {
         return Err(Failure::usage(format!("the key {} has ended; `oviduct keys add` makes another", old.prefix)));
     }
-    let secret = Secret::generate();
-    let new = NewKey {
-        prefix: secret.prefix().to_owned(),
-        hash: secret.hash(),
-        owner: old.owner.clone(),
-        scopes: old.scopes.clone(),
-        limits: old.limits,
-        expires_at: old.expires_at,
-    };
     // The new key first: if the second step fails, both keys work, and the old key can still be
     // revoked.
-    let key = stored(store.add_key(new).await)?;
-    show(&secret, &key, args.json)?;
+    create(&store, old.owner.clone(), old.scopes.clone(), old.limits, old.expires_at, args.json).await?;
     end(&store, &old, args.overlap).await?;
     store.close().await;
     Ok(())

@@ -9,7 +9,6 @@ mod upkeep;
 use crate::cli::args::{DatabaseArgs, ProcessArgs, ServeArgs};
 use crate::cli::exit::Failure;
 use crate::cli::{gpu, term};
-use crate::clock::Clock;
 use crate::http::{AccessOptions, AppState, Limits, WithoutKeys, router, watch_router};
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::fault::Faults;
@@ -27,9 +26,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
-use tokio::task::JoinHandle;
+use tokio::task::{JoinHandle, JoinSet};
 use tokio_util::sync::CancellationToken;
-use upkeep::{Upkeep, UpkeepContext};
+use upkeep::UpkeepContext;
 
 /// Minimum time to send the last responses during a shutdown, even with a shorter `--grace`.
 const LAST_ANSWERS: Duration = Duration::from_secs(5);
@@ -44,15 +43,6 @@ pub(in crate::cli) struct Runtime {
     grace: Duration,
 }
 
-/// Whether a process needs workers of its own.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::cli) enum WorkerRequirement {
-    /// The process serves HTTP, and other processes may have workers.
-    Optional,
-    /// The process does nothing else.
-    Required,
-}
-
 /// The open stores of a process.
 struct Stores {
     jobs: Store,
@@ -65,7 +55,7 @@ struct Stores {
 pub struct Service {
     address: SocketAddr,
     runtime: Runtime,
-    upkeep: Upkeep,
+    upkeep: JoinSet<()>,
     server: JoinHandle<()>,
     shutdown: CancellationToken,
     /// Ends the listener of probes, which responds longer than the other listener.
@@ -124,13 +114,16 @@ impl Stores {
 }
 
 impl Runtime {
-    /// Opens the stores and starts the workers, without upkeep.
+    /// Opens the stores and starts the workers of a process that does nothing else, without upkeep.
     ///
     /// # Errors
-    /// [`Failure::Usage`] for invalid options, or if workers are required and there are none;
-    /// [`Failure::Failed`] if something cannot be opened.
-    pub(in crate::cli) async fn start(args: &ProcessArgs, requirement: WorkerRequirement) -> Result<Self, Failure> {
-        let gpus = Gpus::find(args, requirement).await?;
+    /// [`Failure::Usage`] for invalid options, or if there are no workers; [`Failure::Failed`] if
+    /// something cannot be opened.
+    pub(in crate::cli) async fn start(args: &ProcessArgs) -> Result<Self, Failure> {
+        let gpus = find_gpus(args).await?;
+        if let (Err(reason), 0) = (&gpus, args.cpu_workers) {
+            return Err(Failure::usage(format!("--cpu-workers 0 leaves this process without a worker: {reason}")));
+        }
         let stores = Stores::open(args, None).await?;
         Self::over(stores, args, gpus, Metrics::default())
     }
@@ -143,7 +136,7 @@ impl Runtime {
             threads: args.cpu_threads.map_or(defaults.threads, |threads| threads as usize),
             nice: args.worker_nice,
             batch: args.gpu_batch,
-            no_gpu: gpus.missing,
+            no_gpu: gpus.as_ref().err().cloned(),
             heartbeat: args.heartbeat,
             lease: args.lease,
             memory_limit_bytes: args.memory_limit,
@@ -154,13 +147,12 @@ impl Runtime {
             faults: Faults::from_env().map_err(|error| Failure::usage(error.to_string()))?,
             ..defaults
         };
-        let pool = WorkerPool::start_with_gpus(
+        let pool = WorkerPool::start(
             stores.jobs.clone(),
             stores.artifacts.clone(),
             Arc::new(generate_on_cpu),
-            gpus.generators,
+            gpus.unwrap_or_default(),
             options,
-            Clock::System,
         )
         .context("the workers could not be started")?;
         Ok(Self { store: stores.jobs, artifacts: stores.artifacts, pool, metrics, status, grace: args.grace })
@@ -187,34 +179,18 @@ impl Runtime {
     }
 }
 
-/// GPUs that workers use.
-struct Gpus {
-    generators: Vec<Arc<dyn BatchGenerator>>,
-    /// Reason why there are none.
-    missing: Option<String>,
-}
+/// Generators for the GPUs that workers use, or the reason why there are none.
+type Gpus = Result<Vec<Arc<dyn BatchGenerator>>, String>;
 
-impl Gpus {
-    /// Returns the GPUs that the options allow.
-    ///
-    /// # Errors
-    /// [`Failure::Usage`] for leases that are too short, or if workers are required and there are
-    /// none.
-    async fn find(args: &ProcessArgs, requirement: WorkerRequirement) -> Result<Self, Failure> {
-        if args.lease < 2 * args.heartbeat {
-            return Err(Failure::usage("--lease must be at least twice --heartbeat"));
-        }
-        match gpu::generators(args.gpu).await {
-            Err(reason) if requirement == WorkerRequirement::Required && args.cpu_workers == 0 => {
-                Err(Failure::usage(format!("--cpu-workers 0 leaves this process without a worker: {reason}")))
-            }
-            Err(reason) => Ok(Self { generators: Vec::new(), missing: Some(reason) }),
-            Ok(found) => {
-                let generators = found.into_iter().map(|gpu| Arc::new(gpu) as Arc<dyn BatchGenerator>).collect();
-                Ok(Self { generators, missing: None })
-            }
-        }
+/// Returns the GPUs that the options allow.
+///
+/// # Errors
+/// [`Failure::Usage`] for leases that are too short.
+async fn find_gpus(args: &ProcessArgs) -> Result<Gpus, Failure> {
+    if args.lease < 2 * args.heartbeat {
+        return Err(Failure::usage("--lease must be at least twice --heartbeat"));
     }
+    Ok(gpu::generators(args.gpu).await)
 }
 
 impl Service {
@@ -225,18 +201,17 @@ impl Service {
     /// [`Failure::Usage`] for invalid options; [`Failure::Failed`] if something cannot be opened.
     pub async fn start(args: &ServeArgs, listener: TcpListener, probes: Option<TcpListener>) -> Result<Self, Failure> {
         let address = listener.local_addr().context("the listening socket has no address")?;
-        let gpus = Gpus::find(&args.process, WorkerRequirement::Optional).await?;
+        let gpus = find_gpus(&args.process).await?;
         let stores = Stores::open(&args.process, Some(args.queue_limit)).await?;
         let metrics = Metrics::default();
         let context = UpkeepContext {
             store: stores.jobs.clone(),
             artifacts: stores.artifacts.clone(),
-            clock: Clock::System,
             metrics: metrics.clone(),
             shared: stores.shared,
         };
         // Before the workers: upkeep deletes orphans that are older than its start.
-        let upkeep = Upkeep::start(context, Retention { age: args.keep, bytes: args.keep_bytes });
+        let upkeep = upkeep::start(context, Retention { age: args.keep, bytes: args.keep_bytes });
         let access = access(args, address, &stores.jobs).await?;
         let runtime = Runtime::over(stores, &args.process, gpus, metrics)?;
 
@@ -355,9 +330,9 @@ fn limits(args: &ServeArgs, connections: usize) -> Result<Limits, Failure> {
     Ok(Limits {
         streams,
         held,
-        downloads: args.limits.downloads(connections::downloads()),
-        pictures: args.limits.pictures(),
-        body_bytes: args.limits.body_bytes(),
+        downloads: args.limits.downloads.map_or_else(connections::downloads, |given| given as usize),
+        pictures: args.limits.pictures as usize,
+        body_bytes: usize::try_from(args.limits.max_body).unwrap_or(usize::MAX),
         cost: args.limits.cost(),
         batch: args.batch_limit as usize,
         keep: args.keep,

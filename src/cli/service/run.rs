@@ -1,6 +1,6 @@
 //! `oviduct serve`, `oviduct worker` and `oviduct migrate`.
 
-use super::{Runtime, Service, WorkerRequirement, database, location, process_limits, serve_probes};
+use super::{Runtime, Service, database, location, process_limits, serve_probes};
 use crate::cli::args::{DatabaseArgs, ServeArgs, WorkerArgs};
 use crate::cli::exit::{Ended, Failure};
 use crate::cli::interrupt::Signals;
@@ -59,7 +59,7 @@ pub(in crate::cli) async fn work(args: WorkerArgs) -> Ended {
     }
     let mut signals = Signals::listen();
     let runtime = tokio::select! {
-        started = Runtime::start(&args.process, WorkerRequirement::Required) => started?,
+        started = Runtime::start(&args.process) => started?,
         () = signals.asked_to_stop() => return Ok(()),
     };
     let shutdown = CancellationToken::new();

@@ -23,66 +23,59 @@ const ORPHANS_EVERY: Duration = Duration::from_secs(6 * 60 * 60);
 /// its commit take.
 const ORPHAN_AGE: Duration = Duration::from_secs(24 * 60 * 60);
 
-/// Maintenance tasks. Dropping this value stops them.
-pub(in crate::cli) struct Upkeep {
-    _tasks: JoinSet<()>,
-}
-
 /// The stores to maintain and the metrics to report to.
 #[derive(Clone)]
-pub(in crate::cli) struct UpkeepContext {
-    pub(in crate::cli) store: Store,
-    pub(in crate::cli) artifacts: Artifacts,
-    pub(in crate::cli) clock: Clock,
-    pub(in crate::cli) metrics: Metrics,
+pub(super) struct UpkeepContext {
+    pub(super) store: Store,
+    pub(super) artifacts: Artifacts,
+    pub(super) metrics: Metrics,
     /// Whether other processes may use the same stores.
-    pub(in crate::cli) shared: bool,
+    pub(super) shared: bool,
 }
 
-impl Upkeep {
-    /// Starts the tasks. The first sweep deletes orphans older than [`ORPHAN_AGE`], or all orphans
-    /// older than this call if only this process uses the stores. Call it before any worker starts.
-    pub(in crate::cli) fn start(context: UpkeepContext, retention: Retention) -> Self {
-        let mut tasks = JoinSet::new();
-        let owner = uuid::Uuid::now_v7().to_string();
-        let sweeper = Arc::new(Sweeper::new(context.store.clone(), context.artifacts.clone(), owner));
-        let start = context.clock.now();
-        let first_age = if context.shared { ORPHAN_AGE } else { Duration::ZERO };
-        let (clock, orphans) = (context.clock.clone(), Arc::clone(&sweeper));
-        tasks.spawn(async move {
-            sweep_orphans(&orphans, start, first_age).await;
-            loop {
-                tokio::time::sleep(ORPHANS_EVERY).await;
-                sweep_orphans(&orphans, clock.now(), ORPHAN_AGE).await;
+/// Starts the maintenance tasks. The first sweep deletes orphans older than [`ORPHAN_AGE`], or all
+/// orphans older than this call if only this process uses the stores. Call it before any worker
+/// starts. Dropping the result stops the tasks.
+pub(super) fn start(context: UpkeepContext, retention: Retention) -> JoinSet<()> {
+    let mut tasks = JoinSet::new();
+    let owner = uuid::Uuid::now_v7().to_string();
+    let sweeper = Arc::new(Sweeper::new(context.store.clone(), context.artifacts.clone(), owner));
+    let start = Clock::System.now();
+    let first_age = if context.shared { ORPHAN_AGE } else { Duration::ZERO };
+    let orphans = Arc::clone(&sweeper);
+    tasks.spawn(async move {
+        sweep_orphans(&orphans, start, first_age).await;
+        loop {
+            tokio::time::sleep(ORPHANS_EVERY).await;
+            sweep_orphans(&orphans, Clock::System.now(), ORPHAN_AGE).await;
+        }
+    });
+    let store = context.store.clone();
+    tasks.spawn(async move {
+        loop {
+            match store.queue_stranded().await {
+                Ok(jobs) if jobs.is_empty() => {}
+                Ok(jobs) => tracing::info!(?jobs, "jobs waited for an equal job that had ended; they are queued"),
+                Err(error) => tracing::warn!(%error, "jobs that wait for nothing could not be looked for"),
             }
-        });
-        let store = context.store.clone();
-        tasks.spawn(async move {
-            loop {
-                match store.queue_stranded().await {
-                    Ok(jobs) if jobs.is_empty() => {}
-                    Ok(jobs) => tracing::info!(?jobs, "jobs waited for an equal job that had ended; they are queued"),
-                    Err(error) => tracing::warn!(%error, "jobs that wait for nothing could not be looked for"),
-                }
-                tokio::time::sleep(STRANDED_EVERY).await;
-            }
-        });
-        let expired = context.clone();
-        tasks.spawn(async move {
-            while retention != Retention::default() {
-                expired.sweep_expired(&sweeper, retention).await;
-                tokio::time::sleep(RETENTION_EVERY).await;
-            }
-        });
-        tasks.spawn(async move {
-            // With a limit on bytes, the sweep by retention reports the size, and more often.
-            while retention.bytes.is_none() {
-                context.report_bytes().await;
-                tokio::time::sleep(BYTES_EVERY).await;
-            }
-        });
-        Self { _tasks: tasks }
-    }
+            tokio::time::sleep(STRANDED_EVERY).await;
+        }
+    });
+    let expired = context.clone();
+    tasks.spawn(async move {
+        while retention != Retention::default() {
+            expired.sweep_expired(&sweeper, retention).await;
+            tokio::time::sleep(RETENTION_EVERY).await;
+        }
+    });
+    tasks.spawn(async move {
+        // With a limit on bytes, the sweep by retention reports the size, and more often.
+        while retention.bytes.is_none() {
+            context.report_bytes().await;
+            tokio::time::sleep(BYTES_EVERY).await;
+        }
+    });
+    tasks
 }
 
 impl UpkeepContext {

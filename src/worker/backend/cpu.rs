@@ -2,19 +2,13 @@
 
 use super::{GenerateFailure, Generation, GenerationOutput, Task, fit_of, request};
 use crate::fit::{FitSink, fit};
-use crate::generate::{
-    Backend, CancelToken, Checkpoint, Outcome, Progress, Sink, Stage, UsedBackend, generate, resume,
-};
+use crate::generate::{Backend, CancelToken, Checkpoint, Outcome, Sink, UsedBackend, generate, resume};
 use crate::jobs::{BackendReport, JobKind};
-use crate::model::Section;
 use crate::worker::generator::{GenerationInput, Generator, WorkError};
-use crate::worker::progress::AttemptSink;
 use crate::worker::verdict;
 use rayon::ThreadPool;
 use std::io;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use tempfile::TempPath;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 
 /// The threads of a worker.
@@ -72,22 +66,21 @@ impl Cpu {
     /// `permit` until it has stopped.
     pub(in crate::worker) fn generate(
         &self,
-        generator: Arc<dyn Generator>,
+        generator: Arc<Generator>,
         backend: UsedBackend,
         task: Task,
         permit: OwnedSemaphorePermit,
     ) -> Generation {
-        let (pool, cancel, nearly_free) =
-            (Arc::clone(self.pool(backend)), task.cancel.clone(), self.nearly_free.clone());
+        let (pool, cancel) = (Arc::clone(self.pool(backend)), task.cancel.clone());
+        task.sink.announce_certificate(self.nearly_free.clone());
         let thread = tokio::task::spawn_blocking(move || {
             let Task { job, dir, sink, cancel, memory_limit_bytes, checkpoint } = &task;
             let (memory_limit_bytes, checkpoint) = (*memory_limit_bytes, checkpoint.as_deref());
             let input = GenerationInput { job, backend, dir: dir.path(), memory_limit_bytes, checkpoint };
-            let sink = CertificateWatch { sink, nearly_free, begun: AtomicBool::new(false) };
             pool.install(|| {
-                sink.sink.span().in_scope(|| match job.kind {
-                    JobKind::Model => generator.generate(input, &sink, cancel).map(GenerationOutput::from),
-                    JobKind::Fit => fit_on_cpu(input, sink.sink, cancel),
+                sink.span.in_scope(|| match job.kind {
+                    JobKind::Model => generator(input, &**sink, cancel).map(GenerationOutput::from),
+                    JobKind::Fit => fit_on_cpu(input, &**sink, cancel),
                 })
             })
         });
@@ -102,36 +95,6 @@ impl Cpu {
 
     fn pool(&self, backend: UsedBackend) -> &Arc<ThreadPool> {
         if backend == UsedBackend::CpuSingle { &self.single } else { &self.all }
-    }
-}
-
-/// Forwards to the sink of an attempt, and notes the begin of the certificate.
-struct CertificateWatch<'a> {
-    sink: &'a AttemptSink,
-    nearly_free: watch::Sender<bool>,
-    begun: AtomicBool,
-}
-
-impl Sink for CertificateWatch<'_> {
-    fn progress(&self, progress: &Progress) {
-        if matches!(progress.stage, Stage::Certify | Stage::Measure | Stage::Export)
-            && !self.begun.swap(true, Ordering::Relaxed)
-        {
-            self.nearly_free.send_replace(true);
-        }
-        Sink::progress(self.sink, progress);
-    }
-
-    fn section(&self, section: &Section) {
-        Sink::section(self.sink, section);
-    }
-
-    fn wants_checkpoint(&self) -> bool {
-        Sink::wants_checkpoint(self.sink)
-    }
-
-    fn checkpoint(&self, file: TempPath) {
-        Sink::checkpoint(self.sink, file);
     }
 }
 

@@ -10,7 +10,7 @@ use crate::fit::FitSpec;
 use crate::generate::{CancelToken, Cost, FileOutput, GenerateError, Outcome, Request, Seconds, UsedBackend};
 use crate::jobs::scratch::AttemptDir;
 use crate::jobs::{Job, JobKind};
-use crate::spec::{self, ModelSpec};
+use crate::spec::{self, Fault, ModelSpec};
 use std::future::Future;
 use std::path::PathBuf;
 use std::pin::Pin;
@@ -129,19 +129,18 @@ pub(super) fn predict(job: &Job) -> Option<Prediction> {
 
 /// The request of a fit.
 fn fit_of(job: &Job) -> std::result::Result<FitSpec, WorkError> {
-    FitSpec::read(&job.spec, Vec::new(), &[]).map_err(|faults| {
-        let faults: Vec<String> = faults.iter().map(ToString::to_string).collect();
-        WorkError::Spec { detail: faults.join("; ") }
-    })
+    FitSpec::read(&job.spec, Vec::new(), &[]).map_err(|faults| invalid(&faults))
 }
 
 fn resolve(job: &Job) -> std::result::Result<ModelSpec, WorkError> {
     // A canonical spec contains every parameter, so it resolves to the same spec on any preset.
     let preset = spec::preset(&job.preset).unwrap_or(&spec::presets()[0]);
-    ModelSpec::resolve(preset, &job.spec).map_err(|faults| {
-        let faults: Vec<String> = faults.iter().map(ToString::to_string).collect();
-        WorkError::Spec { detail: faults.join("; ") }
-    })
+    ModelSpec::resolve(preset, &job.spec).map_err(|faults| invalid(&faults))
+}
+
+fn invalid(faults: &[Fault]) -> WorkError {
+    let faults: Vec<String> = faults.iter().map(ToString::to_string).collect();
+    WorkError::Spec { detail: faults.join("; ") }
 }
 
 fn request(input: GenerationInput<'_>) -> std::result::Result<Request, WorkError> {
