@@ -3,6 +3,7 @@
 use super::exit::Failure;
 use super::term::Bar;
 use crate::generate::CancelToken;
+use anyhow::Context;
 #[cfg(unix)]
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::task::{JoinError, JoinHandle};
@@ -45,6 +46,22 @@ impl Signals {
         ended
     }
 
+    /// Runs `work`, such as `drawing`, on another thread. A signal returns at once, without waiting
+    /// for the thread.
+    ///
+    /// # Errors
+    /// [`Failure::Interrupted`]; [`Failure::Failed`] if `work` panics.
+    pub async fn run<T: Send + 'static>(
+        &mut self,
+        name: &'static str,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<T, Failure> {
+        tokio::select! {
+            done = tokio::task::spawn_blocking(work) => Ok(done.with_context(|| format!("{name} panicked"))?),
+            () = self.asked_to_stop() => Err(Failure::Interrupted),
+        }
+    }
+
     /// Waits for the next signal.
     pub async fn asked_to_stop(&mut self) {
         #[cfg(unix)]
@@ -55,8 +72,11 @@ impl Signals {
                 () = next(interrupt) => {}
             }
         }
+        // Waits forever if Ctrl-C cannot be received, because it then ends the process by itself.
         #[cfg(not(unix))]
-        asked_to_stop().await;
+        if tokio::signal::ctrl_c().await.is_err() {
+            std::future::pending::<()>().await;
+        }
     }
 }
 
@@ -75,23 +95,5 @@ async fn next(signal: &mut Option<Signal>) {
 
 /// Waits for SIGINT or SIGTERM. After the first call they no longer end the process by themselves.
 pub(super) async fn asked_to_stop() {
-    #[cfg(unix)]
-    {
-        if let Ok(mut terminate) = signal(SignalKind::terminate()) {
-            tokio::select! {
-                _ = terminate.recv() => {}
-                () = ctrl_c() => {}
-            }
-            return;
-        }
-    }
-    ctrl_c().await;
-}
-
-/// Waits for Ctrl-C. Waits forever if it cannot be received, because it then ends the process by
-/// itself.
-async fn ctrl_c() {
-    if tokio::signal::ctrl_c().await.is_err() {
-        std::future::pending::<()>().await;
-    }
+    Signals::listen().asked_to_stop().await;
 }

@@ -1,5 +1,6 @@
 //! Files that become visible only once they are complete.
 
+use anyhow::Context;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -37,6 +38,27 @@ impl Scratch {
         std::fs::rename(self.dir.join(name), &to)?;
         Ok(to)
     }
+}
+
+/// Writes a file that becomes visible only once it is complete, replacing an older one. Returns its
+/// path.
+///
+/// # Errors
+/// If `path` has no name, or if the file cannot be written.
+pub(super) fn write(path: &Path, content: impl AsRef<[u8]>) -> anyhow::Result<PathBuf> {
+    let write = || {
+        let (dir, name) = split(path).context("it has no name")?;
+        let scratch = Scratch::new(dir)?;
+        std::fs::write(scratch.dir().join(name), content)?;
+        anyhow::Ok(scratch.publish(name)?)
+    };
+    write().with_context(|| format!("writing {} failed", path.display()))
+}
+
+/// Returns the directory and the name of a file.
+pub(super) fn split(path: &Path) -> Option<(&Path, &str)> {
+    let dir = path.parent().filter(|dir| !dir.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    Some((dir, path.file_name()?.to_str()?))
 }
 
 impl Drop for Scratch {

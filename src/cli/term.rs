@@ -1,9 +1,10 @@
 //! Output of commands: results go to stdout, everything else to stderr. Progress is a bar if stderr
 //! is a terminal, otherwise a few lines.
 
+use crate::lock::Mutex;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{IsTerminal, Write};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 /// Writes a line of results to stdout.
 ///
@@ -72,7 +73,7 @@ impl Bar {
                 bar.set_message(message);
             }
             Display::Lines(reported) => {
-                let line = reported.lock().unwrap_or_else(PoisonError::into_inner).line(stage, fraction, &message);
+                let line = reported.lock().line(stage, fraction, &message);
                 if let Some(line) = line {
                     note(&line);
                 }
@@ -85,7 +86,7 @@ impl Bar {
         match &self.0 {
             Display::Bar(bar) => bar.set_message(message.to_owned()),
             Display::Lines(reported) => {
-                let mut reported = reported.lock().unwrap_or_else(PoisonError::into_inner);
+                let mut reported = reported.lock();
                 if reported.remark.as_deref() != Some(message) {
                     reported.remark = Some(message.to_owned());
                     note(message);

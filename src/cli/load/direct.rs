@@ -3,6 +3,7 @@
 use super::errors::Lost;
 use super::seeds::Seeds;
 use crate::cli::exit::Failure;
+use crate::cli::scratch::Scratch;
 use crate::clock::Stopwatch;
 use crate::generate::{Backend, CancelToken, Outputs, Request, generate};
 use crate::spec::ModelSpec;
@@ -63,21 +64,20 @@ pub async fn direct(
 
 /// Grows one model in this process.
 fn grow(model: &Model, seed: u64) -> Result<Grown, Failure> {
-    let dir = std::env::temp_dir().join(format!("oviduct-load-{}", uuid::Uuid::now_v7()));
-    std::fs::create_dir(&dir).with_context(|| dir.display().to_string())?;
+    let temp = std::env::temp_dir();
+    let scratch = Scratch::new(&temp).with_context(|| temp.display().to_string())?;
     let request = Request {
         preset: model.preset.clone(),
         spec: ModelSpec::clone(&model.spec),
         seed,
         backend: model.backend,
         outputs: model.outputs.clone(),
-        dir: dir.clone(),
+        dir: scratch.dir().to_owned(),
         memory_limit_bytes: None,
     };
     let watch = Stopwatch::start();
     let outcome = generate(&request, &(), &CancelToken::default());
     let seconds = watch.seconds();
-    std::fs::remove_dir_all(&dir).with_context(|| dir.display().to_string())?;
     let bytes = outcome.as_ref().map_or(0, |outcome| outcome.files.iter().map(|file| file.bytes).sum());
     Ok(Grown { seconds, succeeded: outcome.is_ok(), bytes })
 }

@@ -1,7 +1,8 @@
 //! The models of a load test, which are those that it submitted.
 
+use crate::lock::Mutex;
 use std::collections::{HashMap, HashSet};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
 /// A file of a model that has ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -33,13 +34,9 @@ fn pick<T>(all: &[T], word: u32) -> Option<&T> {
 }
 
 impl Known {
-    fn lock(&self) -> MutexGuard<'_, State> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Adds an accepted model.
     pub(super) fn accept(&self, id: &str, counted: bool) {
-        let (mut state, id) = (self.lock(), Arc::<str>::from(id));
+        let (mut state, id) = (self.0.lock(), Arc::<str>::from(id));
         if !counted {
             state.uncounted.insert(Arc::clone(&id));
         }
@@ -48,7 +45,7 @@ impl Known {
 
     /// Records the end of a model, with its largest file if it has files.
     pub(super) fn end(&self, id: &str, file: Option<File>) {
-        let State { ended, files, .. } = &mut *self.lock();
+        let State { ended, files, .. } = &mut *self.0.lock();
         let has_file = ended.entry(id.into()).or_default();
         if let (Some(file), false) = (file, *has_file) {
             *has_file = true;
@@ -58,30 +55,30 @@ impl Known {
 
     /// Returns true if no model was accepted.
     pub(super) fn is_empty(&self) -> bool {
-        self.lock().ids.is_empty()
+        self.0.lock().ids.is_empty()
     }
 
     /// Returns the accepted models that count, and those that do not.
     pub(super) fn ids(&self) -> (HashSet<Arc<str>>, HashSet<Arc<str>>) {
-        let state = self.lock();
+        let state = self.0.lock();
         let counted = state.ids.iter().filter(|id| !state.uncounted.contains(*id)).cloned().collect();
         (counted, state.uncounted.clone())
     }
 
     /// Returns a model, selected by a random word.
     pub(super) fn any(&self, word: u32) -> Option<Arc<str>> {
-        pick(&self.lock().ids, word).cloned()
+        pick(&self.0.lock().ids, word).cloned()
     }
 
     /// Returns a file, selected by a random word.
     pub(super) fn file(&self, word: u32) -> Option<File> {
-        pick(&self.lock().files, word).cloned()
+        pick(&self.0.lock().files, word).cloned()
     }
 
     /// Returns the `place`-th newest of the models that are not known to have ended, counted from
     /// 0, or the oldest of these. The newest models run for the longest time.
     pub(super) fn open(&self, place: usize) -> Option<Arc<str>> {
-        let state = self.lock();
+        let state = self.0.lock();
         state.ids.iter().rev().filter(|id| !state.ended.contains_key(*id)).take(place + 1).last().cloned()
     }
 }
@@ -108,6 +105,6 @@ mod tests {
         }
         known.end("b", None);
         assert_eq!((known.file(u32::MAX), known.open(0)), (Some(file), Some("a".into())));
-        assert_eq!(known.lock().files.len(), 1);
+        assert_eq!(known.0.lock().files.len(), 1);
     }
 }

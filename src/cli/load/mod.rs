@@ -81,7 +81,7 @@ pub(super) async fn run(args: LoadArgs) -> Ended {
             term::print(&line)?;
         }
     }
-    match (report.interrupted, report.failed()) {
+    match (report.run.interrupted, report.failed()) {
         (true, _) => Err(Failure::Interrupted),
         (false, true) => Err(Failure::Negative),
         (false, false) => Ok(()),
@@ -171,7 +171,7 @@ async fn through_service(args: &LoadArgs, first: u64, signals: &mut Signals) -> 
         term::note(&format!("no efficiency: {}", failure.report().1.join("; ")));
         None
     });
-    Ok(Report::of(&run, &numbers, models, efficiency))
+    Ok(Report::of(run, numbers, models, efficiency))
 }
 
 /// Makes the calls and waits for the models and streams.
@@ -323,5 +323,5 @@ async fn without_service(args: &LoadArgs, first: u64) -> Result<Report, Failure>
     let run = Run { mode, seed: first, interrupted: false, warm_up: 0.0, seconds, waited: true };
     let numbers = record.numbers();
     models.end_to_end = numbers.calls.get(&Call::Model).map(|tally| Times::of(&tally.latency)).unwrap_or_default();
-    Ok(Report::of(&run, &numbers, Ok(models), None))
+    Ok(Report::of(run, numbers, Ok(models), None))
 }

@@ -20,10 +20,10 @@ const LOOK: Duration = Duration::from_millis(100);
 /// If the thread that starts calls panics.
 pub(super) async fn run(target: &Arc<Target>, plan: Plan, most: u32) -> Result<(), Failure> {
     let calls = TaskTracker::new();
-    let pacer = Pacer { target: Arc::clone(target), calls: calls.clone(), runtime: Handle::current() };
+    let (started, tracker, runtime) = (Arc::clone(target), calls.clone(), Handle::current());
     // A separate thread, because timers of the runtime have a resolution of a millisecond.
-    let paced = tokio::task::spawn_blocking(move || pacer.start(plan, most as usize)).await;
-    paced.context("the thread that starts calls panicked")?;
+    let paced = tokio::task::spawn_blocking(move || start(&started, plan, most as usize, &tracker, &runtime));
+    paced.await.context("the thread that starts calls panicked")?;
     calls.close();
     tokio::select! {
         () = calls.wait() => {}
@@ -32,44 +32,36 @@ pub(super) async fn run(target: &Arc<Target>, plan: Plan, most: u32) -> Result<(
     Ok(())
 }
 
-struct Pacer {
-    target: Arc<Target>,
-    calls: TaskTracker,
-    runtime: Handle,
+/// Starts each call when it is due.
+fn start(target: &Arc<Target>, plan: Plan, most: usize, calls: &TaskTracker, runtime: &Handle) {
+    let places = Arc::new(Semaphore::new(most));
+    for planned in plan.calls() {
+        if !wait_until(target, planned.at) {
+            return;
+        }
+        let Planned { call, at, .. } = planned;
+        target.record.due(call, at);
+        let Ok(place) = Arc::clone(&places).try_acquire_owned() else {
+            target.record.dropped(call, at);
+            continue;
+        };
+        let target = Arc::clone(target);
+        let made = async move {
+            calls::make(&target, planned).await;
+            drop(place);
+        };
+        calls.spawn_on(made, runtime);
+    }
 }
 
-impl Pacer {
-    /// Starts each call when it is due.
-    fn start(&self, plan: Plan, most: usize) {
-        let places = Arc::new(Semaphore::new(most));
-        for planned in plan.calls() {
-            if !self.wait_until(planned.at) {
-                return;
-            }
-            let Planned { call, at, .. } = planned;
-            self.target.record.due(call, at);
-            let Ok(place) = Arc::clone(&places).try_acquire_owned() else {
-                self.target.record.dropped(call, at);
-                continue;
-            };
-            let target = Arc::clone(&self.target);
-            let made = async move {
-                calls::make(&target, planned).await;
-                drop(place);
-            };
-            self.calls.spawn_on(made, &self.runtime);
+/// Waits until this time of the run. Returns false if the run was stopped.
+fn wait_until(target: &Target, due: Duration) -> bool {
+    while !target.stop.is_cancelled() {
+        let left = due.saturating_sub(target.watch.elapsed());
+        if left.is_zero() {
+            return true;
         }
+        std::thread::sleep(left.min(LOOK));
     }
-
-    /// Waits until this time of the run. Returns false if the run was stopped.
-    fn wait_until(&self, due: Duration) -> bool {
-        while !self.target.stop.is_cancelled() {
-            let left = due.saturating_sub(self.target.watch.elapsed());
-            if left.is_zero() {
-                return true;
-            }
-            std::thread::sleep(left.min(LOOK));
-        }
-        false
-    }
+    false
 }

@@ -6,11 +6,12 @@
 
 use super::errors::{Errors, Lost};
 use super::mix::Call;
-use super::times::{add, histogram};
+use super::times::{Times, add, histogram};
 use crate::cli::remote::client::ErrorKind;
+use crate::lock::Mutex;
 use hdrhistogram::Histogram;
+use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// Result of a call.
@@ -36,27 +37,38 @@ pub(super) struct Timed {
 }
 
 /// Numbers and latencies of one kind of call.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize)]
 pub(super) struct Tally {
-    /// Calls that were due. Calls without a result were in flight when the run was interrupted.
+    /// Calls that were due.
     pub(super) due: u64,
     pub(super) answered: u64,
-    /// Responses 429.
+    /// Calls answered per second of the run.
+    pub(super) per_second: f64,
+    /// Responses 429. A closed loop retries the request.
     pub(super) refused: u64,
     /// Responses 429 after which the request was retried.
+    #[serde(skip)]
     pub(super) repeated: u64,
     /// Not sent: the maximum number of calls was in flight.
     pub(super) dropped: u64,
-    /// Not sent: the call needed a model that the run did not have.
+    /// Not sent: the call needed a model or a file that the run did not have.
     pub(super) skipped: u64,
-    pub(super) bytes: u64,
+    /// In flight when the run was interrupted.
+    pub(super) unfinished: u64,
     pub(super) errors: Errors,
-    /// In microseconds.
+    pub(super) bytes: u64,
+    /// From the planned start, in microseconds, of calls with a valid response and calls that timed
+    /// out.
+    #[serde(serialize_with = "times")]
     pub(super) latency: Histogram<u64>,
 }
 
+fn times<S: Serializer>(latency: &Histogram<u64>, to: S) -> Result<S::Ok, S::Error> {
+    Times::of(latency).serialize(to)
+}
+
 /// Event streams that were held open.
-#[derive(Clone, Debug, Default, serde::Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub(super) struct Streams {
     /// Number of streams at a time.
     pub(super) held: u32,
@@ -96,12 +108,14 @@ impl Default for Tally {
         Self {
             due: 0,
             answered: 0,
+            per_second: 0.0,
             refused: 0,
             repeated: 0,
             dropped: 0,
             skipped: 0,
-            bytes: 0,
+            unfinished: 0,
             errors: Errors::default(),
+            bytes: 0,
             latency: histogram(3),
         }
     }
@@ -115,10 +129,6 @@ impl Record {
         Self { warm_up, numbers: Mutex::new(numbers) }
     }
 
-    fn lock(&self) -> MutexGuard<'_, Numbers> {
-        self.numbers.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Returns true if a call that was due at this time counts.
     pub(super) fn counts(&self, planned: Duration) -> bool {
         planned >= self.warm_up
@@ -127,7 +137,7 @@ impl Record {
     /// Changes the numbers of a call if calls that were due at this time count.
     fn tally(&self, call: Call, planned: Duration, change: impl FnOnce(&mut Tally)) {
         if self.counts(planned) {
-            change(self.lock().calls.entry(call).or_default());
+            change(self.numbers.lock().calls.entry(call).or_default());
         }
     }
 
@@ -154,7 +164,7 @@ impl Record {
         if !self.counts(timed.planned) {
             return;
         }
-        let mut numbers = self.lock();
+        let mut numbers = self.numbers.lock();
         let Numbers { calls, lag, seconds, .. } = &mut *numbers;
         let tally = calls.entry(timed.call).or_default();
         match outcome {
@@ -190,16 +200,28 @@ impl Record {
 
     /// Changes the numbers of the streams.
     pub(super) fn streams(&self, change: impl FnOnce(&mut Streams)) {
-        change(&mut self.lock().streams);
+        change(&mut self.numbers.lock().streams);
     }
 
     /// Returns a copy of the measurements.
     pub(super) fn numbers(&self) -> Numbers {
-        self.lock().clone()
+        self.numbers.lock().clone()
     }
 }
 
 impl Numbers {
+    /// Computes the numbers that depend on the length of the run.
+    pub(super) fn complete(&mut self, seconds: f64) {
+        for tally in self.calls.values_mut() {
+            tally.per_second = if seconds > 0.0 { tally.answered as f64 / seconds } else { 0.0 };
+            let refused = tally.refused - tally.repeated;
+            let ended = tally.answered + refused + tally.dropped + tally.skipped + tally.errors.total;
+            tally.unfinished = tally.due.saturating_sub(ended);
+        }
+        let streams = &mut self.streams;
+        streams.untold = streams.followed - streams.told - streams.errors.total;
+    }
+
     /// Returns the errors of all calls and streams.
     pub(super) fn errors(&self) -> Errors {
         let mut all = Errors::default();

@@ -1,7 +1,8 @@
 //! The report of a load test as text.
 
 use super::models::Models;
-use super::report::{Calls, Mode, Report};
+use super::record::Tally;
+use super::report::{Mode, Report};
 use super::times::Times;
 use crate::cli::units::show_bytes;
 
@@ -12,20 +13,10 @@ pub(super) fn lines(report: &Report) -> Vec<String> {
         ["call", "answered", "per s", "p50 ms", "p90 ms", "p99 ms", "p99.9 ms", "max ms"].map(str::to_owned)
     ));
     for (call, calls) in &report.calls {
-        let Times { p50, p90, p99, p999, max, .. } = calls.latency;
-        let times = [p50, p90, p99, p999, max].map(|seconds| format!("{:.1}", 1e3 * seconds));
-        let [p50, p90, p99, p999, max] = times;
-        let answered = calls.answered.to_string();
-        lines.push(row([
-            call.name().to_owned(),
-            answered,
-            format!("{:.2}", calls.per_second),
-            p50,
-            p90,
-            p99,
-            p999,
-            max,
-        ]));
+        let Times { p50, p90, p99, p999, max, .. } = Times::of(&calls.latency);
+        let [p50, p90, p99, p999, max] = [p50, p90, p99, p999, max].map(|seconds| format!("{:.1}", 1e3 * seconds));
+        let (name, per_second) = (call.name().to_owned(), format!("{:.2}", calls.per_second));
+        lines.push(row([name, calls.answered.to_string(), per_second, p50, p90, p99, p999, max]));
     }
     for (call, calls) in &report.calls {
         let apart = apart(calls);
@@ -37,7 +28,7 @@ pub(super) fn lines(report: &Report) -> Vec<String> {
         lines.push(format!("errors: {}", report.errors.counts()));
         lines.extend(report.errors.examples().map(|example| format!("  {example}")));
     }
-    if matches!(report.mode, Mode::Open { .. }) {
+    if matches!(report.run.mode, Mode::Open { .. }) {
         lines.push(format!("calls were sent after their planned start by {}", times(&report.lag)));
     }
     let streams = &report.streams;
@@ -67,7 +58,7 @@ pub(super) fn lines(report: &Report) -> Vec<String> {
 }
 
 fn head(report: &Report) -> String {
-    let mode = match &report.mode {
+    let mode = match &report.run.mode {
         Mode::Open { rate, arrivals, max_in_flight } => {
             let arrivals = format!("{arrivals:?}").to_lowercase();
             format!("open loop at {rate}/s ({arrivals} arrivals), at most {max_in_flight} calls in flight")
@@ -75,10 +66,10 @@ fn head(report: &Report) -> String {
         Mode::Closed { concurrency } => format!("closed loop, {concurrency} at a time"),
         Mode::Direct { concurrency } => format!("without a service, {concurrency} at a time"),
     };
-    let interrupted = if report.interrupted { ", interrupted" } else { "" };
+    let interrupted = if report.run.interrupted { ", interrupted" } else { "" };
     format!(
         "{mode}: {:.1} s after a warm-up of {:.1} s, seed {}{interrupted}",
-        report.seconds, report.warm_up, report.seed
+        report.run.seconds, report.run.warm_up, report.run.seed
     )
 }
 
@@ -89,7 +80,7 @@ fn row(cells: [String; 8]) -> String {
 }
 
 /// Returns the numbers of calls without a valid response.
-fn apart(calls: &Calls) -> String {
+fn apart(calls: &Tally) -> String {
     let counts = [
         (calls.errors.total, "met an error"),
         (calls.refused, "were answered 429"),

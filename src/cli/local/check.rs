@@ -2,24 +2,18 @@
 
 use crate::cli::args::CheckArgs;
 use crate::cli::exit::{Ended, Failure};
-use crate::cli::{interrupt, term};
+use crate::cli::interrupt::Signals;
+use crate::cli::term;
 use crate::export::read::{ReadError, Surface, read_surface};
 use crate::measure::{BothCertificate, Certificate, CheckOptions, check_regions, check_surface};
 use crate::model::{BodyKind, Patch, PatchKind};
-use anyhow::Context;
 use serde_json::{Value, json};
 use std::path::Path;
 
 pub(in crate::cli) async fn run(args: CheckArgs) -> Ended {
     let (files, json) = (args.files.clone(), args.json);
-    // Nothing is written, so an interrupt need not wait for the threads that read and certify.
-    let task = tokio::task::spawn_blocking(move || {
-        args.files.iter().map(|file| Verdict::of(file, args.euler)).collect::<Vec<_>>()
-    });
-    let verdicts = tokio::select! {
-        done = task => done.context("the check panicked")?,
-        () = interrupt::asked_to_stop() => return Err(Failure::Interrupted),
-    };
+    let certify = move || args.files.iter().map(|file| Verdict::of(file, args.euler)).collect::<Vec<_>>();
+    let verdicts = Signals::listen().run("the check", certify).await?;
     if json {
         let all: Vec<Value> = files.iter().zip(&verdicts).map(|(file, found)| as_json(file, found)).collect();
         term::print_json(&all)?;

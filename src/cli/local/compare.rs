@@ -3,8 +3,9 @@
 
 use crate::cli::args::CompareArgs;
 use crate::cli::exit::{Ended, Failure};
+use crate::cli::interrupt::Signals;
 use crate::cli::scratch::Scratch;
-use crate::cli::{interrupt, term};
+use crate::cli::term;
 use crate::generate::{Backend, CancelToken, Findings, Request, generate};
 use crate::measure::comparison::{Compared, Verdict};
 use crate::measure::morphometry::QUANTITIES;
@@ -24,24 +25,14 @@ pub(in crate::cli) async fn run(args: CompareArgs) -> Ended {
     }
     let cancel = CancelToken::default();
     let bar = term::Bar::on_stderr();
-    let mut task = tokio::task::spawn_blocking({
+    let task = tokio::task::spawn_blocking({
         let (args, cancel, bar) = (args.clone(), cancel.clone(), bar.clone());
         move || {
             let of = args.presets.iter().filter_map(|name| preset(name));
             of.map(|preset| Ok((preset, grown(preset, &args, &bar, &cancel)?))).collect::<anyhow::Result<Vec<_>>>()
         }
     });
-    let grown = tokio::select! {
-        done = &mut task => done,
-        () = interrupt::asked_to_stop() => {
-            cancel.cancel();
-            let _ = task.await;
-            bar.clear();
-            return Err(Failure::Interrupted);
-        }
-    };
-    bar.clear();
-    let grown = grown.context("growing panicked")??;
+    let grown = Signals::listen().stoppable(task, &cancel, &bar).await?.context("growing panicked")??;
     if args.json {
         let all: Vec<Value> = grown.iter().map(|(preset, models)| document(preset, models)).collect();
         term::print_json(&all)?;

@@ -2,8 +2,9 @@
 
 use crate::cli::args::ConvertArgs;
 use crate::cli::exit::{Ended, Failure};
-use crate::cli::scratch::Scratch;
-use crate::cli::{interrupt, term};
+use crate::cli::interrupt::Signals;
+use crate::cli::scratch::{Scratch, split};
+use crate::cli::term;
 use crate::export::convert::Converted;
 use crate::export::glb::GlbOptions;
 use crate::export::read::{Unit, read_surface};
@@ -16,11 +17,8 @@ use std::path::{Path, PathBuf};
 
 pub(in crate::cli) async fn run(args: ConvertArgs) -> Ended {
     let target = Target::of(&args)?;
-    let task = tokio::task::spawn_blocking(move || convert(&args, &target));
-    let lines = tokio::select! {
-        done = task => done.context("the conversion panicked")??,
-        () = interrupt::asked_to_stop() => return Err(Failure::Interrupted),
-    };
+    // If it is interrupted, the name of its scratch directory shows that the files are incomplete.
+    let lines = Signals::listen().run("the conversion", move || convert(&args, &target)).await??;
     lines.iter().try_for_each(|line| term::print(line))?;
     Ok(())
 }
@@ -63,7 +61,7 @@ impl Target {
         }
         let mut endings = vec![(output.endings()[0].0, given[1..].to_owned())];
         endings.extend(output.endings().iter().skip(1).map(|(ending, _)| (*ending, (*ending).to_owned())));
-        let dir = args.out.parent().filter(|dir| !dir.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let dir = split(&args.out).map_or(Path::new("."), |(dir, _)| dir);
         Ok(Self { output, dir: dir.to_owned(), stem: stem.to_owned(), endings, unit })
     }
 }

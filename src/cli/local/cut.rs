@@ -3,8 +3,8 @@
 use super::section::layers;
 use crate::cli::args::CutArgs;
 use crate::cli::exit::{Ended, Failure};
-use crate::cli::scratch::Scratch;
-use crate::cli::{interrupt, term};
+use crate::cli::interrupt::Signals;
+use crate::cli::{scratch, term};
 use crate::export::convert::Converted;
 use crate::export::cut::CutDocument;
 use crate::export::read::read_surface;
@@ -27,22 +27,10 @@ pub(in crate::cli) async fn run(args: CutArgs) -> Ended {
         return Err(Failure::usage(format!("--preset: there is no preset {}", args.preset)));
     }
     let out = args.out.clone();
-    // The thread writes nothing, so an interrupt need not wait for it.
-    let made = tokio::select! {
-        done = tokio::task::spawn_blocking(move || make(&args, &plane, kind)) => done.context("cutting panicked")?,
-        () = interrupt::asked_to_stop() => return Err(Failure::Interrupted),
-    };
-    let (summary, file) = made?;
+    let (summary, file) = Signals::listen().run("cutting", move || make(&args, &plane, kind)).await??;
     term::print(&summary)?;
     if let (Some(path), Some(bytes)) = (out, file) {
-        let save = || {
-            let dir = path.parent().filter(|dir| !dir.as_os_str().is_empty()).unwrap_or(Path::new("."));
-            let name = path.file_name().and_then(|name| name.to_str()).context("it has no name")?;
-            let scratch = Scratch::new(dir)?;
-            std::fs::write(scratch.dir().join(name), &bytes)?;
-            anyhow::Ok(scratch.publish(name)?)
-        };
-        let path = save().with_context(|| format!("writing {} failed", path.display()))?;
+        let path = scratch::write(&path, bytes)?;
         term::print(&path.display().to_string())?;
     }
     Ok(())

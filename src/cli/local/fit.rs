@@ -12,12 +12,12 @@ use crate::fit::{
     image_targets,
 };
 use crate::generate::CancelToken;
+use crate::lock::Mutex;
 use crate::measure::micrograph::Reading;
 use anyhow::Context;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 /// Time between two checkpoints.
@@ -33,7 +33,7 @@ pub(in crate::cli) async fn run(args: FitArgs) -> Ended {
     let (cancel, bar) = (CancelToken::default(), term::Bar::on_stderr());
     let task = tokio::task::spawn_blocking({
         let (cancel, dir) = (cancel.clone(), scratch.dir().to_owned());
-        let sink = Shown { bar: bar.clone(), checkpoint: args.checkpoint.clone().map(Kept::new) };
+        let sink = Shown { bar: bar.clone(), checkpoint: args.checkpoint.clone(), written: Mutex::default() };
         move || fit(&spec, before.as_deref(), &dir, args.memory_limit, &sink, &cancel)
     });
     let result = match signals.stoppable(task, &cancel, &bar).await?.context("the fit panicked")? {
@@ -198,34 +198,10 @@ fn read_checkpoint(path: &Path) -> Result<Option<Vec<u8>>, Failure> {
 /// Shows progress on stderr and writes checkpoints.
 struct Shown {
     bar: term::Bar,
-    checkpoint: Option<Kept>,
-}
-
-/// A file of checkpoints.
-struct Kept {
-    path: PathBuf,
+    /// File of checkpoints.
+    checkpoint: Option<PathBuf>,
+    /// Time since the last checkpoint.
     written: Mutex<Option<Stopwatch>>,
-}
-
-impl Kept {
-    fn new(path: PathBuf) -> Self {
-        Self { path, written: Mutex::default() }
-    }
-
-    fn is_due(&self) -> bool {
-        let written = self.written.lock().unwrap_or_else(PoisonError::into_inner);
-        written.as_ref().is_none_or(|since| since.elapsed() >= CHECKPOINT_EVERY)
-    }
-
-    /// Replaces the file atomically, so that it is never half written.
-    fn write(&self, bytes: &[u8]) {
-        let part = self.path.with_added_extension("part");
-        let done = std::fs::write(&part, bytes).and_then(|()| std::fs::rename(&part, &self.path));
-        if let Err(error) = done {
-            term::note(&format!("warning: --checkpoint {}: {error}", self.path.display()));
-        }
-        *self.written.lock().unwrap_or_else(PoisonError::into_inner) = Some(Stopwatch::start());
-    }
 }
 
 impl FitSink for Shown {
@@ -241,13 +217,17 @@ impl FitSink for Shown {
     }
 
     fn wants_checkpoint(&self) -> bool {
-        self.checkpoint.as_ref().is_some_and(Kept::is_due)
+        self.checkpoint.is_some() && self.written.lock().is_none_or(|since| since.elapsed() >= CHECKPOINT_EVERY)
     }
 
     fn checkpoint(&self, bytes: Vec<u8>) {
-        if let Some(kept) = &self.checkpoint {
-            kept.write(&bytes);
+        let Some(path) = &self.checkpoint else { return };
+        // Replaced atomically, so that it is never half written.
+        let part = path.with_added_extension("part");
+        if let Err(error) = std::fs::write(&part, bytes).and_then(|()| std::fs::rename(&part, path)) {
+            term::note(&format!("warning: --checkpoint {}: {error}", path.display()));
         }
+        *self.written.lock() = Some(Stopwatch::start());
     }
 }
 

@@ -2,7 +2,8 @@
 
 use crate::cli::args::MeasureArgs;
 use crate::cli::exit::{Ended, Failure};
-use crate::cli::{interrupt, term};
+use crate::cli::interrupt::Signals;
+use crate::cli::term;
 use crate::measure::micrograph::{MAX_BYTES, Micrograph, MicrographError, Reading};
 use crate::measure::morphometry::{Measures, QUANTITIES};
 use anyhow::{Context, bail};
@@ -15,12 +16,7 @@ pub(in crate::cli) async fn run(args: MeasureArgs) -> Ended {
     let tissue = (!args.tissue.is_empty()).then_some(args.tissue);
     let reading = Reading { pixel_um: args.pixel_um, tissue };
     let settings = json!({ "pixel_um": reading.pixel_um, "tissue": reading.tissue });
-    // Nothing is written, so an interrupt need not wait for the thread that reads and measures.
-    let measured = tokio::select! {
-        done = tokio::task::spawn_blocking(move || measured(&args.image, &reading)) => done.context("measuring panicked")?,
-        () = interrupt::asked_to_stop() => return Err(Failure::Interrupted),
-    };
-    let measures = measured?;
+    let measures = Signals::listen().run("measuring", move || measured(&args.image, &reading)).await??;
     if args.json {
         let values: Map<String, Value> =
             QUANTITIES.iter().map(|quantity| (quantity.name.to_owned(), quantity.of(&measures).into())).collect();

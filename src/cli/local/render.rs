@@ -2,13 +2,13 @@
 
 use crate::cli::args::RenderArgs;
 use crate::cli::exit::{Ended, Failure};
-use crate::cli::scratch::Scratch;
-use crate::cli::{interrupt, term};
+use crate::cli::interrupt::Signals;
+use crate::cli::scratch::split;
+use crate::cli::{scratch, term};
 use crate::export::read::{Surface, read_surface};
 use crate::model::{BodyKind, Mesh, Patch, PatchKind};
 use crate::preview;
 use crate::render::mesh_png;
-use anyhow::Context;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufReader;
@@ -28,19 +28,9 @@ pub(in crate::cli) async fn run(args: RenderArgs) -> Ended {
     for (file, name) in args.files.clone().into_iter().zip(names) {
         let args = Arc::clone(&args);
         let shown = file.display().to_string();
-        // The threads that draw write nothing, so an interrupt need not wait for them.
-        let picture = tokio::select! {
-            done = tokio::task::spawn_blocking(move || draw(&file, &args)) => done.context("drawing panicked")?,
-            () = interrupt::asked_to_stop() => return Err(Failure::Interrupted),
-        };
-        match picture {
+        match Signals::listen().run("drawing", move || draw(&file, &args)).await? {
             Ok(png) => {
-                let save = || {
-                    let scratch = Scratch::new(&dir)?;
-                    std::fs::write(scratch.dir().join(&name), png)?;
-                    scratch.publish(&name)
-                };
-                let path = save().with_context(|| format!("writing {} failed", dir.join(&name).display()))?;
+                let path = scratch::write(&dir.join(name), png)?;
                 term::print(&format!("{shown}: {}", path.display()))?;
             }
             Err(error) => {
@@ -55,11 +45,9 @@ pub(in crate::cli) async fn run(args: RenderArgs) -> Ended {
 /// Returns the directory of the pictures and the name of each.
 fn targets(files: &[PathBuf], out: &Path) -> Result<(PathBuf, Vec<String>), Failure> {
     if out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
-        let name = out.file_name().and_then(|name| name.to_str());
-        let ([_], Some(name)) = (files, name) else {
+        let ([_], Some((dir, name))) = (files, split(out)) else {
             return Err(Failure::usage(format!("--out {}: one picture for several files", out.display())));
         };
-        let dir = out.parent().filter(|dir| !dir.as_os_str().is_empty()).unwrap_or(Path::new("."));
         return Ok((dir.to_owned(), vec![name.to_owned()]));
     }
     let mut first: BTreeMap<String, &Path> = BTreeMap::new();

@@ -3,8 +3,9 @@
 
 use crate::cli::args::ReportArgs;
 use crate::cli::exit::Ended;
-use crate::cli::scratch::Scratch;
-use crate::cli::{interrupt, term};
+use crate::cli::interrupt::Signals;
+use crate::cli::scratch::split;
+use crate::cli::{scratch, term};
 use crate::export::convert::Converted;
 use crate::export::read::read_surface;
 use crate::export::sections_bin::SectionsReader;
@@ -22,21 +23,10 @@ pub(in crate::cli) const NAME: &str = "report.html";
 
 pub(in crate::cli) async fn run(args: ReportArgs) -> Ended {
     let dir = args.dir.clone();
-    // The threads that draw write nothing, so an interrupt need not wait for them.
-    let html = tokio::select! {
-        done = tokio::task::spawn_blocking(move || page(&dir)) => done.context("drawing panicked")??,
-        () = interrupt::asked_to_stop() => return Err(crate::cli::exit::Failure::Interrupted),
-    };
+    let html = Signals::listen().run("drawing", move || page(&dir)).await??;
     let to = args.out.unwrap_or_else(|| args.dir.join(NAME));
-    let folder = to.parent().filter(|dir| !dir.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let name = to.file_name().and_then(|name| name.to_str()).context("--out: not the name of a file")?;
-    let save = || {
-        let scratch = Scratch::new(folder)?;
-        std::fs::write(scratch.dir().join(name), html)?;
-        scratch.publish(name)
-    };
-    let path = save().with_context(|| format!("writing {} failed", to.display()))?;
-    term::print(&path.display().to_string())?;
+    split(&to).context("--out: not the name of a file")?;
+    term::print(&scratch::write(&to, html)?.display().to_string())?;
     Ok(())
 }
 

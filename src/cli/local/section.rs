@@ -2,8 +2,9 @@
 
 use crate::cli::args::{LayerArgs, SectionArgs};
 use crate::cli::exit::{Ended, Failure};
-use crate::cli::scratch::Scratch;
-use crate::cli::{interrupt, term};
+use crate::cli::interrupt::Signals;
+use crate::cli::scratch::split;
+use crate::cli::{scratch, term};
 use crate::export::sections_bin::SectionsReader;
 use crate::render::{Slide, um_per_pixel};
 use crate::spec::{ModelSpec, preset, presets};
@@ -16,18 +17,8 @@ use std::path::{Path, PathBuf};
 
 pub(in crate::cli) async fn run(args: SectionArgs) -> Ended {
     let (dir, name) = target(&args.out, args.index, args.labels);
-    // The threads that draw write nothing, so an interrupt need not wait for them.
-    let drawn = tokio::select! {
-        done = tokio::task::spawn_blocking(move || draw(&args)) => done.context("drawing panicked")?,
-        () = interrupt::asked_to_stop() => return Err(Failure::Interrupted),
-    };
-    let png = drawn?;
-    let save = || {
-        let scratch = Scratch::new(&dir)?;
-        std::fs::write(scratch.dir().join(&name), &png)?;
-        scratch.publish(&name)
-    };
-    let path = save().with_context(|| format!("writing {} failed", dir.join(&name).display()))?;
+    let png = Signals::listen().run("drawing", move || draw(&args)).await??;
+    let path = scratch::write(&dir.join(name), &png)?;
     let scale = um_per_pixel(&png).map(|um| format!("  {um:.4} µm per pixel")).unwrap_or_default();
     term::print(&format!("{}{scale}", path.display()))?;
     Ok(())
@@ -36,8 +27,7 @@ pub(in crate::cli) async fn run(args: SectionArgs) -> Ended {
 /// Returns the directory and the name of the picture.
 fn target(out: &Path, index: u32, labels: bool) -> (PathBuf, String) {
     let is_picture = out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
-    if let (true, Some(name)) = (is_picture, out.file_name().and_then(|name| name.to_str())) {
-        let dir = out.parent().filter(|dir| !dir.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if let (true, Some((dir, name))) = (is_picture, split(out)) {
         return (dir.to_owned(), name.to_owned());
     }
     let suffix = if labels { "-labels" } else { "" };

@@ -59,23 +59,19 @@ pub(in crate::cli) enum Followed<'a> {
     Away,
 }
 
-/// A response with an error status.
+/// Failures that [`ErrorKind`] distinguishes.
 #[derive(Debug, thiserror::Error)]
-#[error("the service answered {status}{}{text}", if .text.is_empty() { "" } else { ": " })]
-struct Refused {
-    status: StatusCode,
-    text: String,
+enum ServiceError {
+    /// A response with an error status.
+    #[error("the service answered {status}{}{text}", if .text.is_empty() { "" } else { ": " })]
+    Refused { status: StatusCode, text: String },
+    /// Nothing was received in time.
+    #[error("nothing was received for {} s", SILENCE.as_secs())]
+    Silent,
+    /// The event stream ended without an `end` event.
+    #[error("the event stream was closed before the model ended")]
+    CutOff,
 }
-
-/// Nothing was received in time.
-#[derive(Debug, thiserror::Error)]
-#[error("nothing was received for {} s", SILENCE.as_secs())]
-struct Silent;
-
-/// The event stream ended without an `end` event.
-#[derive(Debug, thiserror::Error)]
-#[error("the event stream was closed before the model ended")]
-struct CutOff;
 
 /// Kinds of errors that a report distinguishes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -94,14 +90,11 @@ impl ErrorKind {
     /// Returns the kind of a failure of a [`Client`].
     pub(in crate::cli) fn of(failure: &Failure) -> Self {
         let Failure::Failed(error) = failure else { return Self::Other };
-        if let Some(refused) = error.downcast_ref::<Refused>() {
-            return Self::Status(refused.status.as_u16());
-        }
-        if error.is::<Silent>() {
-            return Self::Timeout;
-        }
-        if error.is::<CutOff>() {
-            return Self::Connection;
+        match error.downcast_ref() {
+            Some(ServiceError::Refused { status, .. }) => return Self::Status(status.as_u16()),
+            Some(ServiceError::Silent) => return Self::Timeout,
+            Some(ServiceError::CutOff) => return Self::Connection,
+            None => {}
         }
         match error.chain().find_map(|cause| cause.downcast_ref::<reqwest::Error>()) {
             Some(error) if error.is_timeout() => Self::Timeout,
@@ -114,14 +107,6 @@ impl ErrorKind {
             _ => Self::Other,
         }
     }
-}
-
-/// End of an event stream.
-enum End {
-    /// The model ended.
-    Ended,
-    /// The model was deleted.
-    Deleted,
 }
 
 /// Failure of an event stream before the end of the model.
@@ -255,8 +240,7 @@ impl Client {
         let mut cursor = Cursor::default();
         loop {
             let error = match self.follow_once(id, &mut cursor, &mut seen).await {
-                Ok(End::Ended) => return Ok(()),
-                Ok(End::Deleted) => return Err(anyhow!("the model was deleted").into()),
+                Ok(()) => return Ok(()),
                 Err(Interruption::Fatal(failure)) => return Err(failure),
                 Err(Interruption::Retry(error)) => error,
             };
@@ -276,7 +260,7 @@ impl Client {
         id: &str,
         cursor: &mut Cursor,
         seen: &mut impl FnMut(Followed<'_>),
-    ) -> Result<End, Interruption> {
+    ) -> Result<(), Interruption> {
         let mut request = self.http.get(self.address(&format!("/models/{id}/events")));
         request = request.header(header::ACCEPT, "text/event-stream");
         if let Some(last) = cursor.last_id.as_deref() {
@@ -285,16 +269,16 @@ impl Client {
         let mut answer = open(request).await?;
         // The model ended with the last event that was seen.
         if answer.status() == StatusCode::NO_CONTENT {
-            return Ok(End::Ended);
+            return Ok(());
         }
         let opened = Stopwatch::start();
         let mut parser = Parser::default();
         loop {
             let piece = match tokio::time::timeout(SILENCE, answer.chunk()).await {
                 Ok(Ok(Some(piece))) => piece,
-                Ok(Ok(None)) => return Err(Interruption::Retry(CutOff.into())),
-                Ok(Err(error)) => return Err(Interruption::Retry(anyhow!(error).context(CutOff))),
-                Err(_) => return Err(Interruption::Retry(Silent.into())),
+                Ok(Ok(None)) => return Err(Interruption::Retry(ServiceError::CutOff.into())),
+                Ok(Err(error)) => return Err(Interruption::Retry(anyhow!(error).context(ServiceError::CutOff))),
+                Err(_) => return Err(Interruption::Retry(ServiceError::Silent.into())),
             };
             if opened.elapsed() >= ALIVE {
                 cursor.tries = 0;
@@ -304,8 +288,8 @@ impl Client {
                     cursor.last_id.clone_from(&event.id);
                     cursor.tries = 0;
                 }
-                if let Some(end) = take(&event, seen)? {
-                    return Ok(end);
+                if is_end(&event, seen)? {
+                    return Ok(());
                 }
             }
         }
@@ -363,7 +347,7 @@ async fn model_of(answer: Response) -> Result<Value, Failure> {
 /// Opens an event stream.
 async fn open(request: RequestBuilder) -> Result<Response, Interruption> {
     let answer = match tokio::time::timeout(SILENCE, request.send()).await {
-        Err(_) => return Err(Interruption::Retry(Silent.into())),
+        Err(_) => return Err(Interruption::Retry(ServiceError::Silent.into())),
         Ok(Err(error)) => return Err(Interruption::Retry(error.into())),
         Ok(Ok(answer)) => answer,
     };
@@ -373,13 +357,16 @@ async fn open(request: RequestBuilder) -> Result<Response, Interruption> {
     }
 }
 
-/// Reports an event of a model. Returns the end of the stream if the event is the last one.
-fn take(event: &Event, seen: &mut impl FnMut(Followed<'_>)) -> Result<Option<End>, Failure> {
+/// Reports an event of a model. Returns true if the event is the last one.
+///
+/// # Errors
+/// [`Failure::Failed`] if the event is invalid or says that the model was deleted.
+fn is_end(event: &Event, seen: &mut impl FnMut(Followed<'_>)) -> Result<bool, Failure> {
     match event.kind.as_str() {
         "status" | "progress" => {
             let model: Model = serde_json::from_str(&event.data).context("an event does not hold a model")?;
             seen(Followed::Model(&model));
-            Ok(None)
+            Ok(false)
         }
         "end" => {
             #[derive(Deserialize)]
@@ -387,9 +374,9 @@ fn take(event: &Event, seen: &mut impl FnMut(Followed<'_>)) -> Result<Option<End
                 status: String,
             }
             let last: Last = serde_json::from_str(&event.data).context("the `end` event has no status")?;
-            Ok(Some(if last.status == "deleted" { End::Deleted } else { End::Ended }))
+            if last.status == "deleted" { Err(anyhow!("the model was deleted").into()) } else { Ok(true) }
         }
-        _ => Ok(None),
+        _ => Ok(false),
     }
 }
 
@@ -408,7 +395,7 @@ pub(in crate::cli) async fn accept(answer: Response) -> Result<Response, Failure
         Ok(Err(_)) | Err(_) => Problem::default(),
     };
     if problem.errors.is_empty() {
-        return Err(Refused { status, text: problem.text() }.into());
+        return Err(ServiceError::Refused { status, text: problem.text() }.into());
     }
     Err(Failure::Usage(problem.errors.iter().map(Fault::to_string).collect()))
 }

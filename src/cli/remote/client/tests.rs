@@ -120,7 +120,7 @@ async fn errors_have_kinds() {
     let port = std::net::TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("bound").port();
     let nobody = Client::new(&format!("http://127.0.0.1:{port}"), None).expect("a URL");
     assert_eq!(ErrorKind::of(&nobody.model("x").await.expect_err("fails")), ErrorKind::Connection);
-    assert_eq!(ErrorKind::of(&Failure::from(Silent)), ErrorKind::Timeout);
+    assert_eq!(ErrorKind::of(&Failure::from(ServiceError::Silent)), ErrorKind::Timeout);
 }
 
 #[tokio::test]
