@@ -22,7 +22,7 @@ use super::store::Store;
 use super::tx::Tx;
 use super::workers::unpaused;
 use crate::clock::Stopwatch;
-use crate::jobs::state::{self, AttemptEnd, ClaimScope, Event};
+use crate::jobs::state::{AttemptEnd, ClaimScope, Event};
 use crate::jobs::{Change, ClaimedJob, Job, JobId, Problem, StoreError, StoreOptions};
 use crate::lock::Mutex;
 use jiff::Timestamp;

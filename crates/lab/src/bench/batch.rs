@@ -1,14 +1,13 @@
 //! `bench batch`: models per second on the GPU by batch size.
 
 use super::report::Report;
-use super::{device, machine};
+use super::{device, machine, probe};
 use crate::plot::{self, Axes, Line, Scale, SeriesLabelPosition};
-use anyhow::Context;
 use oviduct::cli::GpuArgs;
 use oviduct::cli::{gpu, term};
 use oviduct::sim::Plan;
 use oviduct::sim::gpu::GpuDevice;
-use oviduct::spec::{ModelSpec, preset};
+use oviduct::spec::ModelSpec;
 use serde_json::json;
 
 /// Largest batch size.
@@ -26,8 +25,7 @@ pub(super) fn run(quick: bool, args: GpuArgs) -> anyhow::Result<Report> {
     } else {
         ("preset paper", json!({}))
     };
-    let spec = ModelSpec::resolve(preset("paper").context("there is no preset `paper`")?, &patch)
-        .map_err(|faults| anyhow::anyhow!("the preset `paper` is not valid: {faults:?}"))?;
+    let spec = probe::paper(&patch)?;
     match gpu::best(args) {
         Ok(device) => measure(&device, &spec, what, quick),
         Err(reason) => {

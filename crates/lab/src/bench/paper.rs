@@ -10,13 +10,12 @@ use super::probe::{self, Run, Variant};
 use super::report::Report;
 use super::{device, machine};
 use crate::plot::{self, Axes, Line, Scale, SeriesLabelPosition};
-use anyhow::Context;
 use oviduct::cli::GpuArgs;
 use oviduct::cli::{gpu, term};
 use oviduct::sim::Plan;
 use oviduct::sim::cpu::{CpuSimulation, Kernel};
 use oviduct::sim::gpu::GpuDevice;
-use oviduct::spec::{ModelSpec, Search, preset};
+use oviduct::spec::Search;
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -77,8 +76,7 @@ impl Version {
 }
 
 pub(super) fn run(quick: bool, args: GpuArgs) -> anyhow::Result<Report> {
-    let spec = ModelSpec::resolve(preset("paper").context("there is no preset `paper`")?, &json!({}))
-        .map_err(|faults| anyhow::anyhow!("the preset `paper` is not valid: {faults:?}"))?;
+    let spec = probe::paper(&json!({}))?;
     report(&measure(&Plan::new(&spec, SEED), quick, args)?)
 }
 

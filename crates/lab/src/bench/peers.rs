@@ -15,7 +15,7 @@ use oviduct::cli::{gpu, term};
 use oviduct::sim::Plan;
 use oviduct::sim::cpu::Kernel;
 use oviduct::sim::gpu::GpuDevice;
-use oviduct::spec::{ModelSpec, Search, preset};
+use oviduct::spec::Search;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -58,8 +58,7 @@ struct Comparison {
 }
 
 pub(super) fn run(quick: bool, peers: &Peers, args: GpuArgs) -> anyhow::Result<Report> {
-    let spec = ModelSpec::resolve(preset("paper").context("there is no preset `paper`")?, &json!({}))
-        .map_err(|faults| anyhow::anyhow!("the preset `paper` is not valid: {faults:?}"))?;
+    let spec = probe::paper(&json!({}))?;
     let plan = Plan::new(&spec, SEED);
     let runs = if quick { 1 } else { 5 };
     let all = machine::threads();
@@ -213,7 +212,8 @@ mod tests {
     #[test]
     fn a_peer_that_fails_is_named_with_what_it_said_last() {
         let dir = tempfile::tempdir().unwrap();
-        let plan = Plan::new(&ModelSpec::resolve(preset("paper").unwrap(), &json!({})).unwrap(), SEED);
+        let spec = probe::paper(&json!({})).unwrap();
+        let plan = Plan::new(&spec, SEED);
         let run = |numba: &str| peers(dir.path(), numba).run("numba", &plan, Hardware::Cpu { threads: 2 });
         let line = r#"{"device": "cpu", "seconds": 1, "burn_seconds": 0.5}"#;
         let told = run(&format!("[ \"$NUMBA_NUM_THREADS $1 $2\" = '2 --steps 2000' ] && echo '{line}'")).unwrap();

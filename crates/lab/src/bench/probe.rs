@@ -1,11 +1,19 @@
 //! Measures steps of the simulation on the CPU.
 
 use super::curve::Point;
+use anyhow::{Context, anyhow};
 use oviduct::clock::Stopwatch;
 use oviduct::sim::Plan;
 use oviduct::sim::cpu::{CpuSimulation, Kernel};
-use oviduct::spec::Search;
+use oviduct::spec::{ModelSpec, Search, preset};
 use rayon::ThreadPool;
+use serde_json::Value;
+
+/// Returns the spec of preset `paper`, changed by a patch.
+pub(super) fn paper(patch: &Value) -> anyhow::Result<ModelSpec> {
+    ModelSpec::resolve(preset("paper").context("there is no preset `paper`")?, patch)
+        .map_err(|faults| anyhow!("the preset `paper` is not valid: {faults:?}"))
+}
 
 /// A variant of the simulation on the CPU.
 #[derive(Clone, Copy, Debug)]
@@ -113,14 +121,13 @@ pub(super) fn grown(plan: &Plan, variant: Variant, particles: u32) -> anyhow::Re
 #[cfg(test)]
 mod tests {
     use super::*;
-    use oviduct::spec::{ModelSpec, preset};
     use serde_json::json;
 
     #[test]
     fn states_have_the_counts_asked_for() {
         let patch = json!({ "steps": 60, "burn_in": 5, "particles": {
             "total": { "keys": [[0, 200], [1, 500]] }, "outer": { "keys": [[0, 60], [1, 90]] } } });
-        let spec = ModelSpec::resolve(preset("paper").unwrap(), &patch).unwrap();
+        let spec = paper(&patch).unwrap();
         let plan = Plan::new(&spec, 1);
         let states = states(&plan, &[200, 300, 500], 1).unwrap();
         let counts: Vec<u32> = states.iter().map(CpuSimulation::particles).collect();

@@ -4,10 +4,9 @@
 use super::machine;
 use super::probe::{self, Variant};
 use super::report::Report;
-use anyhow::Context;
 use oviduct::sim::Plan;
 use oviduct::sim::cpu::{CpuSimulation, Kernel, PairTerms, reference_force};
-use oviduct::spec::{ModelSpec, Search, preset};
+use oviduct::spec::Search;
 use serde_json::json;
 
 /// Steps of a sample: one growth event and the steps until the next.
@@ -19,8 +18,7 @@ const PAPER: f64 = 8300.0;
 const COUNTED: usize = 500;
 
 pub(super) fn run(quick: bool) -> anyhow::Result<Report> {
-    let spec = ModelSpec::resolve(preset("paper").context("there is no preset `paper`")?, &json!({}))
-        .map_err(|faults| anyhow::anyhow!("the preset `paper` is not valid: {faults:?}"))?;
+    let spec = probe::paper(&json!({}))?;
     let plan = Plan::new(&spec, SEED);
     let all = machine::threads();
     let mut threads: Vec<usize> = std::iter::successors(Some(1), |n| Some(2 * n)).take_while(|&n| n < all).collect();
@@ -107,9 +105,7 @@ fn half_grown(particles: u32, repeats: usize) -> anyhow::Result<HalfGrown> {
             "outer": { "keys": [[0, outer(110.0)], [1, outer(300.0)]] },
         },
     });
-    let paper = preset("paper").context("there is no preset `paper`")?;
-    let spec =
-        ModelSpec::resolve(paper, &patch).map_err(|faults| anyhow::anyhow!("{particles} particles: {faults:?}"))?;
+    let spec = probe::paper(&patch)?;
     let plan = Plan::new(&spec, SEED);
     let variant = |threads| Variant { search: Search::Lists, kernel: Kernel::Vector, threads };
     let state = probe::grown(&plan, variant(machine::threads()), particles)?;

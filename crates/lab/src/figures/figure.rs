@@ -1,6 +1,7 @@
 //! A finished figure: files, caption and numbers.
 
 use super::args::FigureNumber;
+use clap::ValueEnum;
 use oviduct::clock::Clock;
 use serde_json::{Value, json};
 
@@ -27,15 +28,8 @@ impl Figure {
 }
 
 /// Returns the number of a figure as text.
-pub(super) fn name(number: FigureNumber) -> &'static str {
-    match number {
-        FigureNumber::Four => "4",
-        FigureNumber::Seven => "7",
-        FigureNumber::Eight => "8",
-        FigureNumber::Nine => "9",
-        FigureNumber::Ten => "10",
-        FigureNumber::Eleven => "11",
-    }
+pub(super) fn name(number: FigureNumber) -> String {
+    number.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
 }
 
 /// Returns the date for captions. No other result depends on it.

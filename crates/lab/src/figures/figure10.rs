@@ -18,13 +18,12 @@ pub(super) fn draw(measured: &Measured, allowed: GpuUse) -> anyhow::Result<Figur
         .iter()
         .map(|(id, version)| version.map_or_else(|| no_gpu(allowed), |version| version.line(&name(id, version))))
         .collect();
-    let by_step: Vec<Line> = found
+    let by_step: Vec<Line> = by_particles
         .iter()
-        .map(|(id, version)| {
-            version.map_or_else(
-                || no_gpu(allowed),
-                |version| Line { points: steps(measured, version), ..version.line(&name(id, version)) },
-            )
+        .zip(&found)
+        .map(|(line, (_, version))| {
+            let points = version.map(|version| steps(measured, version)).unwrap_or_default();
+            Line { label: line.label.clone(), points }
         })
         .collect();
     let files = [

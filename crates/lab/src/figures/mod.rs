@@ -32,7 +32,7 @@ use base64::Engine as _;
 use figure::{Figure, today};
 use grown::Grown;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
-use oviduct::cli::{Ended, Failure, Scratch, Signals, generate, model, term, units};
+use oviduct::cli::{Ended, Scratch, Signals, generate, model, term, units};
 use oviduct::generate::{Output, Request};
 use oviduct::report::STYLE;
 use oviduct::sim::Plan;
@@ -87,27 +87,16 @@ pub(crate) async fn run(args: FiguresArgs) -> Ended {
             "summary": &outcome.findings.summary,
         });
         let (wanted, summary) = (args.clone(), outcome.findings.summary);
-        figures = apart(&mut signals, move || draw(&Grown::read(&request, summary)?, &wanted)).await?;
+        figures = signals.run("drawing", move || draw(&Grown::read(&request, summary)?, &wanted)).await??;
     }
     if args.wants(FigureNumber::Ten) || args.wants(FigureNumber::Eleven) {
         let wanted = args.clone();
-        figures.extend(apart(&mut signals, move || measure(&spec, seed, &wanted)).await?);
+        figures.extend(signals.run("drawing", move || measure(&spec, seed, &wanted)).await??);
     }
     for made in &figures {
         document["figures"][made.number] = made.document();
     }
     publish(&scratch, &figures, &document)
-}
-
-/// Runs `work` on another thread. After a signal the thread runs until the process ends.
-async fn apart<T: Send + 'static>(
-    signals: &mut Signals,
-    work: impl FnOnce() -> anyhow::Result<T> + Send + 'static,
-) -> Result<T, Failure> {
-    tokio::select! {
-        done = tokio::task::spawn_blocking(work) => Ok(done.context("drawing panicked")??),
-        () = signals.asked_to_stop() => Err(Failure::Interrupted),
-    }
 }
 
 fn draw(grown: &Grown, args: &FiguresArgs) -> anyhow::Result<Vec<Figure>> {

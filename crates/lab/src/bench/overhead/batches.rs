@@ -4,11 +4,11 @@
 use crate::bench::machine;
 use oviduct::cli::load::{Model, Seeds};
 use oviduct::generate::{Calls, CancelToken, GenerateError, Member, Outcome, Request, generate_batch};
+use oviduct::lock::Mutex;
 use oviduct::sim::gpu::GpuDevice;
 use rayon::ThreadPool;
 use std::collections::VecDeque;
 use std::sync::mpsc::{Sender, channel};
-use std::sync::{Mutex, PoisonError};
 use std::thread::ScopedJoinHandle;
 
 /// Batches that a worker holds at a time.
@@ -71,15 +71,12 @@ fn one(
     let members: Vec<Member<'_>> =
         requests.iter().map(|request| Member { request, plan: None, sink: &(), cancel: &cancel }).collect();
     let simulated = Mutex::new(Some(simulated));
-    let free = || drop(simulated.lock().unwrap_or_else(PoisonError::into_inner).take());
+    let free = || drop(simulated.lock().take());
     let ended = |_: usize, result: Result<Outcome, GenerateError>| {
         if let Err(error) = result {
-            *failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+            *failed.lock() = Some(error);
         }
     };
     generate_batch(device, Some(pool), &members, Calls { simulated: &free, ended: &ended });
-    match failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
-        Some(error) => Err(error.into()),
-        None => Ok(()),
-    }
+    failed.lock().take().map_or(Ok(()), |error: GenerateError| Err(error.into()))
 }

@@ -1,14 +1,13 @@
 //! Alternating measurements of a service in this process and of direct calls of the generator.
 
 use super::batches;
-use crate::bench::machine;
+use crate::bench::{machine, probe};
 use anyhow::{Context, anyhow};
 use oviduct::cli::load::{self, Grown, Lost, Model, Seeds};
 use oviduct::cli::{Client, Failure, ServeArgs, Service};
 use oviduct::clock::Stopwatch;
 use oviduct::generate::{Backend, Output};
 use oviduct::sim::gpu::GpuDevice;
-use oviduct::spec::{ModelSpec, preset};
 use serde_json::{Value, json};
 use std::sync::Arc;
 use tempfile::TempDir;
@@ -113,9 +112,8 @@ fn patch((steps, from, to): (u32, u32, u32)) -> Value {
 }
 
 pub(super) fn model(size: (u32, u32, u32), backend: Backend) -> anyhow::Result<Model> {
-    let spec = ModelSpec::resolve(preset(PRESET).context("there is no preset `paper`")?, &patch(size))
-        .map_err(|faults| anyhow!("the small model is not valid: {faults:?}"))?;
-    Ok(Model { preset: PRESET.to_owned(), spec: Arc::new(spec), backend, outputs: vec![Output::Glb].into() })
+    let spec = Arc::new(probe::paper(&patch(size))?);
+    Ok(Model { preset: PRESET.to_owned(), spec, backend, outputs: vec![Output::Glb].into() })
 }
 
 /// A comparison of a service with direct calls, for one size of models.
