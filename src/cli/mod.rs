@@ -29,7 +29,7 @@ pub use scratch::Scratch;
 pub use service::Service;
 
 use crate::spec::{self, Preset};
-use args::{Cli, Command, PresetsArgs};
+use args::{Cli, Command};
 use local::{check, compare, convert, cut, fit, measure, report, section};
 use remote::{demo, submit, workers};
 use service::{keys, run as process};
@@ -92,20 +92,20 @@ async fn dispatch(command: Command) -> Ended {
         Command::Section(args) => section::run(args).await,
         Command::Cut(args) => cut::run(args).await,
         Command::Measure(args) => measure::run(args).await,
-        Command::Presets(args) => print_presets(&args),
+        Command::Presets { json } => print_presets(json),
         Command::Worker(args) => process::work(args).await,
         Command::Keys(args) => keys::run(args).await,
         Command::Workers(args) => workers::run(args).await,
         Command::Migrate(args) => process::migrate(args).await,
         Command::Schema => Ok(term::print_json(&spec::schema())?),
         Command::Openapi => Ok(term::print(&crate::http::openapi_yaml())?),
-        Command::Healthcheck(args) => Client::new(&args.url, None)?.get("/healthz").await.map(|_| ()),
+        Command::Healthcheck { url } => Client::new(&url, None)?.get("/healthz").await.map(|_| ()),
     }
 }
 
 /// Lists the presets.
-fn print_presets(args: &PresetsArgs) -> Ended {
-    if args.json {
+fn print_presets(json: bool) -> Ended {
+    if json {
         let all: Vec<_> = spec::presets().iter().map(Preset::to_json).collect();
         return Ok(term::print_json(&all)?);
     }

@@ -13,9 +13,21 @@ pub(in crate::cli) enum Keys {
     /// Create a key and print its secret, which is shown only once
     Add(KeysAddArgs),
     /// List the keys, without their secrets
-    List(KeysListArgs),
+    List {
+        /// Print one JSON array
+        #[arg(long, value_parser = FalseyValueParser::new())]
+        json: bool,
+        #[command(flatten)]
+        database: DatabaseArgs,
+    },
     /// Revoke a key, so that it stops working
-    Revoke(KeysRevokeArgs),
+    Revoke {
+        /// Prefix of the key: the 8 digits after `oviduct_`, as shown by `keys list`
+        #[arg(value_name = "PREFIX")]
+        prefix: String,
+        #[command(flatten)]
+        database: DatabaseArgs,
+    },
     /// Replace a key with a new one that has the same owner, scopes, limits and expiry, and print
     /// the new secret
     Rotate(KeysRotateArgs),
@@ -49,26 +61,6 @@ pub(in crate::cli) struct KeysAddArgs {
     /// Print one JSON object
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(in crate::cli) json: bool,
-    #[command(flatten)]
-    pub(in crate::cli) database: DatabaseArgs,
-}
-
-/// Options of `keys list`.
-#[derive(Clone, Debug, Args)]
-pub(in crate::cli) struct KeysListArgs {
-    /// Print one JSON array
-    #[arg(long, value_parser = FalseyValueParser::new())]
-    pub(in crate::cli) json: bool,
-    #[command(flatten)]
-    pub(in crate::cli) database: DatabaseArgs,
-}
-
-/// Options of `keys revoke`.
-#[derive(Clone, Debug, Args)]
-pub(in crate::cli) struct KeysRevokeArgs {
-    /// Prefix of the key: the 8 digits after `oviduct_`, as shown by `keys list`
-    #[arg(value_name = "PREFIX")]
-    pub(in crate::cli) prefix: String,
     #[command(flatten)]
     pub(in crate::cli) database: DatabaseArgs,
 }

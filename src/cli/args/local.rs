@@ -43,14 +43,6 @@ pub(in crate::cli) struct CompareArgs {
     pub(in crate::cli) json: bool,
 }
 
-/// Options of `presets`.
-#[derive(Clone, Debug, Args)]
-pub(in crate::cli) struct PresetsArgs {
-    /// Print a JSON array with all values of all presets
-    #[arg(long, value_parser = FalseyValueParser::new())]
-    pub(in crate::cli) json: bool,
-}
-
 /// Options of `check`.
 #[derive(Clone, Debug, Args)]
 pub(in crate::cli) struct CheckArgs {

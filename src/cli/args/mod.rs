@@ -13,19 +13,20 @@ mod remote;
 mod shared;
 
 pub(super) use fit::FitArgs;
-pub(super) use keys::{Keys, KeysAddArgs, KeysListArgs, KeysRevokeArgs, KeysRotateArgs};
+pub(super) use keys::{Keys, KeysAddArgs, KeysRotateArgs};
 pub(super) use load::LoadArgs;
 pub(super) use local::{
-    CheckArgs, CompareArgs, ConvertArgs, CutArgs, GenerateArgs, LayerArgs, MeasureArgs, PresetsArgs, RenderArgs,
-    ReportArgs, SectionArgs,
+    CheckArgs, CompareArgs, ConvertArgs, CutArgs, GenerateArgs, LayerArgs, MeasureArgs, RenderArgs, ReportArgs,
+    SectionArgs,
 };
 pub use process::ServeArgs;
 pub(super) use process::{ProcessArgs, WorkerArgs};
-pub(super) use remote::{DemoArgs, HealthcheckArgs, SubmitArgs, WorkersAction, WorkersArgs};
+pub(super) use remote::{DemoArgs, SubmitArgs, WorkersAction, WorkersArgs};
 pub(super) use shared::{DatabaseArgs, ModelArgs};
 pub use shared::{GpuArgs, GpuUse, SpecArgs};
 
 use crate::generate::Backend;
+use clap::builder::FalseyValueParser;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -110,7 +111,11 @@ pub(super) enum Command {
     /// Send many requests to a running service and report throughput, latencies and errors
     Load(LoadArgs),
     /// List the presets
-    Presets(PresetsArgs),
+    Presets {
+        /// Print a JSON array with all values of all presets
+        #[arg(long, value_parser = FalseyValueParser::new())]
+        json: bool,
+    },
     /// Print the JSON Schema of the spec
     Schema,
     /// Print the OpenAPI description of the service
@@ -126,7 +131,11 @@ pub(super) enum Command {
     Migrate(DatabaseArgs),
     /// Check that a service is alive (exit code 0 or 1); for container health checks
     #[command(hide = true)]
-    Healthcheck(HealthcheckArgs),
+    Healthcheck {
+        /// Address of the service
+        #[arg(long, value_name = "URL", default_value = "http://127.0.0.1:8080")]
+        url: String,
+    },
 }
 
 impl Command {

@@ -1,4 +1,4 @@
-//! Options of the commands `submit`, `demo`, `workers` and `healthcheck`, which talk to a service.
+//! Options of the commands `submit`, `demo` and `workers`, which talk to a service.
 
 use super::shared::{ModelArgs, RemoteArgs};
 use crate::jobs::Priority;
@@ -79,12 +79,4 @@ pub(in crate::cli) enum WorkersAction {
     /// Claim no more jobs, and become `drained` when the last running one has ended, so that the
     /// worker can be stopped
     Drain,
-}
-
-/// Options of `healthcheck`.
-#[derive(Clone, Debug, Args)]
-pub(in crate::cli) struct HealthcheckArgs {
-    /// Address of the service
-    #[arg(long, value_name = "URL", default_value = "http://127.0.0.1:8080")]
-    pub(in crate::cli) url: String,
 }

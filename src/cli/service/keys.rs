@@ -3,7 +3,7 @@
 //! A secret is printed once, to stdout. Everything else goes to stderr.
 
 use super::{database, location};
-use crate::cli::args::{DatabaseArgs, Keys, KeysAddArgs, KeysListArgs, KeysRevokeArgs, KeysRotateArgs};
+use crate::cli::args::{DatabaseArgs, Keys, KeysAddArgs, KeysRotateArgs};
 use crate::cli::exit::{Ended, Failure};
 use crate::cli::term;
 use crate::jobs::keys::{Key, KeyLimits, NewKey, Owner, Scopes, Secret};
@@ -16,8 +16,8 @@ use std::time::Duration;
 pub(in crate::cli) async fn run(keys: Keys) -> Ended {
     match keys {
         Keys::Add(args) => add(args).await,
-        Keys::List(args) => list(args).await,
-        Keys::Revoke(args) => revoke(args).await,
+        Keys::List { json, database } => list(&database, json).await,
+        Keys::Revoke { prefix, database } => revoke(&database, &prefix).await,
         Keys::Rotate(args) => rotate(args).await,
     }
 }
@@ -68,11 +68,11 @@ async fn create(
     Ok(term::print(secret.reveal())?)
 }
 
-async fn list(args: KeysListArgs) -> Ended {
-    let store = open(&args.database).await?;
+async fn list(database: &DatabaseArgs, as_json: bool) -> Ended {
+    let store = open(database).await?;
     let (now, keys) = read(&store).await?;
     store.close().await;
-    if args.json {
+    if as_json {
         let keys: Vec<Value> = keys.iter().map(|key| described(key, state(key, now))).collect();
         return Ok(term::print_json(&keys)?);
     }
@@ -133,9 +133,9 @@ async fn find(store: &Store, text: &str) -> Result<(Timestamp, Key), Failure> {
     Ok((now, key))
 }
 
-async fn revoke(args: KeysRevokeArgs) -> Ended {
-    let store = open(&args.database).await?;
-    let (now, key) = find(&store, &args.prefix).await?;
+async fn revoke(database: &DatabaseArgs, prefix: &str) -> Ended {
+    let store = open(database).await?;
+    let (now, key) = find(&store, prefix).await?;
     if !key.works_at(now) {
         term::note(&format!("the key {} had ended before", key.prefix));
     }

@@ -78,16 +78,13 @@ impl Paced {
     }
 }
 
-#[cfg(any(target_os = "linux", target_vendor = "apple"))]
 fn limit_unsent(stream: &TcpStream) {
-    if let Err(error) = socket2::SockRef::from(stream).set_tcp_notsent_lowat(UNSENT) {
-        tracing::trace!(%error, "the send buffer of a connection is not limited");
-    }
-}
-
-#[cfg(not(any(target_os = "linux", target_vendor = "apple")))]
-fn limit_unsent(stream: &TcpStream) {
-    if let Err(error) = socket2::SockRef::from(stream).set_send_buffer_size(UNSENT as usize) {
+    let socket = socket2::SockRef::from(stream);
+    #[cfg(any(target_os = "linux", target_vendor = "apple"))]
+    let limited = socket.set_tcp_notsent_lowat(UNSENT);
+    #[cfg(not(any(target_os = "linux", target_vendor = "apple")))]
+    let limited = socket.set_send_buffer_size(UNSENT as usize);
+    if let Err(error) = limited {
         tracing::trace!(%error, "the send buffer of a connection is not limited");
     }
 }
