@@ -113,8 +113,9 @@ impl Store {
 /// Records a heartbeat at the present time of the store.
 async fn record(worker: &WorkerInfo, tx: &mut Tx<'_>) -> Result<Done<()>, SqlError> {
     let now = tx.now().await?;
-    let sql = "INSERT INTO workers (id, host, backend, device, jobs_done, heartbeat_at) VALUES ($1, $2, $3, $4, $5, $6) \
-               ON CONFLICT (id) DO UPDATE SET host = $2, backend = $3, device = $4, jobs_done = $5, heartbeat_at = $6";
+    let sql = "INSERT INTO workers (id, host, backend, device, jobs_done, heartbeat_at) \
+               VALUES ($1, $2, $3, $4, $5, $6) ON CONFLICT (id) DO UPDATE SET host = $2, \
+               backend = $3, device = $4, jobs_done = $5, heartbeat_at = $6";
     let WorkerInfo { id, host, kind, device, jobs_done, .. } = worker;
     tx.execute(sql, values![id, host, enum_to_sql(kind), device, *jobs_done, now]).await?;
     let old = now.saturating_sub(KEPT_FOR).unwrap_or(Timestamp::MIN);
