@@ -67,6 +67,7 @@ async fn a_stream_of_ids_tells_their_states_and_ends_with_them() {
     // A browser stops after 204. The parameter stands in for the header, which takes precedence.
     for (path, header) in [
         (path.clone(), Some(last.as_str())),
+        (path.clone(), Some(end[0].id.as_str())),
         (format!("{path}&last_event_id={last}"), None),
         (format!("{path}&last_event_id=nonsense"), Some(last.as_str())),
     ] {
@@ -83,6 +84,15 @@ async fn a_stream_of_ids_tells_their_states_and_ends_with_them() {
         assert_eq!(events.len(), 3, "{unknown}");
         assert_eq!(app.get_with(&path, &[("last-event-id", &last)]).await.status, 204);
     }
+    // A client does not know that one was deleted later.
+    app.delete(&ended).await;
+    let (events, _) = rest(Stream::open(&app, &path, Some(&last)).await).await;
+    let mut deleted: Vec<_> =
+        events.iter().filter(|event| event.data["status"] == "deleted").map(|e| brief(e).2).collect();
+    deleted.sort_unstable();
+    let mut expected = [ended, format!("/models/{none}")];
+    expected.sort_unstable();
+    assert_eq!(deleted, expected);
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -114,7 +124,9 @@ async fn a_stream_of_labels_goes_on() {
     // An unknown cursor gives ended models too.
     let mut anew = Stream::open(&app, path, Some("nonsense")).await;
     let told = [anew.next().await.unwrap(), anew.next().await.unwrap(), anew.next().await.unwrap()];
-    assert_eq!(told.each_ref().map(|event| brief(event).2), [later, done, open]);
+    assert_eq!(told.each_ref().map(|event| brief(event).2), [later, done.clone(), open]);
+    app.delete(&done).await;
+    is(&anew.next().await.unwrap(), "end", "deleted", &done);
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -131,6 +143,7 @@ async fn a_stream_of_a_batch_begins_with_all_its_models_and_ends_with_the_last()
     }
     told.sort_unstable();
     assert_eq!(told, models, "each once, over several pages");
+    assert!(stream.silent(Duration::from_millis(150)).await, "and none again");
     for model in &models[1..] {
         cancel(&app, &format!("/models/{model}")).await;
     }

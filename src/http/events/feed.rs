@@ -1,14 +1,14 @@
 //! Publication of the changes of jobs, once for all event streams of a process.
 //!
 //! The job store reports changes, and the feed reads each changed job that has readers once. A
-//! report may get lost: with the process that should have sent it, on a lost connection, or when
-//! the channel overflows. The feed therefore also reads followed jobs periodically, and searches
-//! for unknown models. The cost does not grow with the number of readers.
+//! report is lost if the process that should send it dies, if a connection breaks, or if the channel
+//! overflows. The feed therefore also reads followed jobs periodically and searches for unknown
+//! models. The cost does not grow with the number of readers.
 
 use super::published::{FeedTiming, Published};
 use super::subscription::Subscription;
 use crate::clock::Stopwatch;
-use crate::jobs::{Change, Job, Store, StoreError};
+use crate::jobs::{Change, Job, JobId, ListFilter, Store, StoreError};
 use crate::lock::{Mutex, MutexGuard};
 use std::sync::Arc;
 use tokio::sync::broadcast::{self, error::RecvError, error::TryRecvError};
@@ -26,7 +26,7 @@ pub(in crate::http) struct Feed {
     published: Mutex<Published>,
     /// Number of the last publication; the receivers are the readers of many models.
     last: watch::Sender<u64>,
-    /// Reports that were not read. Locked while changes are published.
+    /// Unread reports of changes. Locked while changes are published.
     reports: tokio::sync::Mutex<broadcast::Receiver<Change>>,
 }
 
@@ -57,7 +57,8 @@ impl Feed {
         self.published.lock()
     }
 
-    /// Changes the published states. Wakes the readers of many models if there is a new snapshot.
+    /// Applies `change` to the published states, and wakes the readers of many models if there is a
+    /// new snapshot.
     fn update(&self, change: impl FnOnce(&mut Published)) {
         let mut published = self.lock();
         change(&mut published);
@@ -66,7 +67,7 @@ impl Feed {
         self.last.send_if_modified(|number| std::mem::replace(number, last) != last);
     }
 
-    /// Publishes what is new in this state of a job, if the job has readers.
+    /// Publishes a state of a job, if the job has readers and the state is new.
     pub(in crate::http) fn offer(&self, job: &Job) {
         self.update(|published| published.offer(job, self.age.elapsed(), &self.timing));
     }
@@ -78,13 +79,28 @@ impl Feed {
         wake
     }
 
-    /// Publishes the changes that the job store has reported before this call. Gives up after the
-    /// time of a poll, because later events make up for it.
+    /// Publishes the changes that the job store reported before this call. Gives up after the time
+    /// of a poll; later events then correct the states.
     pub(super) async fn catch_up(&self) {
         let published = tokio::time::timeout(self.timing.poll, self.publish_changes()).await;
         if !matches!(published, Ok(Ok(()))) {
-            tracing::debug!("an event stream may begin with outdated states");
+            tracing::debug!("could not read all changed jobs; an event stream may begin with outdated states");
         }
+    }
+
+    /// Reads a followed job and publishes what is new.
+    pub(in crate::http) async fn refresh(&self, id: JobId) {
+        self.lock().note_change(id);
+        self.catch_up().await;
+    }
+
+    /// Reads these models. The result lacks those that do not exist.
+    pub(super) async fn read(&self, ids: Vec<JobId>) -> Result<Vec<Job>, StoreError> {
+        if ids.is_empty() {
+            return Ok(Vec::new());
+        }
+        let filter = ListFilter { limit: ids.len() as u32, ids, ..ListFilter::default() };
+        Ok(self.store.list(&filter).await?.jobs)
     }
 
     /// Publishes changes as they are reported.
@@ -96,7 +112,7 @@ impl Feed {
                 report = wake.recv() => if let Err(RecvError::Closed) = report { return },
                 () = tokio::time::sleep(pause) => {}
             }
-            // The reports so far are published together.
+            // The call below publishes all reports that have arrived.
             wake = wake.resubscribe();
             if let Err(error) = self.publish_changes().await {
                 tracing::warn!(%error, "could not read the job store; event streams wait for the next attempt");
@@ -111,16 +127,18 @@ impl Feed {
         self.note(&mut reports);
         if self.lock().poll(self.age.elapsed(), self.last.receiver_count(), &self.timing) {
             let newest = Subscription::default().newest_ids(&self.store).await?;
-            self.lock().note_newest(&newest);
+            self.lock().note_newest(newest);
         }
-        let next_due = || self.lock().next_due(self.age.elapsed());
-        while let Some(id) = next_due() {
+        let due = self.lock().due_jobs(self.age.elapsed());
+        for id in due {
             let read = self.store.get(id).await;
             if read.is_err() {
                 self.lock().postpone(id, self.age.elapsed() + 2 * self.timing.poll);
             }
             let job = read?;
             self.update(|published| published.note_read(id, job.as_ref(), self.age.elapsed(), &self.timing));
+            // Otherwise the channel of reports could overflow during many reads.
+            self.note(&mut reports);
         }
         Ok(())
     }

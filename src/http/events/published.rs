@@ -6,26 +6,28 @@
 //!
 //! Jobs are followed while they have readers: a job with a stream of its own, and all jobs while a
 //! stream of many models is open and for [`LINGER`] afterwards, so that a client that reconnects
-//! receives only what it lacks.
+//! receives only what it lacks. A followed job that has not ended stays known when its snapshot is
+//! dropped to save memory, so that polling still finds its end.
 
 use super::snapshot::{Changes, Snapshot};
 use super::subscription::Subscription;
 use crate::jobs::{BackendReport, Job, JobId, JobProgress, Status};
 use std::collections::{BTreeMap, HashMap};
+use std::ops::Bound::{Excluded, Unbounded};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::watch;
 
-/// Maximum size of all snapshots: those of some five thousand models.
+/// Maximum size of all snapshots, enough for about 5,000 models.
 const MAX_BYTES: usize = 32 << 20;
 /// Time for which all jobs are followed after the last stream of many models has closed.
 const LINGER: Duration = Duration::from_secs(60);
-/// Jobs that are read per poll although no change was reported, divided by the number of readers of
-/// many models, because each event goes to each of them.
-const READS: usize = 200;
-/// Minimum of the same.
-const MIN_READS: usize = 4;
-/// Polls from one search for unknown models to the next.
+/// Number of jobs without a stream of their own that are read per poll, divided by the number of
+/// readers of many models, because each event goes to each of these readers.
+const READS_PER_POLL: usize = 200;
+/// Minimum number of jobs without a stream of their own that are read per poll.
+const MIN_READS_PER_POLL: usize = 4;
+/// Number of polls from one search for unknown models to the next.
 const SEARCH_POLLS: usize = 8;
 
 /// Times that govern publication.
@@ -41,15 +43,16 @@ pub(in crate::http) struct FeedTiming {
 
 /// The latest publication of a job.
 #[derive(Debug)]
-struct Entry {
+struct PublishedJob {
+    /// Without data if it was dropped to save memory; it is not in [`Published::order`] then.
     snapshot: Arc<Snapshot>,
     /// What the snapshot shows; `None` if the job was deleted.
-    shown: Option<Shown>,
+    shown: Option<PublishedFields>,
     /// Time until which progress is held back.
     quiet_until: Duration,
 }
 
-impl Entry {
+impl PublishedJob {
     /// Whether the job may still change.
     fn is_open(&self) -> bool {
         self.shown.as_ref().is_some_and(|shown| !shown.status.0.is_ended())
@@ -60,15 +63,15 @@ impl Entry {
     }
 }
 
-/// The parts of a job whose changes are published: as `status` events, and as `progress` and
-/// `section` events.
+/// The parts of a job whose changes are published: `status` as `status` events, `progress` as
+/// `progress` and `section` events.
 #[derive(Debug, PartialEq)]
-struct Shown {
+struct PublishedFields {
     status: (Status, Option<u64>, u32, BackendReport, bool),
     progress: (Option<JobProgress>, Option<(u32, u32)>),
 }
 
-impl Shown {
+impl PublishedFields {
     fn new(job: &Job) -> Self {
         Self {
             status: (job.status, job.queue_position, job.attempts, job.backend.clone(), job.cancel_requested),
@@ -77,19 +80,19 @@ impl Shown {
     }
 }
 
-/// What follows a position.
+/// The first snapshot after a position.
 #[derive(Debug)]
-pub(super) enum Next {
-    Snapshot(Arc<Snapshot>),
-    /// Nothing up to this number.
-    Nothing(u64),
-    /// The position is of another process, or snapshots after it were dropped.
+pub(super) enum NextSnapshot {
+    Found(Arc<Snapshot>),
+    /// There is none up to this number.
+    None(u64),
+    /// The position is from another process, or snapshots after the position were dropped.
     Unknown,
 }
 
-/// The published states, and the jobs to be read. All times count from one moment.
+/// The published states, and the jobs to be read. All times are relative to the start of the feed.
 pub(super) struct Published {
-    jobs: BTreeMap<JobId, Entry>,
+    jobs: BTreeMap<JobId, PublishedJob>,
     order: BTreeMap<u64, JobId>,
     /// Number of the last publication.
     last: u64,
@@ -101,14 +104,15 @@ pub(super) struct Published {
     watched: HashMap<JobId, watch::Sender<u64>>,
     /// Time until which all jobs are followed; `None` if they are not.
     follow_until: Option<Duration>,
-    /// Jobs to be read, and when: changed ones now, those whose progress is held back later.
+    /// Jobs to be read, and the time to read them: 0 for changed jobs, later for jobs whose progress
+    /// is held back.
     due: BTreeMap<JobId, Duration>,
     polled_at: Duration,
     polls_since_search: usize,
-    /// The job that was polled last. Jobs without a stream of their own are polled in turns.
+    /// The last job of the last poll. Jobs without a stream of their own are polled in turns.
     turn: JobId,
-    /// The newest model at the last search; `None` before the first one.
-    newest: Option<JobId>,
+    /// Result of the last search for unknown models, oldest first; `None` before the first search.
+    newest: Option<Vec<JobId>>,
 }
 
 impl Default for Published {
@@ -137,19 +141,25 @@ impl Published {
         self.last
     }
 
-    /// The latest snapshot of a job.
+    /// The latest snapshot of a job; `None` if nothing was published or the snapshot was dropped.
     pub(super) fn latest(&self, id: JobId) -> Option<Arc<Snapshot>> {
-        Some(Arc::clone(&self.jobs.get(&id)?.snapshot))
+        let snapshot = &self.jobs.get(&id)?.snapshot;
+        snapshot.has_data().then(|| Arc::clone(snapshot))
     }
 
     /// The first snapshot after `position` that belongs to a subscription.
-    pub(super) fn after(&self, position: u64, subscription: &Subscription) -> Next {
+    pub(super) fn after(&self, position: u64, subscription: &Subscription) -> NextSnapshot {
         if !(self.floor..=self.last).contains(&position) {
-            return Next::Unknown;
+            return NextSnapshot::Unknown;
         }
         let mut later = self.order.range(position + 1..).filter_map(|(_, id)| Some(&self.jobs.get(id)?.snapshot));
         let next = later.find(|snapshot| subscription.includes(snapshot));
-        next.map_or(Next::Nothing(self.last), |snapshot| Next::Snapshot(Arc::clone(snapshot)))
+        next.map_or(NextSnapshot::None(self.last), |snapshot| NextSnapshot::Found(Arc::clone(snapshot)))
+    }
+
+    /// Whether anything was published of a job, even if the snapshot was dropped.
+    pub(super) fn knows(&self, id: JobId) -> bool {
+        self.jobs.contains_key(&id)
     }
 
     /// Whether a job of a subscription may still change.
@@ -157,8 +167,12 @@ impl Published {
         self.jobs.values().any(|entry| entry.is_open() && subscription.includes(&entry.snapshot))
     }
 
-    /// Follows one job until the receiver is dropped.
+    /// Follows one job until the receiver is dropped. The next offer is published even if progress
+    /// is held back, because a stream begins with the current state.
     pub(super) fn follow_job(&mut self, id: JobId) -> watch::Receiver<u64> {
+        if let Some(entry) = self.jobs.get_mut(&id) {
+            entry.quiet_until = Duration::ZERO;
+        }
         self.watched.entry(id).or_default().subscribe()
     }
 
@@ -172,24 +186,26 @@ impl Published {
         self.follow_until.is_some() || self.watched.contains_key(&id)
     }
 
-    /// Publishes what is new in this state of a job. Ignores states that are older than the
-    /// published one.
+    /// Publishes a state of a followed job, if it differs from the published one and is not older.
     pub(super) fn offer(&mut self, job: &Job, now: Duration, timing: &FeedTiming) {
         let entry = self.jobs.get(&job.id);
         let is_outdated = entry.is_some_and(|entry| entry.shown.is_none() || entry.snapshot.version > job.version);
         if is_outdated || !self.is_followed(job.id) {
             return;
         }
-        let mut shown = Shown::new(job);
-        let mut quiet_until = entry.map_or(now + timing.interval, |entry| entry.quiet_until);
-        let last = entry.and_then(|entry| entry.shown.as_ref());
-        let mut changes = Changes { status: true, progress: false };
-        if let Some(last) = last {
-            changes = Changes { status: last.status != shown.status, progress: last.progress != shown.progress };
-            if changes.progress && now < quiet_until {
-                self.due.entry(job.id).or_insert(quiet_until);
-                (changes.progress, shown.progress) = (false, last.progress);
-            }
+        let mut shown = PublishedFields::new(job);
+        let mut quiet_until = entry.map_or(Duration::ZERO, |entry| entry.quiet_until);
+        // If the snapshot of a watched job was dropped, the stream of the job needs another.
+        let is_watched = self.watched.contains_key(&job.id);
+        let entry_with_data = entry.filter(|entry| entry.snapshot.has_data());
+        let last = if is_watched { entry_with_data } else { entry }.and_then(|entry| entry.shown.as_ref());
+        let mut changes = Changes {
+            status: last.is_none_or(|last| last.status != shown.status),
+            progress: job.progress.is_some() && last.is_none_or(|last| last.progress != shown.progress),
+        };
+        if let Some(last) = last.filter(|_| changes.progress && now < quiet_until) {
+            self.due.entry(job.id).or_insert(quiet_until);
+            (changes.progress, shown.progress) = (false, last.progress);
         }
         if !changes.status && !changes.progress {
             return;
@@ -197,14 +213,14 @@ impl Published {
         if changes.progress {
             quiet_until = now + timing.interval;
         }
-        let previous = entry.map(|entry| &*entry.snapshot);
+        let previous = entry_with_data.map(|entry| &*entry.snapshot);
         let snapshot = Snapshot::new(job, timing.keep, self.last + 1, changes, previous);
-        let is_watched = self.watched.contains_key(&job.id);
         let snapshot = if is_watched { snapshot.for_its_stream(job, timing.keep) } else { snapshot };
         self.publish(snapshot, Some(shown), quiet_until);
     }
 
-    /// Publishes that a job was deleted. Clients may know a job that was never read from elsewhere.
+    /// Publishes that a followed job was deleted, even if the job was never read: clients may have
+    /// its id from another response.
     pub(super) fn delete(&mut self, id: JobId) {
         let entry = self.jobs.get(&id);
         if self.is_followed(id) && entry.is_none_or(|entry| entry.shown.is_some()) {
@@ -213,32 +229,35 @@ impl Published {
         }
     }
 
-    /// Adds a snapshot. While there is no room, drops the oldest ones of jobs that neither run nor
-    /// have a stream of their own.
-    fn publish(&mut self, snapshot: Snapshot, shown: Option<Shown>, quiet_until: Duration) {
+    /// Adds a snapshot. If all snapshots together are too large, drops the oldest ones of jobs that
+    /// neither run nor have a stream of their own.
+    fn publish(&mut self, snapshot: Snapshot, shown: Option<PublishedFields>, quiet_until: Duration) {
         let (id, number) = (snapshot.id, snapshot.number);
         self.remove(id);
         self.last = number;
         self.bytes += snapshot.bytes();
         self.order.insert(number, id);
-        self.jobs.insert(id, Entry { snapshot: Arc::new(snapshot), shown, quiet_until });
+        self.jobs.insert(id, PublishedJob { snapshot: Arc::new(snapshot), shown, quiet_until });
         while self.bytes > self.max_bytes {
             let is_kept =
-                |id: &JobId| self.watched.contains_key(id) || self.jobs.get(id).is_some_and(Entry::is_running);
+                |id: &JobId| self.watched.contains_key(id) || self.jobs.get(id).is_some_and(PublishedJob::is_running);
             let Some((&oldest, &id)) = self.order.range(..number).find(|(_, id)| !is_kept(id)) else { break };
-            self.remove(id);
             self.floor = self.floor.max(oldest);
+            if let Some(entry) = self.remove(id).filter(PublishedJob::is_open) {
+                let snapshot = Arc::new(entry.snapshot.without_data());
+                self.jobs.insert(id, PublishedJob { snapshot, ..entry });
+            }
         }
         if let Some(wake) = self.watched.get(&id) {
             wake.send_replace(number);
         }
     }
 
-    fn remove(&mut self, id: JobId) {
-        if let Some(entry) = self.jobs.remove(&id) {
-            self.order.remove(&entry.snapshot.number);
-            self.bytes -= entry.snapshot.bytes();
-        }
+    fn remove(&mut self, id: JobId) -> Option<PublishedJob> {
+        let entry = self.jobs.remove(&id)?;
+        self.order.remove(&entry.snapshot.number);
+        self.bytes -= entry.snapshot.bytes();
+        Some(entry)
     }
 
     /// Makes a changed job due, if it has readers.
@@ -248,34 +267,36 @@ impl Published {
         }
     }
 
-    /// Makes all followed jobs and a search due, because reports of changes were lost.
+    /// Makes all followed jobs and a search due after reports of changes were lost.
     pub(super) fn note_loss(&mut self) {
         let open = self.jobs.iter().filter(|(_, entry)| entry.is_open()).map(|(id, _)| id);
         self.due.extend(open.chain(self.watched.keys()).map(|id| (*id, Duration::ZERO)));
         self.polls_since_search = SEARCH_POLLS;
     }
 
-    /// Notes the models that a search found, oldest first. Makes due those that are newer than the
-    /// last search. Readers begin with the models of the first search by themselves.
-    pub(super) fn note_newest(&mut self, found: &[JobId]) {
-        let nil = JobId(uuid::Uuid::nil());
-        let newest = found.last().copied().unwrap_or(nil);
-        let last = self.newest.replace(newest).unwrap_or(newest);
-        self.due.extend(found.iter().filter(|id| **id > last).map(|id| (*id, Duration::ZERO)));
+    /// Notes the newest models that a search found, oldest first. Makes due those that were created
+    /// since the last search; after the first search, all of them. Ids of several processes are
+    /// not exactly in the order of creation, so a new model may be older than one that was found.
+    pub(super) fn note_newest(&mut self, found: Vec<JobId>) {
+        let last = self.newest.take().unwrap_or_default();
+        let is_new = |id: &&JobId| last.first().is_none_or(|oldest| *id > oldest) && !last.contains(id);
+        let new = found.iter().filter(is_new).filter(|id| !self.jobs.contains_key(id));
+        self.due.extend(new.map(|id| (*id, Duration::ZERO)));
+        self.newest = Some(found);
         self.polls_since_search = 0;
     }
 
-    /// Makes due, once per poll, the jobs to be polled. Returns whether unknown models are to be
-    /// searched for. `readers`: number of readers of many models.
+    /// Makes the jobs to be polled due, if the time of a poll has passed. Returns whether to search
+    /// for unknown models. `readers` is the number of readers of many models.
     pub(super) fn poll(&mut self, now: Duration, readers: usize, timing: &FeedTiming) -> bool {
         if now >= self.polled_at + timing.poll {
             self.polled_at = now;
             self.release_unread(now, readers);
             let mut polled: Vec<_> = self.watched.keys().copied().collect();
             if readers > 0 {
-                let rest = self.jobs.range(self.turn..).skip(1).chain(&self.jobs);
+                let rest = self.jobs.range((Excluded(self.turn), Unbounded)).chain(&self.jobs);
                 let open = rest.filter(|(_, entry)| entry.is_open()).map(|(id, _)| *id);
-                polled.extend(open.take((READS / readers).max(MIN_READS)));
+                polled.extend(open.take((READS_PER_POLL / readers).max(MIN_READS_PER_POLL)));
                 self.turn = polled.last().copied().unwrap_or(self.turn);
                 self.polls_since_search += 1;
             }
@@ -284,7 +305,7 @@ impl Published {
         self.follow_until.is_some() && (self.newest.is_none() || self.polls_since_search >= SEARCH_POLLS)
     }
 
-    /// Ends the following of jobs that have lost their readers.
+    /// Forgets jobs that have no readers.
     fn release_unread(&mut self, now: Duration, readers: usize) {
         self.watched.retain(|_, wake| wake.receiver_count() > 0);
         if readers > 0 {
@@ -294,6 +315,7 @@ impl Published {
             return;
         }
         (self.follow_until, self.newest) = (None, None);
+        self.due.retain(|id, _| self.watched.contains_key(id));
         self.jobs.retain(|id, _| self.watched.contains_key(id));
         self.order.retain(|_, id| self.jobs.contains_key(id));
         self.bytes = self.jobs.values().map(|entry| entry.snapshot.bytes()).sum();
@@ -302,18 +324,18 @@ impl Published {
         self.floor = self.last;
     }
 
-    /// A job to be read now. It stays due until [`Published::note_read`].
-    pub(super) fn next_due(&self, now: Duration) -> Option<JobId> {
-        self.due.iter().find(|(_, at)| **at <= now).map(|(id, _)| *id)
+    /// The jobs to be read now. They stay due until [`Published::note_read`].
+    pub(super) fn due_jobs(&self, now: Duration) -> Vec<JobId> {
+        self.due.iter().filter(|(_, at)| **at <= now).map(|(id, _)| *id).collect()
     }
 
-    /// Defers a job that could not be read, so that the others are read even if it never can be.
+    /// Defers a job that could not be read, so that it does not delay the others.
     pub(super) fn postpone(&mut self, id: JobId, until: Duration) {
         self.due.insert(id, until);
     }
 
-    /// Publishes what was read: the job, or that there is none. A job that was never known may not
-    /// have existed.
+    /// Publishes the result of a read. A missing job was deleted if it is known; otherwise it may
+    /// never have existed.
     pub(super) fn note_read(&mut self, id: JobId, job: Option<&Job>, now: Duration, timing: &FeedTiming) {
         self.due.remove(&id);
         match job {

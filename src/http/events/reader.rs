@@ -1,25 +1,28 @@
 //! The position of one stream in the published states, and the events that follow it.
 
 use super::feed::Feed;
-use super::published::Next;
+use super::published::NextSnapshot;
 use super::snapshot::{Changes, Snapshot};
 use super::subscription::Subscription;
 use crate::http::models::detail::Detail;
 use crate::http::models::links::At;
 use crate::jobs::{JobId, StoreError};
 use bytes::Bytes;
-use std::collections::VecDeque;
+use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::watch;
 
-/// What a stream sends next.
-pub(super) enum Step {
-    /// These pieces; there may be none.
+/// Initial states per read of the job store. A slow client holds them in memory.
+const INITIAL_PAGE: usize = 20;
+
+/// The next thing that a stream does.
+pub(super) enum StreamStep {
+    /// Send these pieces, possibly none.
     Events(Vec<Bytes>),
-    /// These pieces, after which the stream ends.
+    /// Send these pieces and end.
     Last(Vec<Bytes>),
-    /// Nothing until something is published.
+    /// Wait for a publication.
     Wait,
 }
 
@@ -27,112 +30,121 @@ pub(super) enum Step {
 pub(in crate::http) struct Reader {
     feed: Arc<Feed>,
     wake: watch::Receiver<u64>,
-    scope: Scope,
+    scope: ReaderScope,
 }
 
-enum Scope {
+enum ReaderScope {
     /// One job, and the number of its last snapshot that the client has; 0 for none.
     Job(JobId, u64),
-    Models(Box<Models>),
+    Models(Box<ModelsReader>),
 }
 
-struct Models {
+/// The position of a reader of many models.
+struct ModelsReader {
     subscription: Subscription,
     /// Number of the last publication that the client has.
     position: u64,
     /// Cursors consist of this text and a position.
     cursor_prefix: String,
-    /// The position at which the reader began, and the models whose state at that position is still
-    /// to be sent; `None` once the client has all of them.
-    initial: Option<(u64, VecDeque<JobId>)>,
+    /// The models whose initial states are still to be sent; `None` once the client has all of them.
+    initial: Option<VecDeque<JobId>>,
+    /// Numbers of the initial states that were published after `position`.
+    sent: HashMap<JobId, u64>,
     /// Whether the last model may have ended.
     may_be_over: bool,
 }
 
-impl Models {
-    /// The id of an event at a position. A client that loses the connection during the initial
+impl ModelsReader {
+    /// The id of an event at `position`. A client that loses the connection during the initial
     /// states begins anew, so their cursor is 0, which is no position.
     fn cursor(&self, position: u64) -> String {
         format!("{}{}", self.cursor_prefix, if self.initial.is_some() { 0 } else { position })
     }
 
-    /// Begins with the present states.
+    /// Begins with the current states.
     async fn begin(&mut self, feed: &Feed, with_ended: bool) -> Result<(), StoreError> {
         let position = feed.lock().last();
         let ids = self.subscription.initial_ids(&feed.store, with_ended).await?;
-        self.initial = Some((position, ids.into()));
+        self.initial = Some(ids.into());
+        self.sent.clear();
         (self.position, self.may_be_over) = (position, true);
         Ok(())
     }
 
-    async fn next(&mut self, feed: &Feed, detail: Detail) -> Result<Step, StoreError> {
+    async fn next(&mut self, feed: &Feed, detail: Detail) -> Result<StreamStep, StoreError> {
+        if let Some(ids) = &self.initial {
+            let ids: Vec<JobId> = ids.iter().take(INITIAL_PAGE).copied().collect();
+            return Ok(StreamStep::Events(self.initial_events(feed, ids, detail).await?));
+        }
         let next = feed.lock().after(self.position, &self.subscription);
         match next {
-            Next::Snapshot(snapshot) => {
-                let cursor = self.cursor(snapshot.number);
-                let events = snapshot.events_after(self.position, &cursor, detail, At::Root);
+            NextSnapshot::Found(snapshot) => {
+                let last = self.sent.remove(&snapshot.id).unwrap_or(self.position);
+                let events = snapshot.events_after(last, &self.cursor(snapshot.number), detail, At::Root);
                 self.position = snapshot.number;
                 self.may_be_over |= snapshot.is_last;
-                return Ok(Step::Events(events));
+                Ok(StreamStep::Events(events))
             }
-            Next::Nothing(last) => self.position = last,
-            Next::Unknown => {
+            NextSnapshot::None(last) => {
+                self.position = last;
+                let end_id = if self.may_be_over { self.end_id(feed).await? } else { None };
+                self.may_be_over = false;
+                Ok(end_id.map_or(StreamStep::Wait, |id| StreamStep::Last(vec![format!("id: {id}\n\n").into()])))
+            }
+            NextSnapshot::Unknown => {
                 self.begin(feed, true).await?;
-                return Ok(Step::Events(Vec::new()));
+                Ok(StreamStep::Events(Vec::new()))
             }
         }
-        let Some((begin, ids)) = &self.initial else { return self.end(feed).await };
-        let Some(&id) = ids.front() else {
+    }
+
+    /// The states of `ids`, the first models in `initial`. Publishes models that have not ended and
+    /// that the feed does not know. After the last initial state comes an id without an event, so
+    /// that the client can resume from there.
+    async fn initial_events(&mut self, feed: &Feed, ids: Vec<JobId>, detail: Detail) -> Result<Vec<Bytes>, StoreError> {
+        let known: Vec<_> = {
+            let published = feed.lock();
+            ids.iter().map(|id| published.latest(*id)).collect()
+        };
+        let unknown = ids.iter().zip(&known).filter(|(_, known)| known.is_none()).map(|(id, _)| *id).collect();
+        let read = feed.read(unknown).await?;
+        let (cursor, number) = (self.cursor(0), self.position);
+        let mut pieces = Vec::new();
+        for (&id, known) in ids.iter().zip(known) {
+            let job = read.iter().find(|job| job.id == id);
+            // The feed will publish the end of a job that it knows, which would then be sent twice.
+            if let Some(job) = job.filter(|job| !job.status.is_ended() || feed.lock().knows(job.id)) {
+                feed.offer(job);
+            }
+            let snapshot = feed.lock().latest(id).or(known).unwrap_or_else(|| {
+                Arc::new(match job {
+                    Some(job) => Snapshot::new(job, feed.timing.keep, number, Changes::default(), None),
+                    None => Snapshot::deleted(id, number, None),
+                })
+            });
+            if snapshot.number > self.position {
+                self.sent.insert(id, snapshot.number);
+            }
+            if !snapshot.fields.as_ref().is_some_and(|fields| self.subscription.may_see(fields)) {
+                // For the caller, a model of another owner does not exist.
+                pieces.extend(Snapshot::deleted(id, number, None).events_after(0, &cursor, detail, At::Root));
+            } else if self.subscription.includes(&snapshot) {
+                pieces.extend(snapshot.events_after(0, &cursor, detail, At::Root));
+            }
+        }
+        let initial = self.initial.get_or_insert_default();
+        initial.drain(..ids.len());
+        if initial.is_empty() {
             self.initial = None;
-            // An id without an event: the client can resume from here.
-            return Ok(Step::Events(vec![format!("id: {}\n\n", self.cursor(self.position)).into()]));
-        };
-        let events = self.initial_events(feed, *begin, id, detail).await?;
-        self.initial.as_mut().map(|(_, ids)| ids.pop_front());
-        Ok(Step::Events(events))
+            pieces.push(format!("id: {}\n\n", self.cursor(self.position)).into());
+        }
+        Ok(pieces)
     }
 
-    /// The state of one model at the position at which the reader began. A model that may change
-    /// and that the feed has not read is published, and its events follow like all later ones.
-    async fn initial_events(
-        &self,
-        feed: &Feed,
-        begin: u64,
-        id: JobId,
-        detail: Detail,
-    ) -> Result<Vec<Bytes>, StoreError> {
-        let known = feed.lock().latest(id);
-        let snapshot = match known {
-            Some(snapshot) => snapshot,
-            None => match feed.store.get(id).await? {
-                Some(job) => {
-                    if !job.status.is_ended() {
-                        feed.offer(&job);
-                    }
-                    let present = || Arc::new(Snapshot::new(&job, feed.timing.keep, begin, Changes::default(), None));
-                    feed.lock().latest(id).unwrap_or_else(present)
-                }
-                None => Arc::new(Snapshot::deleted(id, begin, None)),
-            },
-        };
-        let events = |snapshot: &Snapshot| snapshot.events_after(0, &self.cursor(begin), detail, At::Root);
-        Ok(if !snapshot.fields.as_ref().is_some_and(|fields| self.subscription.may_see(fields)) {
-            // A model of another owner looks as if it did not exist.
-            events(&Snapshot::deleted(id, begin, None))
-        } else if snapshot.number <= begin && self.subscription.includes(&snapshot) {
-            events(&snapshot)
-        } else {
-            Vec::new()
-        })
-    }
-
-    /// The end of the stream, if all models of a finite subscription have ended.
-    async fn end(&mut self, feed: &Feed) -> Result<Step, StoreError> {
-        let may_be_over = self.may_be_over && self.subscription.is_finite();
-        let is_over = may_be_over && !feed.lock().has_open(&self.subscription);
-        let end_id = if is_over { self.subscription.end_id(&feed.store).await? } else { None };
-        self.may_be_over = false;
-        Ok(end_id.map_or(Step::Wait, |id| Step::Last(vec![format!("id: {id}\n\n").into()])))
+    /// The id of the last event, if all models of a finite subscription have ended.
+    async fn end_id(&self, feed: &Feed) -> Result<Option<String>, StoreError> {
+        let has_ended = self.subscription.is_finite() && !feed.lock().has_open(&self.subscription);
+        if has_ended { self.subscription.end_id(&feed.store).await } else { Ok(None) }
     }
 }
 
@@ -140,12 +152,12 @@ impl Reader {
     /// A reader of one job that has received nothing. The job need not exist.
     pub(in crate::http) fn of_job(feed: &Arc<Feed>, id: JobId) -> Self {
         let wake = feed.lock().follow_job(id);
-        Self { feed: Arc::clone(feed), wake, scope: Scope::Job(id, 0) }
+        Self { feed: Arc::clone(feed), wake, scope: ReaderScope::Job(id, 0) }
     }
 
     /// A reader of many models that has received everything up to the event with the id `last_id`.
-    /// Begins with the present states if that id is absent or unknown; `None` if nothing will
-    /// follow it.
+    /// If the id is absent or unknown, the reader begins with the current states. Returns `None` if
+    /// no event will follow the id.
     pub(super) async fn of_models(
         feed: &Arc<Feed>,
         subscription: Subscription,
@@ -161,17 +173,21 @@ impl Reader {
         feed.catch_up().await;
         let cursor_prefix = format!("{}-{}-", feed.name, subscription.digest());
         let position = last_id.and_then(|id| id.strip_prefix(&cursor_prefix)?.parse().ok()).unwrap_or(0);
-        let is_unknown = matches!(feed.lock().after(position, &subscription), Next::Unknown);
-        let mut models = Box::new(Models { subscription, position, cursor_prefix, initial: None, may_be_over: true });
-        if is_unknown {
-            models.begin(feed, last_id.is_some()).await?;
+        let next = feed.lock().after(position, &subscription);
+        let (initial, sent) = (None, HashMap::new());
+        let mut models =
+            Box::new(ModelsReader { subscription, position, cursor_prefix, initial, sent, may_be_over: true });
+        match next {
+            NextSnapshot::Unknown => models.begin(feed, last_id.is_some()).await?,
+            NextSnapshot::None(_) if models.end_id(feed).await?.is_some() => return Ok(None),
+            NextSnapshot::Found(_) | NextSnapshot::None(_) => {}
         }
-        Ok(Some(Self { feed: Arc::clone(feed), wake, scope: Scope::Models(models) }))
+        Ok(Some(Self { feed: Arc::clone(feed), wake, scope: ReaderScope::Models(models) }))
     }
 
     /// Skips the state of the job that the client has, if no newer one was published.
     pub(super) fn skip(&mut self, version: u64) {
-        if let Scope::Job(id, position) = &mut self.scope
+        if let ReaderScope::Job(id, position) = &mut self.scope
             && let Some(snapshot) = self.feed.lock().latest(*id)
             && snapshot.version <= version
         {
@@ -179,19 +195,19 @@ impl Reader {
         }
     }
 
-    /// What the stream sends next. After an error it can be called again.
-    pub(super) async fn next(&mut self, detail: Detail) -> Result<Step, StoreError> {
+    /// The next step of the stream. Can be called again after an error.
+    pub(super) async fn next(&mut self, detail: Detail) -> Result<StreamStep, StoreError> {
         self.wake.mark_unchanged();
         let (id, position) = match &mut self.scope {
             // Boxed, so that streams of one job do not reserve memory for calls of the job store.
-            Scope::Models(models) => return Box::pin(models.next(&self.feed, detail)).await,
-            Scope::Job(id, position) => (*id, position),
+            ReaderScope::Models(models) => return Box::pin(models.next(&self.feed, detail)).await,
+            ReaderScope::Job(id, position) => (*id, position),
         };
         let latest = self.feed.lock().latest(id);
-        let Some(snapshot) = latest.filter(|snapshot| snapshot.number > *position) else { return Ok(Step::Wait) };
+        let Some(snapshot) = latest.filter(|snapshot| snapshot.number > *position) else { return Ok(StreamStep::Wait) };
         let events = snapshot.events_after(*position, &snapshot.version.to_string(), detail, At::Model);
         *position = snapshot.number;
-        Ok(if snapshot.is_last { Step::Last(events) } else { Step::Events(events) })
+        Ok(if snapshot.is_last { StreamStep::Last(events) } else { StreamStep::Events(events) })
     }
 
     /// Waits until something was published since the last call of [`Reader::next`].
@@ -203,12 +219,12 @@ impl Reader {
 
     /// Waits until the job has ended or was deleted.
     pub(in crate::http) async fn ended(&mut self) {
-        while !matches!(self.next(Detail::Summary).await, Ok(Step::Last(_))) {
+        while !matches!(self.next(Detail::Summary).await, Ok(StreamStep::Last(_))) {
             self.changed().await;
         }
     }
 
-    /// Time after which a stream reads the job store again that could not be read.
+    /// Time after which a stream retries a failed read of the job store.
     pub(super) fn poll(&self) -> Duration {
         self.feed.timing.poll
     }

@@ -17,7 +17,7 @@ use std::time::Duration;
 /// End of a JSON object, and of an event.
 const END: &[u8] = b"}\n\n";
 
-/// The fields of a job by which a stream of many models selects it; they never change.
+/// The fields of a job by which a stream of many models selects it. They never change.
 #[derive(Debug)]
 pub(super) struct FilterFields {
     pub(super) kind: JobKind,
@@ -41,18 +41,20 @@ pub(super) struct Snapshot {
     first_number: u64,
     status_number: u64,
     progress_number: u64,
-    /// Whether no state follows: the job has ended or was deleted.
+    /// Whether this is the last state, because the job has ended or was deleted.
     pub(super) is_last: bool,
     /// The job as JSON without spec and section, and the end of the event.
     data: Bytes,
-    /// The same with references to files relative to the stream of this job, if they differ.
+    /// The same with references to files relative to the stream of this job; `None` if there are no
+    /// files.
     data_of_job_stream: Option<Bytes>,
     /// The member `spec`; empty for fits and deleted models.
     spec: Bytes,
     section: Option<SectionMember>,
 }
 
-/// The events by which a snapshot is published. The first one of a job is a `status` event.
+/// The events by which a snapshot is published. The first snapshot of a job is always published as
+/// a `status` event.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Changes {
     pub(super) status: bool,
@@ -112,7 +114,7 @@ impl Snapshot {
         }
     }
 
-    /// The end of a job that was deleted after `previous`.
+    /// The state of a job that was deleted after `previous`.
     pub(super) fn deleted(id: JobId, number: u64, previous: Option<&Self>) -> Self {
         Self {
             id,
@@ -137,11 +139,22 @@ impl Snapshot {
         Self { data_of_job_stream, ..self }
     }
 
-    /// Approximate size in memory.
+    /// The same snapshot without anything to send.
+    pub(super) fn without_data(&self) -> Self {
+        let fields = self.fields.clone();
+        Self { fields, data: Bytes::new(), data_of_job_stream: None, spec: Bytes::new(), section: None, ..*self }
+    }
+
+    /// Whether there is anything to send.
+    pub(super) fn has_data(&self) -> bool {
+        !self.data.is_empty()
+    }
+
+    /// Size of its data in bytes.
     pub(super) fn bytes(&self) -> usize {
         let section = self.section.as_ref().map_or(0, |section| section.bytes.len());
         let of_job_stream = self.data_of_job_stream.as_ref().map_or(0, Bytes::len);
-        size_of::<Self>() + self.data.len() + of_job_stream + self.spec.len() + section
+        self.data.len() + of_job_stream + self.spec.len() + section
     }
 
     /// The events for a reader that has received everything up to `position` (0: nothing), as
@@ -149,7 +162,7 @@ impl Snapshot {
     pub(super) fn events_after(&self, position: u64, id: &str, detail: Detail, at: At) -> Vec<Bytes> {
         let is_known = self.first_number <= position;
         let names = [
-            ("end", self.is_last),
+            ("end", self.is_last && self.number > position),
             ("status", !self.is_last && self.status_number > position),
             ("progress", !self.is_last && is_known && self.progress_number > position),
             ("section", self.section.as_ref().is_some_and(|section| section.number > position)),

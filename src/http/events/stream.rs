@@ -4,7 +4,7 @@
 //! memory. It ends with its jobs, with the connection, with the key of the caller, or with the
 //! service.
 
-use super::reader::{Reader, Step};
+use super::reader::{Reader, StreamStep};
 use crate::clock::Stopwatch;
 use crate::http::AppState;
 use crate::http::access::{Access, Caller};
@@ -86,16 +86,16 @@ impl EventStream {
                 }
             }
             let wait = match reader.next(self.detail).await {
-                Ok(Step::Events(events)) => {
+                Ok(StreamStep::Events(events)) => {
                     self.pieces.extend(events);
                     continue;
                 }
-                Ok(Step::Last(events)) => {
+                Ok(StreamStep::Last(events)) => {
                     self.pieces.extend(events);
                     self.reader = None;
                     continue;
                 }
-                Ok(Step::Wait) => self.silence,
+                Ok(StreamStep::Wait) => self.silence,
                 Err(error) => {
                     tracing::warn!(%error, "could not read the job store; an event stream waits for the next attempt");
                     reader.poll().min(self.silence)

@@ -17,7 +17,9 @@ pub(super) struct Subscription(ListFilter);
 
 impl Subscription {
     pub(super) fn new(filter: ListFilter) -> Self {
-        let ListFilter { owner, ids, labels, batch, .. } = filter;
+        let ListFilter { owner, mut ids, labels, batch, .. } = filter;
+        ids.sort_unstable();
+        ids.dedup();
         Self(ListFilter { owner, ids, labels, batch, ..ListFilter::default() })
     }
 
@@ -35,7 +37,7 @@ impl Subscription {
     /// fields, so it belongs only to a subscription that selects by ids at most.
     pub(super) fn includes(&self, snapshot: &Snapshot) -> bool {
         let ListFilter { owner, ids, labels, batch, .. } = &self.0;
-        if !ids.is_empty() && !ids.contains(&snapshot.id) {
+        if !ids.is_empty() && ids.binary_search(&snapshot.id).is_err() {
             return false;
         }
         let Some(fields) = &snapshot.fields else { return owner.is_none() && labels.is_empty() && batch.is_none() };
@@ -46,9 +48,7 @@ impl Subscription {
 
     /// Distinguishes its cursors from those of other subscriptions.
     pub(super) fn digest(&self) -> String {
-        let mut filter = self.0.clone();
-        filter.ids.sort_unstable();
-        hex::encode(&Sha256::digest(format!("{filter:?}"))[..4])
+        hex::encode(&Sha256::digest(format!("{:?}", self.0))[..4])
     }
 
     /// The models of its initial events: first the running and the queued ones, then the others,
@@ -91,16 +91,17 @@ impl Subscription {
 
     /// The id of the last event of its stream, if all its models have ended. Every process forms
     /// the same id, so a client that reconnects to another process learns there that nothing
-    /// follows. The id names the newest model, because the retry of a model adds one to its batch.
+    /// follows. The number of models changes if one is deleted, and the newest model if one is
+    /// added, as the retry of a model adds one to its batch.
     pub(super) async fn end_id(&self, store: &Store) -> Result<Option<String>, StoreError> {
-        let first = async |status| store.ids(&ListFilter { status, limit: 1, ..self.0.clone() }).await;
         for status in [Status::Queued, Status::Running] {
-            if !first(Some(status)).await?.is_empty() {
+            if !self.ids(store, Some(status), Some(1)).await?.is_empty() {
                 return Ok(None);
             }
         }
-        let newest = first(None).await?.first().map_or_else(|| "none".to_owned(), ToString::to_string);
-        Ok(Some(format!("over-{}-{newest}", self.digest())))
+        let ids = self.ids(store, None, None).await?;
+        let newest = ids.last().map_or_else(|| "none".to_owned(), ToString::to_string);
+        Ok(Some(format!("over-{}-{}-{newest}", self.digest(), ids.len())))
     }
 }
 

@@ -14,7 +14,6 @@ mod shape;
 
 use crate::http::wire::extract::{PathTexts, parse_id};
 use crate::http::wire::problem::{Kind, Problem};
-
 use crate::jobs::JobId;
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;

@@ -284,10 +284,8 @@ async fn until_ended(state: &AppState, job: Job, time: Duration) -> Job {
     }
     let mut reader = Reader::of_job(&state.feed, job.id);
     let ended = async {
-        // Its end may have been reported before it was followed.
-        if let Ok(Some(now)) = state.store.get(job.id).await {
-            state.feed.offer(&now);
-        }
+        // The end may have been reported before the reader existed.
+        state.feed.refresh(job.id).await;
         reader.ended().await;
     };
     tokio::select! {

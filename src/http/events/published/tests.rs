@@ -27,7 +27,7 @@ fn published(max_bytes: usize) -> Published {
 /// Offers a state of a job that differs from the last one, and returns its number.
 fn offer(published: &mut Published, n: u8, status: Status) -> u64 {
     let base = if status == Status::Running { running(10) } else { job() };
-    let version = published.latest(id(n)).map_or(0, |latest| latest.version) + 1;
+    let version = published.jobs.get(&id(n)).map_or(0, |published| published.snapshot.version) + 1;
     let job = Job { id: id(n), status, version, attempts: version as u32, ..base };
     published.offer(&job, Duration::ZERO, &timing(Duration::ZERO));
     published.last
@@ -38,12 +38,12 @@ fn read(published: &Published, mut position: u64) -> Option<Vec<JobId>> {
     let mut ids = Vec::new();
     loop {
         match published.after(position, &Subscription::default()) {
-            Next::Snapshot(snapshot) => {
+            NextSnapshot::Found(snapshot) => {
                 ids.push(snapshot.id);
                 position = snapshot.number;
             }
-            Next::Nothing(_) => return Some(ids),
-            Next::Unknown => return None,
+            NextSnapshot::None(_) => return Some(ids),
+            NextSnapshot::Unknown => return None,
         }
     }
 }
@@ -111,16 +111,18 @@ fn open_jobs_are_polled_in_turns_and_jobs_with_a_stream_each_time() {
 }
 
 #[test]
-fn only_models_that_are_newer_than_the_last_search_are_read() {
+fn models_created_since_the_last_search_are_read() {
     let mut published = published(usize::MAX);
-    published.note_newest(&[id(1), id(2)]);
-    assert!(published.due.is_empty(), "readers begin with them");
-    published.note_newest(&[id(2), id(3), id(4)]);
-    assert_eq!(published.due.keys().collect::<Vec<_>>(), [&id(3), &id(4)]);
-    let mut empty = Published::default();
-    empty.note_newest(&[]);
-    empty.note_newest(&[id(1)]);
-    assert_eq!(empty.next_due(Duration::ZERO), Some(id(1)));
+    let mut read = |found: &[u8]| {
+        published.note_newest(found.iter().map(|n| id(*n)).collect());
+        std::mem::take(&mut published.due).into_keys().collect::<Vec<_>>()
+    };
+    assert_eq!(read(&[3, 5]), [id(3), id(5)], "all at first");
+    assert_eq!(read(&[3, 4, 5, 6]), [id(4), id(6)], "also one by a process whose clock is behind");
+    assert!(read(&[1, 2, 3, 5]).is_empty(), "older ones, after others were deleted");
+    offer(&mut published, 7, Status::Queued);
+    published.note_newest(vec![id(5), id(7)]);
+    assert!(published.due.is_empty(), "it is known");
 }
 
 #[test]
@@ -153,9 +155,9 @@ fn a_reader_that_lags_gets_the_newest_state_only() {
     for version in 1..=1000 {
         published.offer(&Job { version, ..running(version as u32) }, Duration::ZERO, &timing(Duration::ZERO));
     }
-    let Next::Snapshot(snapshot) = published.after(position, &Subscription::default()) else { panic!("nothing") };
+    let NextSnapshot::Found(snapshot) = published.after(position, &Subscription::default()) else { panic!("nothing") };
     assert_eq!(snapshot.version, 1000);
-    assert!(matches!(published.after(snapshot.number, &Subscription::default()), Next::Nothing(_)));
+    assert!(matches!(published.after(snapshot.number, &Subscription::default()), NextSnapshot::None(_)));
 }
 
 #[test]
@@ -171,7 +173,7 @@ fn fits_are_published_to_their_own_streams_alone() {
 
 #[test]
 fn an_unknown_position_is_reported() {
-    let mut published = published(usize::MAX);
+    let published = published(usize::MAX);
     assert_eq!(read(&published, 1), Some(vec![]));
     assert_eq!((read(&published, 0), read(&published, 2)), (None, None));
 }
@@ -187,8 +189,37 @@ fn the_oldest_snapshots_are_dropped_but_not_those_of_running_or_watched_jobs() {
     let _reader = published.follow_job(id(3));
     offer(&mut published, 4, Status::Queued);
     offer(&mut published, 5, Status::Queued);
-    let kept: Vec<_> = published.jobs.keys().copied().collect();
-    assert_eq!(kept, [id(1), id(3), id(5)]);
+    let kept: Vec<_> = (1..6).filter(|n| published.latest(id(*n)).is_some()).collect();
+    assert_eq!(kept, [1, 3, 5]);
+}
+
+#[test]
+fn a_job_whose_snapshot_was_dropped_is_followed_to_its_end() {
+    let mut published = published(0);
+    let both = Subscription::new(ListFilter { ids: vec![id(1), id(2)], ..ListFilter::default() });
+    offer(&mut published, 1, Status::Queued);
+    offer(&mut published, 2, Status::Succeeded);
+    assert!(published.latest(id(1)).is_none() && published.has_open(&both));
+    let same = Job { id: id(1), attempts: 1, ..job() };
+    let reader = published.follow_job(id(1));
+    published.offer(&same, Duration::ZERO, &timing(Duration::ZERO));
+    assert!(published.latest(id(1)).is_some(), "its own stream begins with it");
+    drop(reader);
+    published.release_unread(MS, 1);
+    offer(&mut published, 2, Status::Succeeded);
+    published.poll(MS, 1, &timing(Duration::ZERO));
+    assert_eq!(published.due_jobs(MS), [id(1)]);
+    // Nothing has changed.
+    let position = published.last;
+    published.offer(&same, Duration::ZERO, &timing(Duration::ZERO));
+    assert_eq!(published.last, position);
+    let end =
+        Job { id: id(1), status: Status::Cancelled, version: 2, spec: serde_json::json!({ "steps": 2000 }), ..job() };
+    published.offer(&end, Duration::ZERO, &timing(Duration::ZERO));
+    let events = published.latest(id(1)).unwrap().events_after(position, "2", Detail::Full, At::Root).concat();
+    let text = std::str::from_utf8(&events).unwrap();
+    assert!(text.starts_with("event: end\n") && text.contains("\"spec\":{\"steps\":2000}"), "{text}");
+    assert!(!published.has_open(&both));
 }
 
 #[test]
@@ -197,21 +228,29 @@ fn progress_is_held_back_and_then_published() {
     assert_eq!(names(&mut published, &running(10), Duration::ZERO), ["status", "section"]);
     assert!(names(&mut published, &running(10), MS).is_empty(), "nothing is new");
     assert!(names(&mut published, &running(20), 100 * MS).is_empty());
-    assert_eq!((published.next_due(249 * MS), published.next_due(250 * MS)), (None, Some(running(20).id)));
+    assert_eq!((published.due_jobs(249 * MS), published.due_jobs(250 * MS)), (vec![], vec![running(20).id]));
     let timing = FeedTiming { poll: Duration::from_secs(9), ..timing(250 * MS) };
     assert_eq!(published.pause(100 * MS, &timing), 150 * MS);
     let number = published.last + 1;
     published.note_read(running(20).id, Some(&running(20)), 250 * MS, &timing);
-    assert_eq!((published.last, published.next_due(Duration::MAX)), (number, None));
+    assert_eq!((published.last, published.due_jobs(Duration::MAX)), (number, vec![]));
+}
+
+#[test]
+fn a_new_stream_begins_with_progress_that_was_held_back() {
+    let mut published = published(usize::MAX);
+    names(&mut published, &running(10), Duration::ZERO);
+    assert!(names(&mut published, &running(20), MS).is_empty());
+    let _reader = published.follow_job(running(20).id);
+    assert_eq!(names(&mut published, &running(20), MS), ["progress", "section"]);
 }
 
 #[test]
 fn a_job_that_cannot_be_read_does_not_hold_up_others() {
     let mut published = published(usize::MAX);
     (1..3).for_each(|n| published.note_change(id(n)));
-    assert_eq!(published.next_due(MS), Some(id(1)));
     published.postpone(id(1), 3 * MS);
-    assert_eq!((published.next_due(MS), published.next_due(3 * MS)), (Some(id(2)), Some(id(1))));
+    assert_eq!((published.due_jobs(MS), published.due_jobs(3 * MS)), (vec![id(2)], vec![id(1), id(2)]));
 }
 
 #[test]
@@ -220,7 +259,7 @@ fn a_reported_change_is_read_although_progress_is_held_back() {
     names(&mut published, &running(10), Duration::ZERO);
     published.note_change(running(10).id);
     names(&mut published, &running(20), MS);
-    assert_eq!(published.next_due(MS), Some(running(20).id));
+    assert_eq!(published.due_jobs(MS), [running(20).id]);
 }
 
 #[test]
@@ -228,11 +267,14 @@ fn a_change_of_the_status_or_of_the_position_in_the_queue_is_published_immediate
     let mut published = published(usize::MAX);
     assert_eq!(names(&mut published, &Job { queue_position: Some(3), ..job() }, Duration::ZERO), ["status"]);
     assert_eq!(names(&mut published, &job(), MS), ["status"]);
-    assert_eq!(names(&mut published, &running(10), 2 * MS), ["status", "section"]);
-    assert_eq!(names(&mut published, &Job { attempts: 2, ..running(20) }, 3 * MS), ["status", "section"]);
-    assert_eq!(names(&mut published, &Job { attempts: 2, ..running(20) }, 250 * MS), ["progress"]);
+    let claimed = Job { progress: None, section: None, ..running(0) };
+    assert_eq!(names(&mut published, &claimed, 2 * MS), ["status"]);
+    assert_eq!(names(&mut published, &running(10), 3 * MS), ["progress", "section"], "the first is not held back");
+    assert_eq!(names(&mut published, &Job { attempts: 2, ..running(20) }, 4 * MS), ["status", "section"]);
+    assert_eq!(names(&mut published, &Job { attempts: 2, ..running(20) }, 253 * MS), ["progress"]);
+    assert_eq!(names(&mut published, &Job { attempts: 3, ..claimed }, 600 * MS), ["status"]);
     let end = Job { status: Status::Cancelled, ..running(30) };
-    assert_eq!(names(&mut published, &end, 251 * MS), ["end"]);
+    assert_eq!(names(&mut published, &end, 601 * MS), ["end"]);
 }
 
 proptest! {
@@ -257,7 +299,7 @@ proptest! {
         prop_assert!(progress_at.windows(2).all(|pair| pair[1] - pair[0] >= interval));
         let last = Job { attempts, version: 1000, ..running(step) };
         names(&mut published, &last, now + interval);
-        prop_assert_eq!(published.jobs[&last.id].shown.as_ref(), Some(&Shown::new(&last)));
+        prop_assert_eq!(published.jobs[&last.id].shown.as_ref(), Some(&PublishedFields::new(&last)));
         prop_assert!(names(&mut published, &last, now + 2 * interval).is_empty());
     }
 
@@ -287,7 +329,8 @@ proptest! {
             None => prop_assert!(expected.len() > kept),
         }
         prop_assert!(published.bytes <= kept * each);
-        prop_assert!(published.order.len() == published.jobs.len());
+        let kept = published.jobs.values().filter(|job| job.snapshot.has_data());
+        prop_assert_eq!(published.order.len(), kept.count());
     }
 }
 
