@@ -1,8 +1,8 @@
 //! Publication of the changes of jobs, once for all event streams of a process.
 //!
 //! The job store reports changes, and the feed reads each changed job that has readers once. A
-//! report is lost if the process that should send it dies, if a connection breaks, or if the channel
-//! overflows. The feed therefore also reads followed jobs periodically and searches for unknown
+//! report is lost if its sender dies, if a connection breaks, or if the channel overflows. The feed
+//! therefore also reads followed jobs periodically and searches for unknown
 //! models. The cost does not grow with the number of readers.
 
 use super::published::{FeedTiming, Published};

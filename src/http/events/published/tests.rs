@@ -278,8 +278,8 @@ fn a_change_of_the_status_or_of_the_position_in_the_queue_is_published_immediate
 }
 
 proptest! {
-    /// Every change of the status is published, progress at most once per interval, and the last state once the interval
-    /// has passed.
+    /// Every change of the status is published, progress at most once per interval, and the last
+    /// state once the interval has passed.
     #[test]
     fn no_change_is_lost(changes in prop::collection::vec((0u8..3, 0u64..120), 1..60)) {
         let interval = 250 * MS;
@@ -303,7 +303,8 @@ proptest! {
         prop_assert!(names(&mut published, &last, now + 2 * interval).is_empty());
     }
 
-    /// A reader gets each job that has changed once, in the order of the last changes, or its position is unknown.
+    /// A reader receives each changed job once, in the order of the last changes, unless its position
+    /// is unknown.
     #[test]
     fn a_reader_gets_each_changed_job_once_or_begins_anew(
         changes in prop::collection::vec(0u8..6, 0..40), from in 0usize..40, kept in 1usize..6,
