@@ -2,8 +2,8 @@
 //!
 //! The job store reports changes, and the feed reads each changed job that has readers once. A
 //! report is lost if its sender dies, if a connection breaks, or if the channel overflows. The feed
-//! therefore also reads followed jobs periodically and searches for unknown
-//! models. The cost does not grow with the number of readers.
+//! therefore also reads followed jobs periodically and searches for unknown models. The number of
+//! readers does not change the cost.
 
 use super::published::{FeedTiming, Published};
 use super::subscription::Subscription;

@@ -104,8 +104,8 @@ pub(super) struct Published {
     watched: HashMap<JobId, watch::Sender<u64>>,
     /// Time until which all jobs are followed; `None` if they are not.
     follow_until: Option<Duration>,
-    /// Jobs to be read, and the time to read them: 0 for changed jobs, later for jobs whose progress
-    /// is held back.
+    /// Jobs to be read, and the time to read them: 0 for changed jobs, later for progress that is
+    /// held back.
     due: BTreeMap<JobId, Duration>,
     polled_at: Duration,
     polls_since_search: usize,
@@ -293,10 +293,10 @@ impl Published {
             self.polled_at = now;
             self.release_unread(now, readers);
             let mut polled: Vec<_> = self.watched.keys().copied().collect();
-            if readers > 0 {
+            if let Some(reads) = READS_PER_POLL.checked_div(readers) {
                 let rest = self.jobs.range((Excluded(self.turn), Unbounded)).chain(&self.jobs);
                 let open = rest.filter(|(_, entry)| entry.is_open()).map(|(id, _)| *id);
-                polled.extend(open.take((READS_PER_POLL / readers).max(MIN_READS_PER_POLL)));
+                polled.extend(open.take(reads.max(MIN_READS_PER_POLL)));
                 self.turn = polled.last().copied().unwrap_or(self.turn);
                 self.polls_since_search += 1;
             }

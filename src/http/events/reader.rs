@@ -46,7 +46,7 @@ struct ModelsReader {
     position: u64,
     /// Cursors consist of this text and a position.
     cursor_prefix: String,
-    /// The models whose initial states are still to be sent; `None` once the client has all of them.
+    /// The models whose initial states are still to be sent; `None` once all were sent.
     initial: Option<VecDeque<JobId>>,
     /// Numbers of the initial states that were published after `position`.
     sent: HashMap<JobId, u64>,

@@ -303,8 +303,8 @@ proptest! {
         prop_assert!(names(&mut published, &last, now + 2 * interval).is_empty());
     }
 
-    /// A reader receives each changed job once, in the order of the last changes, unless its position
-    /// is unknown.
+    /// A reader receives each changed job once, in the order of the last changes, unless its
+    /// position is unknown.
     #[test]
     fn a_reader_gets_each_changed_job_once_or_begins_anew(
         changes in prop::collection::vec(0u8..6, 0..40), from in 0usize..40, kept in 1usize..6,
