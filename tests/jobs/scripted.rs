@@ -7,7 +7,7 @@ use crate::suite::new_job;
 use jiff::Timestamp;
 use oviduct::clock::Stopwatch;
 use oviduct::generate::{
-    CancelToken, FileOutput, Findings, GenerateError, Outcome, Progress, Seconds, Sink, Stage, UsedBackend,
+    CancelToken, FileOutput, Findings, GenerateError, Outcome, Progress, Seconds, Sink, Stage, Summary, UsedBackend,
 };
 use oviduct::jobs::artifacts::Artifacts;
 use oviduct::jobs::sweep::{Retention, Sweeper, Swept};
@@ -114,7 +114,7 @@ pub fn generate(input: GenerationInput<'_>, sink: &dyn Sink, cancel: &CancelToke
         used: if rayon::current_num_threads() == 1 { UsedBackend::CpuSingle } else { UsedBackend::Cpu },
         device: format!("scripted, {} threads", rayon::current_num_threads()),
         files: files.into(),
-        findings: Findings { summary: serde_json::json!({ "vertices": 8 }), ..Findings::default() },
+        findings: Findings { summary: Summary { vertices: 8, ..Summary::default() }, ..Findings::default() },
         seconds: Seconds::default(),
     })
 }

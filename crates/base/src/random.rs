@@ -84,7 +84,6 @@ pub fn unit(word: u32) -> f32 {
 #[inline]
 pub fn unit_f64(high: u32, low: u32) -> f64 {
     let bits = (u64::from(high) << 32 | u64::from(low)) >> 11;
-    #[expect(clippy::cast_precision_loss, reason = "53 bits are exact")]
     let exact = bits as f64;
     exact / 9_007_199_254_740_992.0
 }

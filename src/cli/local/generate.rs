@@ -123,20 +123,14 @@ impl Sink for Shown {
 
 /// Prints the warnings about poor growth to stderr.
 pub fn warn(outcome: &Outcome) {
-    for warning in warnings(outcome) {
-        let detail = warning["detail"].as_str().unwrap_or_default();
-        term::note(&format!("warning: {detail}"));
+    for warning in &outcome.findings.summary.warnings {
+        term::note(&format!("warning: {}", warning.detail));
     }
-}
-
-/// Returns the warnings about poor growth, objects with a `code` and a `detail`.
-fn warnings(outcome: &Outcome) -> &[Value] {
-    outcome.findings.summary.get("warnings").and_then(Value::as_array).map_or(&[], Vec::as_slice)
 }
 
 /// Returns the output with `--json`.
 fn document(request: &Request, outcome: &Outcome, fallback: Option<&str>) -> Value {
-    let count = |name: &str| outcome.findings.summary.get(name).cloned().unwrap_or_default();
+    let summary = &outcome.findings.summary;
     let file =
         |file: &crate::generate::FileOutput| json!({ "name": file.name, "bytes": file.bytes, "sha256": file.sha256 });
     json!({
@@ -147,37 +141,37 @@ fn document(request: &Request, outcome: &Outcome, fallback: Option<&str>) -> Val
         "backend": {
             "requested": request.backend, "used": outcome.used, "device": outcome.device, "fallback": fallback,
         },
-        "sections": count("sections"),
-        "sections_added": count("sections_added"),
-        "particles": count("particles"),
-        "vertices": count("vertices"),
-        "triangles": count("triangles"),
+        "sections": summary.sections,
+        "sections_added": summary.sections_added,
+        "particles": summary.particles,
+        "vertices": summary.vertices,
+        "triangles": summary.triangles,
         "seconds": outcome.seconds,
         "peak_rss_bytes": term::peak_rss_bytes(),
         "files": outcome.files.iter().map(file).collect::<Vec<_>>(),
-        "warnings": warnings(outcome),
+        "warnings": summary.warnings,
         "certificate": outcome.findings.certificate,
-        "summary": outcome.findings.summary,
+        "summary": summary,
     })
 }
 
 /// Returns the output without `--json`.
 fn summary(request: &Request, outcome: &Outcome) -> [String; 3] {
     let (of, proof, seconds) = (&outcome.findings.summary, &outcome.findings.certificate, &outcome.seconds);
-    let gap = proof["min_gap_um"].as_f64().map(|gap| format!("; minimum gap {gap:.2} µm")).unwrap_or_default();
+    let gap = proof.min_gap_um.map(|gap| format!("; minimum gap {gap:.2} µm")).unwrap_or_default();
     [
         format!(
             "{}, seed {}: {} sections ({} added), {} to {} particles, {} vertices, {} triangles",
             request.preset,
             request.seed,
-            of["sections"],
-            of["sections_added"],
-            of["particles"]["start"],
-            of["particles"]["end"],
-            of["vertices"],
-            of["triangles"],
+            of.sections,
+            of.sections_added,
+            of.particles.start,
+            of.particles.end,
+            of.vertices,
+            of.triangles,
         ),
-        format!("certified: closed, manifold, oriented, Euler number {}, no triangles intersect{gap}", proof["euler"]),
+        format!("certified: closed, manifold, oriented, Euler number {}, no triangles intersect{gap}", proof.euler),
         format!(
             "{:.1} s: simulate {:.1}, mesh {:.1}, certify {:.1}, export {:.1}",
             seconds.total, seconds.simulate, seconds.mesh, seconds.certify, seconds.export,

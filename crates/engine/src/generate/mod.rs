@@ -31,8 +31,9 @@ pub use manifest::{Licence, MANIFEST, Manifest, ManifestFile, Origin};
 pub use outputs::{Output, Outputs};
 pub use types::{
     Backend, Bending, CancelToken, ContractionReport, FileOutput, Findings, FrameReport, GenerateError, Outcome,
-    Progress, Request, Seconds, Sink, Stage, UsedBackend,
+    ParticleCounts, Progress, Request, Seconds, Sink, Stage, Summary, SurfaceCertificate, SurfaceFinding, UsedBackend,
 };
+pub use warnings::Warning;
 
 use crate::clock::Stopwatch;
 use crate::export::centreline::Centreline;
@@ -51,7 +52,6 @@ use crate::spec::preset;
 use files::Inputs;
 use grow::GrownSections;
 use pace::ProgressMeter;
-use serde_json::json;
 use surfaces::Surfaces;
 use walls::Closed;
 
@@ -227,8 +227,7 @@ impl Finishing<'_> {
         let (frames, contraction) = contraction.unzip();
         let findings = Findings {
             summary: self.summary(&certificate, inputs.meta.sections, added, ends, leaned, contraction.as_ref()),
-            certificate: serde_json::to_value(&certificate)
-                .map_err(|e| GenerateError::Io { name: files::REPORT.into(), source: e.into() })?,
+            certificate,
             surfaces: others,
             comparison: preset(&request.preset).map(|of| compare(&morphometry, &of.organ, &of.species)),
             morphometry,
@@ -277,7 +276,7 @@ impl Finishing<'_> {
         ends: [usize; 2],
         lean: Option<Leaned>,
         contraction: Option<&ContractionReport>,
-    ) -> serde_json::Value {
+    ) -> Summary {
         let (spec, statistics) = (&self.request.spec, &self.statistics);
         // A smooth contour has two points per particle.
         let points = if spec.mesh.smooth_um > 0.0 { 2 } else { 1 };
@@ -293,20 +292,20 @@ impl Finishing<'_> {
             lean_left_out: spec.asks_to_lean() && !spec.leans(),
             wave: contraction.map(|of| [of.contracted.least_factor, of.contracted.least_factor_at_mm]),
         });
-        json!({
-            "sections": sections - added,
-            "sections_added": added,
-            "diagonals_flipped": self.flipped,
-            "particles": { "start": ends[0], "end": ends[1] },
-            "splits_deferred": statistics.splits_deferred,
-            "splits_missing": statistics.splits_missing,
-            "vertices": certificate.vertices,
-            "triangles": certificate.triangles,
-            "min_gap_um": certificate.min_gap_um,
-            "volume_mm3": certificate.volume_mm3,
-            "area_mm2": certificate.area_mm2,
-            "warnings": warnings,
-        })
+        Summary {
+            sections: (sections - added) as u64,
+            sections_added: added as u64,
+            diagonals_flipped: self.flipped as u64,
+            particles: ParticleCounts { start: ends[0] as u64, end: ends[1] as u64 },
+            splits_deferred: statistics.splits_deferred,
+            splits_missing: statistics.splits_missing,
+            vertices: certificate.vertices,
+            triangles: certificate.triangles,
+            min_gap_um: certificate.min_gap_um,
+            volume_mm3: certificate.volume_mm3,
+            area_mm2: certificate.area_mm2,
+            warnings,
+        }
     }
 }
 

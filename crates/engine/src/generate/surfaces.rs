@@ -1,7 +1,7 @@
 //! Surfaces of a model to write: bodies, each in the units of its files.
 
 use super::outputs::Outputs;
-use super::types::GenerateError;
+use super::types::{GenerateError, SurfaceCertificate, SurfaceFinding};
 use crate::export::{Metadata, Shape};
 use crate::geometry::course::Course;
 use crate::measure::{certify_body, certify_regions};
@@ -9,8 +9,6 @@ use crate::mesh::bend::bend;
 use crate::mesh::quality::Lids;
 use crate::mesh::{self, LoftError};
 use crate::model::{BodyKind, LengthUnit, Mesh, Section};
-use serde::Serialize;
-use serde_json::{Value, json};
 use std::borrow::Cow;
 
 /// Bodies of a model, in metres.
@@ -60,7 +58,7 @@ impl<'a> Surfaces<'a> {
     /// certified in the coordinates that are written. Lumen and tissue are certified together in
     /// metres even if only one of them is written. Sums over the tissue are taken in batches of
     /// `sections` if they are given.
-    pub(super) fn certify(&self, tissue_mm3: f64, sections: Option<&[Section]>) -> Result<Vec<Value>, GenerateError> {
+    pub(super) fn certify(&self, tissue_mm3: f64, sections: Option<&[Section]>) -> Result<Vec<SurfaceFinding>, GenerateError> {
         let mut found = Vec::new();
         for unit in LengthUnit::ALL {
             let is_written = |body| self.written.contains(&(body, unit));
@@ -72,17 +70,17 @@ impl<'a> Surfaces<'a> {
                     certificate.sum_in_batches(self.tissue, unit, sections);
                 }
                 volumes[0] = certificate.volume_mm3;
-                found.push(finding(BodyKind::Tissue, unit, &certificate, certificate.first_failure())?);
+                found.push(finding(BodyKind::Tissue, unit, SurfaceCertificate::Body(certificate))?);
             }
             let Some((lumen, regions)) = &self.lumen else { continue };
             if together || is_written(BodyKind::Lumen) {
                 let certificate = certify_body(lumen, unit);
                 volumes[1] = certificate.volume_mm3;
-                found.push(finding(BodyKind::Lumen, unit, &certificate, certificate.first_failure())?);
+                found.push(finding(BodyKind::Lumen, unit, SurfaceCertificate::Body(certificate))?);
             }
             if together {
                 let certificate = certify_regions(regions, lumen, volumes, unit);
-                found.push(finding(BodyKind::Regions, unit, &certificate, certificate.first_failure())?);
+                found.push(finding(BodyKind::Regions, unit, SurfaceCertificate::Regions(certificate))?);
             }
         }
         Ok(found)
@@ -103,11 +101,14 @@ impl<'a> Surfaces<'a> {
 fn finding(
     body: BodyKind,
     unit: LengthUnit,
-    certificate: &impl Serialize,
-    failure: Option<String>,
-) -> Result<Value, GenerateError> {
+    certificate: SurfaceCertificate,
+) -> Result<SurfaceFinding, GenerateError> {
+    let failure = match &certificate {
+        SurfaceCertificate::Body(body) => body.first_failure(),
+        SurfaceCertificate::Regions(regions) => regions.first_failure(),
+    };
     match failure {
-        None => Ok(json!({ "body": body, "unit": unit, "certificate": certificate })),
+        None => Ok(SurfaceFinding { body, unit, certificate }),
         Some(detail) => {
             Err(GenerateError::Certificate { detail: format!("{} in {}: {detail}", body.name(), unit.name()) })
         }

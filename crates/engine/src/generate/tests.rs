@@ -77,11 +77,11 @@ fn a_tube_contracts_in_frames_that_are_certified_and_keep_its_tissue() {
         assert!(report.tissue_deviation < 0.02, "{more}: {report:?}");
         assert!(report.contracted.least_factor > 0.8, "{more}: {report:?}");
         assert_eq!(report.frames.len(), 5);
-        let count = |name: &str| outcome.findings.summary[name].as_u64().unwrap();
-        assert_eq!(data.len() as u64, 13 * count("triangles") + 5 * 12 * count("vertices"));
+        let summary = &outcome.findings.summary;
+        assert_eq!(data.len() as u64, 13 * summary.triangles + 5 * 12 * summary.vertices);
         for frame in &report.frames {
             let certificate = &frame.certificate;
-            assert!(certificate.passed && certificate.triangles == count("triangles"), "{more}");
+            assert!(certificate.passed && certificate.triangles == summary.triangles, "{more}");
             assert!(frame.lumen_volume_mm3 < report.lumen_volume_mm3 && frame.length_mm < 20.0, "{more}");
             assert!(frame.closed > 0.1 && frame.narrowed > 0.0, "{more}: {frame:?}");
         }
@@ -92,6 +92,13 @@ fn a_tube_contracts_in_frames_that_are_certified_and_keep_its_tissue() {
         let (again, _) = grown(more, 3);
         let hashes = |outcome: &Outcome| outcome.files.iter().map(|file| file.sha256.clone()).collect::<Vec<_>>();
         assert_eq!(hashes(&outcome), hashes(&again), "the same bytes on any number of threads");
+    }
+}
+
+fn has_passed(surface: &SurfaceFinding) -> bool {
+    match &surface.certificate {
+        SurfaceCertificate::Body(certificate) => certificate.passed,
+        SurfaceCertificate::Regions(certificate) => certificate.passed,
     }
 }
 
@@ -115,11 +122,10 @@ fn a_bent_model_has_certified_bodies_and_the_sections_and_labels_of_the_straight
     let (bent, files, ends) = grown(half_turn.clone());
     let course = bent.course.unwrap();
     assert!((course.tortuosity - std::f64::consts::FRAC_PI_2).abs() < 1e-3 && !course.relaxed, "{course:?}");
-    assert_eq!(bent.certificate["passed"], true);
-    assert!(bent.surfaces.iter().all(|surface| surface["certificate"]["passed"] == true));
-    assert!(bent.surfaces.iter().any(|surface| surface["body"] == "regions"));
-    let volume = |of: &Findings| of.certificate["volume_mm3"].as_f64().unwrap();
-    assert!((volume(&bent) / volume(&straight) - 1.0).abs() < 0.02);
+    assert!(bent.certificate.passed);
+    assert!(bent.surfaces.iter().all(has_passed));
+    assert!(bent.surfaces.iter().any(|surface| surface.body == BodyKind::Regions));
+    assert!((bent.certificate.volume_mm3 / straight.certificate.volume_mm3 - 1.0).abs() < 0.02);
     let distance = (0..3).map(|axis| (ends[1][axis] - ends[0][axis]).powi(2)).sum::<f64>().sqrt();
     assert!((distance - 40.0 / std::f64::consts::PI).abs() < 0.1, "{distance}");
     assert_eq!(bent.morphometry, straight.morphometry);
@@ -149,7 +155,7 @@ fn an_even_surface_can_be_bent_with_its_lids() {
     let mut request = request(small(&patch), Backend::Cpu, dir.path());
     request.outputs.formats = vec![Output::Vtp];
     let outcome = generate(&request, &(), &CancelToken::default()).unwrap();
-    assert_eq!(outcome.findings.certificate["passed"], true);
+    assert!(outcome.findings.certificate.passed);
     assert!(outcome.findings.course.is_some() && outcome.findings.surfaces.len() >= 3);
 }
 
@@ -182,9 +188,9 @@ fn euler_and_strips_end_certified_too() {
         let dir = tempfile::tempdir().unwrap();
         let outcome =
             generate(&request(small(&patch), Backend::Cpu, dir.path()), &(), &CancelToken::default()).unwrap();
-        assert_eq!(outcome.findings.certificate["passed"], true);
-        assert_eq!(outcome.findings.certificate["euler"], 0);
-        assert_eq!(outcome.findings.summary["particles"], json!({ "start": 260, "end": 620 }));
+        assert!(outcome.findings.certificate.passed);
+        assert_eq!(outcome.findings.certificate.euler, 0);
+        assert_eq!(outcome.findings.summary.particles, ParticleCounts { start: 260, end: 620 });
     }
 }
 
@@ -277,7 +283,7 @@ fn a_leaning_surface_is_certified_in_every_form_and_reported() {
     let leaning = generate(&request, &(), &CancelToken::default()).unwrap().findings;
     let done = leaning.lean.unwrap();
     assert!(done.met > 0 && done.damped > 0 && done.rounds > 0 && done.scale > 0.0, "{done:?}");
-    assert_eq!(leaning.certificate["passed"], true);
+    assert!(leaning.certificate.passed);
     let cuts = leaning.cuts.unwrap();
     assert_eq!((cuts.count, cuts.to_mm), (40, 20.0));
     assert!(cuts.gap_um.unwrap().p5 > 0.0 && cuts.thickness_um.unwrap().p5 > 0.0);
@@ -289,7 +295,7 @@ fn a_leaning_surface_is_certified_in_every_form_and_reported() {
     let straight = generate(&self::request(small(&straight), Backend::Cpu, other.path()), &(), &CancelToken::default());
     let straight = straight.unwrap().findings;
     assert!(straight.morphometry == leaning.morphometry && straight.cuts.is_none() && straight.lean.is_none());
-    assert_ne!(straight.summary["volume_mm3"], leaning.summary["volume_mm3"]);
+    assert_ne!(straight.summary.volume_mm3, leaning.summary.volume_mm3);
     assert_eq!((straight.surfaces.len(), leaning.surfaces.len()), (5, 5), "all bodies in both units");
     // An even surface does not lean, and warns about it.
     let spec = small(&even(&json!({})));
@@ -333,10 +339,10 @@ fn an_even_surface_has_good_triangles_and_the_sections_of_the_lofted_one() {
     assert!(seen.windows(2).all(|w| w[0].1 <= w[1].1 && w[1].1 <= 1.0));
     assert!(seen.iter().filter(|(stage, _)| *stage == Stage::Mesh).count() > 3, "the surface takes most of the time");
     let certificate = &outcome.findings.certificate;
-    assert!(certificate["quality"]["least_angles_from_20"].as_f64().unwrap() > 0.99, "{}", certificate["quality"]);
-    assert!(certificate["quality"]["edge_ratios_to_4"].as_f64().unwrap() > 0.99, "{}", certificate["quality"]);
+    let quality = &certificate.quality;
+    assert!(quality.least_angles_from_20 > 0.99 && quality.edge_ratios_to_4 > 0.99, "{quality:?}");
     assert_eq!(outcome.findings.surfaces.len(), 2 + 3, "lumen and regions in metres, all three in millimetres");
-    let triangles = certificate["triangles"].as_u64().unwrap();
+    let triangles = certificate.triangles;
     let predicted = Cost::new(&request.spec, &request.outputs).triangles;
     assert!(predicted < 2 * triangles && triangles < 2 * predicted, "{triangles} triangles, predicted {predicted}");
 
@@ -370,7 +376,7 @@ fn smooth_contours_have_two_points_a_particle_and_no_sharp_angles() {
     let mut smooth = sharp.clone();
     json_patch::merge(&mut smooth, &json!({ "mesh": { "smooth_um": 5 } }));
     let ((before, sharp), (after, smooth)) = (grown(&sharp), grown(&smooth));
-    assert_eq!(sharp.summary["particles"], smooth.summary["particles"]);
+    assert_eq!(sharp.summary.particles, smooth.summary.particles);
     let turn = |sections: &[crate::model::Section]| {
         sections.iter().map(|s| greatest_turn(&s.inner.points).max(greatest_turn(&s.outer.points))).fold(0.0, f64::max)
     };
@@ -420,10 +426,10 @@ fn a_piece_has_the_sections_that_the_whole_tube_has_there() {
     assert!(within.len() >= 3 && within.len() < all.len());
     assert!(part.iter().filter(is_shown).eq(within.iter().copied()), "the piece has other sections");
     assert!(even.iter().eq(within), "the even surface has other sections");
-    let bounds = &findings.certificate["bounds_um"];
-    assert!((bounds[0][2].as_f64().unwrap() - part[0].z_um).abs() < 0.01, "{bounds}");
+    let bounds = findings.certificate.bounds_um;
+    assert!((bounds[0][2] - part[0].z_um).abs() < 0.01, "{bounds:?}");
     assert!((findings.morphometry.tube.length_mm - (end - begin) * 60.0).abs() < 1e-9);
-    assert_eq!(findings.summary["warnings"], json!([]));
+    assert!(findings.summary.warnings.is_empty());
 }
 
 #[test]
@@ -479,9 +485,9 @@ fn poor_growth_is_reported_in_the_summary_and_the_report() {
         let outcome = generate(&request, &(), &CancelToken::default()).unwrap();
         let report = std::fs::read_to_string(dir.path().join("report.json")).unwrap();
         let report: serde_json::Value = serde_json::from_str(&report).unwrap();
-        assert_eq!(report["summary"]["warnings"], outcome.findings.summary["warnings"]);
-        let warnings = outcome.findings.summary["warnings"].as_array().unwrap().clone();
-        warnings.iter().map(|w| w["code"].as_str().unwrap().to_owned()).collect::<Vec<_>>()
+        let warnings = outcome.findings.summary.warnings;
+        assert_eq!(report["summary"]["warnings"], json!(warnings));
+        warnings.iter().map(|warning| warning.code).collect::<Vec<_>>()
     };
     assert_eq!(codes(&crowded), ["splits-missing", "small-gap", "particles-short"]);
     assert_eq!(codes(&json!({})), [""; 0]);
@@ -492,23 +498,22 @@ fn a_model_of_one_step_has_two_sections() {
     let dir = tempfile::tempdir().unwrap();
     let spec = small(&json!({ "steps": 1, "particles": { "total": 300, "outer": 60 } }));
     let outcome = generate(&request(spec, Backend::Cpu, dir.path()), &(), &CancelToken::default()).unwrap();
-    assert_eq!(outcome.findings.summary["sections"], 2);
+    assert_eq!(outcome.findings.summary.sections, 2);
     let figures = outcome.findings.figures();
     assert_eq!((&figures["sections"], &figures["certificate"]["passed"]), (&json!(2), &json!(true)));
-    assert_eq!(figures["certificate"]["min_angle_deg"], outcome.findings.certificate["min_angle_deg"]);
-    assert_eq!((figures["certificate"].get("bodies"), outcome.findings.summary.get("certificate")), (None, None));
+    assert_eq!(figures["certificate"]["min_angle_deg"], outcome.findings.certificate.min_angle_deg);
+    assert_eq!(figures["certificate"].get("bodies"), None);
 }
 
 #[test]
 fn bodies_are_certified_alone_and_together_in_each_unit() {
     let dir = tempfile::tempdir().unwrap();
     let mut request = request(small(&json!({})), Backend::Cpu, dir.path());
-    let surfaces = |request: &Request| -> Vec<serde_json::Value> {
-        generate(request, &(), &CancelToken::default()).unwrap().findings.surfaces
-    };
-    let named = |found: &[serde_json::Value]| -> Vec<String> {
-        assert!(found.iter().all(|surface| surface["certificate"]["passed"] == true), "{found:?}");
-        found.iter().map(|s| format!("{} {}", s["body"].as_str().unwrap(), s["unit"].as_str().unwrap())).collect()
+    let surfaces = |request: &Request| generate(request, &(), &CancelToken::default()).unwrap().findings.surfaces;
+    let named = |found: &[SurfaceFinding]| -> Vec<String> {
+        assert!(found.iter().all(has_passed), "{found:?}");
+        let name = |value: serde_json::Value| value.as_str().unwrap().to_owned();
+        found.iter().map(|s| format!("{} {}", name(json!(s.body)), name(json!(s.unit)))).collect()
     };
     request.outputs = vec![Output::Glb, Output::Obj].into();
     assert_eq!(named(&surfaces(&request)), [""; 0], "the tissue in metres has the certificate of the model");
@@ -520,10 +525,14 @@ fn bodies_are_certified_alone_and_together_in_each_unit() {
     request.outputs.bodies = vec![BodyKind::Regions];
     let found = surfaces(&request);
     assert_eq!(named(&found), ["lumen m", "regions m", "tissue um", "lumen um", "regions um"]);
-    let volume = |i: usize| found[i]["certificate"]["volume_mm3"].as_f64().unwrap();
+    let volume = |i: usize| match &found[i].certificate {
+        SurfaceCertificate::Body(certificate) => certificate.volume_mm3,
+        SurfaceCertificate::Regions(certificate) => certificate.volume_mm3,
+    };
     assert!((volume(0) / volume(3) - 1.0).abs() < 1e-6 && (volume(1) / volume(4) - 1.0).abs() < 1e-6);
     assert!((volume(2) + volume(3)) / volume(4) - 1.0 < 1e-12);
-    assert_eq!(found[1]["certificate"]["triangle_intersections"], 0);
+    let SurfaceCertificate::Regions(together) = &found[1].certificate else { panic!("{found:?}") };
+    assert_eq!(together.triangle_intersections, 0);
 }
 
 #[test]

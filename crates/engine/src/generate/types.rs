@@ -1,17 +1,18 @@
 //! Inputs and results of a generation.
 
 use super::outputs::Outputs;
+use super::warnings::Warning;
 use crate::ENGINE_VERSION;
 use crate::export::Metadata;
 use crate::export::sections_bin::SectionsError;
-use crate::measure::Certificate;
 use crate::measure::comparison::Comparison;
 use crate::measure::morphometry::{Cuts, Morphometry};
+use crate::measure::{Certificate, RegionsCertificate};
 use crate::mesh::LoftError;
 use crate::mesh::bend::Refined;
 use crate::mesh::contract::Contracted;
 use crate::mesh::lean::Leaned;
-use crate::model::Section;
+use crate::model::{BodyKind, LengthUnit, Section};
 use crate::sim::SimError;
 use crate::sim::cpu::StateError;
 use crate::sim::gpu::GpuError;
@@ -308,18 +309,76 @@ pub struct FrameReport {
     pub certificate: Certificate,
 }
 
+/// Certificate of a surface that is written besides the tissue in metres.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SurfaceFinding {
+    /// Certified body.
+    pub body: BodyKind,
+    /// Unit of the certified coordinates.
+    pub unit: LengthUnit,
+    /// Result of the tests.
+    pub certificate: SurfaceCertificate,
+}
+
+/// Certificate of one body, or of both bodies together.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
+#[expect(clippy::large_enum_variant, reason = "a model has at most five")]
+pub enum SurfaceCertificate {
+    /// Tissue or lumen alone.
+    Body(Certificate),
+    /// Tissue and lumen in one surface.
+    Regions(RegionsCertificate),
+}
+
+/// Counts and main measures of a finished model.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Summary {
+    /// Sections that the simulation recorded.
+    pub sections: u64,
+    /// Sections added to mend slabs.
+    pub sections_added: u64,
+    /// Diagonals flipped to mend slabs.
+    pub diagonals_flipped: u64,
+    /// Particles of both loops.
+    pub particles: ParticleCounts,
+    /// Splits of particles that had to wait for room.
+    pub splits_deferred: u64,
+    /// Splits that were never made, for lack of room.
+    pub splits_missing: u64,
+    /// Vertices of the tissue surface.
+    pub vertices: u64,
+    /// Triangles of the tissue surface.
+    pub triangles: u64,
+    /// Minimum gap between walls over all sections, µm; `None` without sections.
+    pub min_gap_um: Option<f64>,
+    /// Volume of the tissue.
+    pub volume_mm3: f64,
+    /// Area of the tissue surface.
+    pub area_mm2: f64,
+    /// Warnings about poor growth; empty for a model that grew as specified.
+    pub warnings: Vec<Warning>,
+}
+
+/// Particles of both loops at the ends of a model.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct ParticleCounts {
+    /// Particles of the first section.
+    pub start: u64,
+    /// Particles of the last section.
+    pub end: u64,
+}
+
 /// Findings about a finished model. `report.json` contains all of them.
 #[derive(Clone, Debug, Default)]
 pub struct Findings {
-    /// Counts and measures: `sections`, `sections_added`, `particles`, `vertices`, `triangles`, and
-    /// others. `warnings` is a list of objects with `code` (see `warnings.rs`) and `detail`; it is
-    /// empty for a model that grew as specified.
-    pub summary: serde_json::Value,
-    /// The certificate as JSON.
-    pub certificate: serde_json::Value,
+    /// Counts, main measures and warnings.
+    pub summary: Summary,
+    /// Certificate of the tissue in metres.
+    pub certificate: Certificate,
     /// Certificates of the other surfaces that are written: all bodies and units except the tissue
-    /// in metres. Objects with `body`, `unit` and `certificate`.
-    pub surfaces: Vec<serde_json::Value>,
+    /// in metres.
+    pub surfaces: Vec<SurfaceFinding>,
     /// Measures of the sections.
     pub morphometry: Morphometry,
     /// Measures of planar cuts across the ampulla, if the surface leans. Without a lean, the cuts
@@ -341,8 +400,8 @@ impl Findings {
     /// the means by region.
     #[must_use]
     pub fn figures(&self) -> serde_json::Value {
-        let mut figures = self.summary.clone();
-        let mut certificate = self.certificate.clone();
+        let mut figures = serde_json::json!(self.summary);
+        let mut certificate = serde_json::json!(self.certificate);
         if let Some(members) = certificate.as_object_mut() {
             members.retain(|name, _| !["bodies", "failures"].contains(&name.as_str()));
         }

@@ -34,12 +34,12 @@ pub(super) struct Growth {
 
 /// A warning in the summary.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub(super) struct Warning {
+pub struct Warning {
     /// Code: `splits-missing`, `small-gap`, `particles-short`, `lean-reduced`, `lean-left-out` or
     /// `contraction-reduced`.
-    pub(super) code: &'static str,
+    pub code: &'static str,
     /// A sentence with the numbers.
-    pub(super) detail: String,
+    pub detail: String,
 }
 
 /// All warnings, in the order of the codes; empty for a model that grew as specified.

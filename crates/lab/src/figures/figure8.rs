@@ -2,6 +2,7 @@
 
 use super::figure::{Figure, grouped};
 use super::grown::Grown;
+use oviduct::generate::Summary;
 use oviduct::model::{Mesh, PatchKind, Section};
 use oviduct::render::{
     Drawing, MAX_SIZE, OVERSAMPLING, Panel, RenderError, View, edge_count, line_height, page_png, piece, wire_drawing,
@@ -54,8 +55,7 @@ pub(super) fn draw(grown: &Grown, size: u32) -> anyhow::Result<Figure> {
     ];
     let png = page_png([size, half + strip / 2 + height], &panels)?;
 
-    let counted = |name: &str| grown.summary[name].as_u64().unwrap_or_default();
-    let [vertices, triangles, recorded] = ["vertices", "triangles", "sections"].map(counted);
+    let Summary { vertices, triangles, sections: recorded, .. } = grown.summary;
     let points: usize = grown.sections.iter().map(Section::particles).sum();
     let count = |cap: &Mesh| (grouped(cap.triangles.len() as u64), grouped(edge_count(cap) as u64));
     let [(isthmus, isthmus_edges), (ampulla, ampulla_edges)] = [count(&caps[0]), count(&caps[1])];

@@ -4,11 +4,10 @@ use anyhow::{Context, ensure};
 use oviduct::cli::render;
 use oviduct::export::read::read_surface;
 use oviduct::export::sections_bin::SectionsReader;
-use oviduct::generate::Request;
+use oviduct::generate::{Request, Summary};
 use oviduct::model::{Mesh, Section};
 use oviduct::preview;
 use oviduct::render::{NamedView, Slide};
-use serde_json::Value;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::PathBuf;
@@ -21,12 +20,12 @@ pub(super) struct Grown {
     /// The surface as exported; as in the file, its patches do not share vertices.
     pub(super) mesh: Mesh,
     /// The summary of its report.
-    pub(super) summary: Value,
+    pub(super) summary: Summary,
 }
 
 impl Grown {
     /// Reads the files that a generation wrote.
-    pub(super) fn read(request: &Request, summary: Value) -> anyhow::Result<Self> {
+    pub(super) fn read(request: &Request, summary: Summary) -> anyhow::Result<Self> {
         let glb = request.dir.join("model.glb");
         let mesh = render::mesh(read_surface(&glb).with_context(|| glb.display().to_string())?);
         let mut reader = SectionsReader::open(Self::stored(request)?)?;

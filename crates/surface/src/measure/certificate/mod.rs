@@ -136,7 +136,7 @@ fn surface<C: Coordinate>(
 ) -> Certificate {
     if let Err(failure) = admissible(positions, triangles) {
         failures.0.push(failure);
-        return Certificate::without_surface(failures);
+        return Certificate::default().conclude(failures);
     }
     let surface = Surface { positions, triangles, unit_um };
     let stars = Stars::of(&surface);

@@ -13,7 +13,7 @@ pub(super) const PLACES: usize = 16;
 pub(super) const BODIES: usize = 256;
 
 /// The findings on one surface and, for a generated model, the sections it was made from.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Certificate {
     /// Whether there are no failures.
@@ -85,38 +85,6 @@ impl Certificate {
         self.passed = self.failures.is_empty();
         self
     }
-
-    /// The certificate of data that form no surface.
-    pub(super) fn without_surface(failures: Failures) -> Self {
-        Self {
-            passed: false,
-            closed: false,
-            manifold: false,
-            oriented: false,
-            euler: 0,
-            components: 0,
-            bodies: Vec::new(),
-            vertices: 0,
-            triangles: 0,
-            open_edges: 0,
-            non_manifold_edges: 0,
-            non_manifold_vertices: 0,
-            disoriented_edges: 0,
-            degenerate_triangles: 0,
-            duplicate_triangles: 0,
-            section_crossings: 0,
-            triangle_intersections: 0,
-            min_gap_um: None,
-            section_gaps_um: Vec::new(),
-            min_edge_um: 0.0,
-            min_angle_deg: 0.0,
-            quality: TriangleQuality::default(),
-            volume_mm3: 0.0,
-            area_mm2: 0.0,
-            bounds_um: [[0.0; 3]; 2],
-            failures: failures.0,
-        }
-    }
 }
 
 /// The shape of triangles, as it matters to solvers.
@@ -153,7 +121,6 @@ impl TriangleQuality {
     }
 
     /// Sets the shares from the counts.
-    #[expect(clippy::cast_precision_loss, reason = "a share")]
     pub(super) fn shared(mut self) -> Self {
         let all = self.least_angles.iter().sum::<u64>().max(1) as f64;
         self.least_angles_from_20 = self.least_angles[4..].iter().sum::<u64>() as f64 / all;
