@@ -5,7 +5,7 @@
 mod tube;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use oviduct::measure::{certify, certify_soup};
+use oviduct::measure::{CheckOptions, certify, check_surface};
 use oviduct::model::{BodyKind, Mesh, Ring, Section};
 use std::hint::black_box;
 
@@ -41,7 +41,9 @@ fn bench(criterion: &mut Criterion) {
     for i in 0..count {
         triangles.swap(i, (i * 7_919 + 13) % count);
     }
-    group.bench_function("paper size as a soup", |b| b.iter(|| certify_soup(black_box(&positions), &triangles)));
+    group.bench_function("paper size as a soup", |b| {
+        b.iter(|| check_surface(black_box(&positions), &triangles, &CheckOptions::default()))
+    });
     group.finish();
 }
 

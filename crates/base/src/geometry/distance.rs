@@ -1,6 +1,7 @@
 //! Distances between points and triangles, and the maximum distance of many points from a surface.
 
 use super::bvh::{Bounds, Bvh, NearestSearch, WIDTH};
+use super::vector::{dot, sub};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -72,17 +73,17 @@ impl<F: Fn(usize) -> [[f64; 3]; 3] + Sync> Triangles<F> {
 #[must_use]
 #[inline]
 pub fn squared_distance(p: [f64; 3], [a, b, c]: [[f64; 3]; 3]) -> f64 {
-    let (ab, ac, ap) = (minus(b, a), minus(c, a), minus(p, a));
+    let (ab, ac, ap) = (sub(b, a), sub(c, a), sub(p, a));
     let (d1, d2) = (dot(ab, ap), dot(ac, ap));
     if d1 <= 0.0 && d2 <= 0.0 {
         return dot(ap, ap);
     }
-    let bp = minus(p, b);
+    let bp = sub(p, b);
     let (d3, d4) = (dot(ab, bp), dot(ac, bp));
     if d3 >= 0.0 && d4 <= d3 {
         return dot(bp, bp);
     }
-    let cp = minus(p, c);
+    let cp = sub(p, c);
     let (d5, d6) = (dot(ab, cp), dot(ac, cp));
     if d6 >= 0.0 && d5 <= d6 {
         return dot(cp, cp);
@@ -101,18 +102,10 @@ pub fn squared_distance(p: [f64; 3], [a, b, c]: [[f64; 3]; 3]) -> f64 {
     }
     let va = d3 * d6 - d5 * d4;
     if va <= 0.0 && d4 >= d3 && d5 >= d6 {
-        return from(bp, minus(c, b), (d4 - d3) / ((d4 - d3) + (d5 - d6)));
+        return from(bp, sub(c, b), (d4 - d3) / ((d4 - d3) + (d5 - d6)));
     }
     let (v, w) = (vb / (va + vb + vc), vc / (va + vb + vc));
     from([ap[0] - ab[0] * v, ap[1] - ab[1] * v, ap[2] - ab[2] * v], ac, w)
-}
-
-fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 #[cfg(test)]
@@ -130,7 +123,7 @@ mod tests {
             for j in 0..=N - i {
                 let (v, w) = (f64::from(i) / f64::from(N), f64::from(j) / f64::from(N));
                 let q: [f64; 3] = std::array::from_fn(|k| a[k] + (b[k] - a[k]) * v + (c[k] - a[k]) * w);
-                least = least.min(dot(minus(p, q), minus(p, q)));
+                least = least.min(dot(sub(p, q), sub(p, q)));
             }
         }
         least
@@ -147,7 +140,7 @@ mod tests {
         fn the_distance_is_that_of_the_nearest_point(p in coordinates(), t in prop::array::uniform3(coordinates())) {
             let (found, bound) = (squared_distance(p, t).sqrt(), sampled(p, t).sqrt());
             // No point of the triangle is farther than this from the raster.
-            let pitch = (0..3).map(|k| minus(t[k], t[(k + 1) % 3])).map(|e| dot(e, e).sqrt()).fold(0.0, f64::max) / 40.0;
+            let pitch = (0..3).map(|k| sub(t[k], t[(k + 1) % 3])).map(|e| dot(e, e).sqrt()).fold(0.0, f64::max) / 40.0;
             prop_assert!(found <= bound + 1e-9 && found >= bound - pitch - 1e-9, "{found} {bound} {pitch}");
         }
 

@@ -13,6 +13,7 @@
 //! | [`course`] | centre lines, and the map that bends a tube |
 //! | [`star`] | star-shaped outlines |
 //! | [`patch`], [`strips`] | patches with normals, triangle strips |
+//! | [`vector`] | sums, products and distances of plain arrays |
 //!
 //! ```
 //! use oviduct_base::geometry::polygon::{check_contour, check_nested, signed_area};
@@ -45,3 +46,4 @@ pub mod star;
 pub mod strips;
 pub mod tri_tri;
 pub mod triangulate;
+pub mod vector;

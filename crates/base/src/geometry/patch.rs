@@ -6,6 +6,7 @@
 //! patches. Normals are computed with additions, multiplications and square roots in a fixed order,
 //! so every machine computes the same bits.
 
+use super::vector::{cross, norm, sub};
 use crate::model::{Mesh, Patch};
 
 /// A patch with its own vertices.
@@ -113,14 +114,12 @@ pub fn add(sum: &mut [f64; 3], part: [f64; 3]) {
 /// Normal of a triangle, with twice the area as its length.
 pub fn doubled_area_normal(corners: [[f32; 3]; 3]) -> [f64; 3] {
     let [a, b, c] = corners.map(|p| p.map(f64::from));
-    let u = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
-    let v = [c[0] - a[0], c[1] - a[1], c[2] - a[2]];
-    [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
+    cross(sub(b, a), sub(c, a))
 }
 
 /// `v` scaled to length 1, or the z axis if `v` is zero.
 pub fn unit(v: [f64; 3]) -> [f32; 3] {
-    let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+    let length = norm(v);
     if length.is_normal() { v.map(|x| (x / length) as f32) } else { [0.0, 0.0, 1.0] }
 }
 

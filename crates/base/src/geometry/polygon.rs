@@ -8,6 +8,18 @@ use super::blocks::{Blocks, Rect};
 use super::predicates::{orient2d, widen2};
 use super::segment::{on_segment, segments_meet};
 
+/// Index of the point after point `i` on its ring, where `len` points are the `inner` points of one
+/// ring and then those of another.
+#[must_use]
+#[inline]
+pub fn next_on_rings(i: usize, inner: usize, len: usize) -> usize {
+    match i + 1 {
+        next if next == inner => 0,
+        next if next == len => inner,
+        next => next,
+    }
+}
+
 /// Reasons why a contour is invalid.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum ContourError {

@@ -13,13 +13,6 @@ pub fn widen2(point: [f32; 2]) -> [f64; 2] {
     point.map(f64::from)
 }
 
-/// Widens an exported position. Exact.
-#[must_use]
-#[inline]
-pub fn widen3(point: [f32; 3]) -> [f64; 3] {
-    point.map(f64::from)
-}
-
 /// Side of the directed line `a` → `b` on which `c` lies: positive on the left (a, b, c
 /// counter-clockwise), negative on the right, zero on the line. The value is twice the signed area
 /// of the triangle.

@@ -7,17 +7,17 @@ use super::predicates::orient2d;
 #[must_use]
 #[inline]
 pub fn segments_meet(a: [f64; 2], b: [f64; 2], c: [f64; 2], d: [f64; 2]) -> bool {
-    let (c_side, d_side) = (orient2d(a, b, c), orient2d(a, b, d));
-    if (c_side > 0.0 && d_side > 0.0) || (c_side < 0.0 && d_side < 0.0) {
-        return false;
-    }
-    let (a_side, b_side) = (orient2d(c, d, a), orient2d(c, d, b));
-    if (a_side > 0.0 && b_side > 0.0) || (a_side < 0.0 && b_side < 0.0) {
-        return false;
-    }
-    // The segments intersect unless all points are collinear; then their boxes decide.
-    (c_side != 0.0 || d_side != 0.0 || a_side != 0.0 || b_side != 0.0)
-        || (overlap(a[0], b[0], c[0], d[0]) && overlap(a[1], b[1], c[1], d[1]))
+    // For a point every orientation is zero, the most expensive result of exact arithmetic.
+    let parts = |a: [f64; 2], b: [f64; 2], c: [f64; 2], d: [f64; 2]| {
+        a != b && {
+            let (c_side, d_side) = (orient2d(a, b, c), orient2d(a, b, d));
+            (c_side > 0.0 && d_side > 0.0) || (c_side < 0.0 && d_side < 0.0)
+        }
+    };
+    // Boxes first, because most segments are far apart. If neither line separates the ends of the
+    // other segment, only collinear segments can be disjoint, and then their boxes are disjoint.
+    let boxes_overlap = overlap(a[0], b[0], c[0], d[0]) && overlap(a[1], b[1], c[1], d[1]);
+    boxes_overlap && !parts(a, b, c, d) && !parts(c, d, a, b)
 }
 
 /// True if `p` lies on the closed segment `a`–`b`.

@@ -5,6 +5,8 @@
 //! [`DIRECTIONS`] equidistant points of the diamond |x| + |y| = 1 and is linear in between, so the
 //! tabulated curve is a polygon.
 
+use super::vector::{cross2, sub};
+
 /// Directions in a table. A multiple of four, so the table includes the corners of the diamond.
 pub const DIRECTIONS: usize = 256;
 
@@ -72,9 +74,9 @@ pub fn superellipse(exponent: f64) -> Vec<f64> {
 pub fn polygon(corners: &[[f64; 2]]) -> Result<Vec<f64>, NotStar> {
     let n = corners.len();
     let edges = || (0..n).map(|i| (i, corners[i], corners[(i + 1) % n]));
-    let area: f64 = edges().map(|(_, a, b)| cross(a, b)).sum();
+    let area: f64 = edges().map(|(_, a, b)| cross2(a, b)).sum();
     let sense = if area < 0.0 { -1.0 } else { 1.0 };
-    if let Some((corner, ..)) = edges().find(|&(_, a, b)| sense * cross(a, b) <= 0.0) {
+    if let Some((corner, ..)) = edges().find(|&(_, a, b)| sense * cross2(a, b) <= 0.0) {
         return Err(NotStar::TurnsBack { corner });
     }
     let winds = edges().filter(|&(_, a, b)| (a[1] < 0.0) != (b[1] < 0.0)).count();
@@ -83,9 +85,9 @@ pub fn polygon(corners: &[[f64; 2]]) -> Result<Vec<f64>, NotStar> {
     }
     let gauge = |i| {
         let d = direction(i);
-        let within = |a: [f64; 2], b: [f64; 2]| sense * cross(a, d) >= 0.0 && sense * cross(d, b) >= 0.0;
+        let within = |a: [f64; 2], b: [f64; 2]| sense * cross2(a, d) >= 0.0 && sense * cross2(d, b) >= 0.0;
         let (_, a, b) = edges().find(|&(_, a, b)| within(a, b)).ok_or(NotStar::WindsRepeatedly)?;
-        Ok(cross(d, [b[0] - a[0], b[1] - a[1]]) / cross(a, b))
+        Ok(cross2(d, sub(b, a)) / cross2(a, b))
     };
     (0..DIRECTIONS).map(gauge).collect()
 }
@@ -136,10 +138,6 @@ pub fn level(rows: &[Vec<f64>], half: f64) -> Result<Vec<f64>, NotStar> {
     (0..DIRECTIONS).map(gauge).collect()
 }
 
-fn cross(a: [f64; 2], b: [f64; 2]) -> f64 {
-    a[0] * b[1] - a[1] * b[0]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -159,7 +157,7 @@ mod tests {
     fn directions_go_once_around() {
         for i in 0..DIRECTIONS {
             let (a, b) = (direction(i), direction(i + 1));
-            assert!((a[0].abs() + a[1].abs() - 1.0).abs() < 1e-15 && cross(a, b) > 0.0, "{i}");
+            assert!((a[0].abs() + a[1].abs() - 1.0).abs() < 1e-15 && cross2(a, b) > 0.0, "{i}");
         }
         assert_eq!([0, 64, 128, 192].map(direction), [[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]]);
     }

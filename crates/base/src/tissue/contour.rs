@@ -1,5 +1,6 @@
 //! Lines with their arc length, and their distance from points.
 
+use crate::geometry::vector::distance;
 use crate::model::Border;
 
 /// An edge of a contour.
@@ -124,9 +125,4 @@ fn enclosing_circle(edges: &[Edge]) -> Circle {
     let reach = |edge: &Edge| distance(edge.from, middle).max(distance(edge.to, middle));
     let radius = edges.iter().map(reach).fold(0.0, f64::max);
     Circle { middle, radius }
-}
-
-fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
-    let (x, y) = (a[0] - b[0], a[1] - b[1]);
-    (x * x + y * y).sqrt()
 }

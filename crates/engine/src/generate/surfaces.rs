@@ -98,11 +98,7 @@ impl<'a> Surfaces<'a> {
 
 /// Certificate of a body in a unit, as the report contains it. Fails with the first failure of the
 /// certificate.
-fn finding(
-    body: BodyKind,
-    unit: LengthUnit,
-    certificate: SurfaceCertificate,
-) -> Result<SurfaceFinding, GenerateError> {
+fn finding(body: BodyKind, unit: LengthUnit, certificate: SurfaceCertificate) -> Result<SurfaceFinding, GenerateError> {
     let failure = match &certificate {
         SurfaceCertificate::Body(body) => body.first_failure(),
         SurfaceCertificate::Regions(regions) => regions.first_failure(),

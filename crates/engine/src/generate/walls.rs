@@ -8,10 +8,9 @@ use crate::clock::Stopwatch;
 use crate::export::Metadata;
 use crate::export::sections_bin::{SectionsError, write_sections};
 use crate::mesh::quality::{Lids, Quality, RemeshError, Remeshed, remesh};
-use crate::mesh::smooth::{Smooth, smooth};
+use crate::mesh::smooth::smooth;
 use crate::mesh::{LoftError, Lofter};
 use crate::model::{Mesh, Section};
-use crate::spec::ModelSpec;
 use std::borrow::Cow;
 use std::io::{self, Write};
 
@@ -25,7 +24,7 @@ const SPARE_VERTICES: u64 = 1_000_000;
 /// Walls of the sections so far.
 pub(super) struct Walls {
     form: Form,
-    smooth: Option<Smooth>,
+    smooth_um: f64,
     /// First and last step of the model, and number of steps between recorded sections.
     recorded: [u32; 3],
     /// Sections that the model shows: recorded sections, and sections added to mend slabs.
@@ -54,7 +53,7 @@ pub(super) struct Closed {
 impl Walls {
     /// Walls that begin with a section.
     pub(super) fn new(request: &Request, first: &Section) -> Result<Self, GenerateError> {
-        let first = smoothed(smoothing(&request.spec), first).into_owned();
+        let first = smoothed(request.spec.mesh.smooth_um, first).into_owned();
         Self::with(request, first)
     }
 
@@ -77,7 +76,7 @@ impl Walls {
         };
         Ok(Self {
             form,
-            smooth: smoothing(spec),
+            smooth_um: spec.mesh.smooth_um,
             recorded: [*recorded.start(), *recorded.end(), spec.solver.record_every],
             sections: vec![first],
             flipped: 0,
@@ -138,7 +137,7 @@ impl Walls {
         steps: impl FnOnce() -> Result<Cow<'a, [Section]>, GenerateError>,
     ) -> Result<(), GenerateError> {
         let watch = Stopwatch::start();
-        let smoothed = |section| smoothed(self.smooth, section);
+        let smoothed = |section| smoothed(self.smooth_um, section);
         match &mut self.form {
             Form::Lofted(lofter) => {
                 let accepted = match lofter.try_advance(&smoothed(section))? {
@@ -196,10 +195,6 @@ impl Walls {
     }
 }
 
-fn smoothing(spec: &ModelSpec) -> Option<Smooth> {
-    (spec.mesh.smooth_um > 0.0).then_some(Smooth { distance_um: spec.mesh.smooth_um })
-}
-
-fn smoothed(options: Option<Smooth>, section: &Section) -> Cow<'_, Section> {
-    options.map_or(Cow::Borrowed(section), |options| Cow::Owned(smooth(section, &options)))
+fn smoothed(smooth_um: f64, section: &Section) -> Cow<'_, Section> {
+    if smooth_um > 0.0 { Cow::Owned(smooth(section, smooth_um)) } else { Cow::Borrowed(section) }
 }

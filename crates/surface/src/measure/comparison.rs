@@ -1,26 +1,27 @@
-//! A model's measures beside published ones: inside the published range, outside, or nothing to compare with.
+//! Comparison of a model's measures with published ones.
 //!
-//! The published ones are `references/morphometry.csv`, compiled in: one row a value, with its source and the confidence in it.
-//! Its column `measure` names the quantity of a model that it can be compared with, and `model_region` the region.
+//! The published values are `references/morphometry.csv`, compiled in: one row per value, with its
+//! source and the confidence in it. Column `measure` names the quantity of a model that the value
+//! can be compared with, and `model_region` the region.
 
 use super::morphometry::{Morphometry, QUANTITIES, Quantity};
 use serde::{Deserialize, Serialize};
 use std::sync::LazyLock;
 
-/// A published value.
+/// Published value.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct Reference {
     /// Organ.
     pub organ: String,
     /// Species.
     pub species: String,
-    /// Region, as the source names it.
+    /// Region, as named by the source.
     pub region: String,
     /// What was measured, as the source names it.
     pub quantity: String,
     /// Mean, or the only value given.
     pub value: Option<f64>,
-    /// Lower end of the range: mean less standard deviation where the source has these.
+    /// Lower end of the range: mean minus standard deviation, if the source reports these.
     pub low: Option<f64>,
     /// Upper end of the range.
     pub high: Option<f64>,
@@ -34,7 +35,7 @@ pub struct Reference {
     pub source: String,
     /// How it was learnt.
     pub confidence: String,
-    /// Name of the quantity of a model; empty if no model has it.
+    /// Quantity of a model; empty if models have no such quantity.
     pub measure: String,
     /// Region of the model.
     pub model_region: String,
@@ -44,7 +45,7 @@ pub struct Reference {
 
 const FILE: &str = include_str!("../../../../references/morphometry.csv");
 
-/// All published values.
+/// Returns all published values.
 #[must_use]
 pub fn references() -> &'static [Reference] {
     static REFERENCES: LazyLock<Vec<Reference>> = LazyLock::new(|| {
@@ -232,7 +233,7 @@ mod tests {
         assert!(verdict == Verdict::Outside && (sd - 3.0).abs() < 1e-9);
         assert_eq!(folds(7.41).0, Verdict::Inside);
         let found = human(8.0);
-        // Centimetres become millimetres.
+        // The source uses centimetres.
         let length = found.compared.iter().find(|c| c.quantity == "length_mm").unwrap();
         assert_eq!((length.low, length.high, length.verdict), (Some(70.0), Some(140.0), Verdict::Inside));
         let of = |quantity: &str| found.compared.iter().find(|c| c.quantity == quantity).unwrap().verdict;

@@ -1,4 +1,5 @@
-//! The certificate of a surface (see [`certify`]), and the [`morphometry`] of sections, those in images ([`micrograph`]) included.
+//! Measures of a finished surface: its certificate (see [`certify`]), and the [`morphometry`] of
+//! sections, including sections in images ([`micrograph`]).
 
 mod certificate;
 pub mod comparison;
@@ -7,5 +8,5 @@ pub mod morphometry;
 
 pub use certificate::{
     BothCertificate, Certificate, CheckOptions, Component, Failure, FailureKind, Place, RegionsCertificate,
-    TriangleQuality, certify, certify_body, certify_regions, certify_soup, check_regions, check_surface,
+    TriangleQuality, certify, certify_body, certify_regions, check_regions, check_surface,
 };

@@ -1,21 +1,23 @@
 //! Matches the vertices of consecutive rings, and interpolates sections.
 //!
-//! Ids never disappear, and new ones appear only between two old neighbours. So the later ring, rotated
-//! to begin with the earlier ring's first id, is the earlier ring with runs of new vertices in between.
+//! Ids never disappear, and new ids appear only between two old neighbours. The later ring, rotated
+//! to begin with the first id of the earlier ring, is therefore the earlier ring with runs of new
+//! vertices in between.
 
 use super::error::{LoftError, Wall};
 use crate::model::{Ring, Section};
 
-/// How a later ring continues an earlier one.
+/// Correspondence of two consecutive rings.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Alignment {
     /// Index in the later ring of the vertex that continues the earlier ring's vertex 0.
     pub(super) turn: usize,
-    /// For each earlier vertex, how many new vertices follow it before its old neighbour.
+    /// Number of new vertices between each earlier vertex and its old neighbour.
     pub(super) new_after: Vec<u32>,
 }
 
-/// Aligns two rings by their ids.
+/// Aligns two rings by their ids. Returns [`LoftError::Continuation`] if an id is missing or out of
+/// order.
 pub(super) fn align(earlier: &[u32], later: &[u32], wall: Wall, step: f64) -> Result<Alignment, LoftError> {
     let lost = |id: u32| LoftError::Continuation { step, wall, id };
     let first = earlier[0];
@@ -36,8 +38,9 @@ pub(super) fn align(earlier: &[u32], later: &[u32], wall: Wall, step: f64) -> Re
     }
 }
 
-/// Inserts the new vertices of a later ring into an earlier one: `m` of them on an edge divide it into
-/// `m + 1` equal parts (one vertex: the midpoint, as in growth). Each coordinate is rounded once.
+/// Inserts the new vertices of a later ring into an earlier one. `m` new vertices divide an edge
+/// into `m + 1` equal parts, so a single vertex is the midpoint, as in growth. Each coordinate is
+/// rounded once.
 pub(super) fn insert(points: &[[f32; 2]], new_after: &[u32]) -> Vec<[f32; 2]> {
     let n = points.len();
     let mut result = Vec::with_capacity(n + new_after.iter().sum::<u32>() as usize);
@@ -52,8 +55,8 @@ pub(super) fn insert(points: &[[f32; 2]], new_after: &[u32]) -> Vec<[f32; 2]> {
     result
 }
 
-/// The section half way between two, on the straight paths of the vertices; vertices that are new in
-/// the later section start on the edges of the earlier one.
+/// Section halfway between two sections, on the straight paths of the vertices. Vertices that are
+/// new in the later section start on the edges of the earlier one.
 pub(super) fn halfway(earlier: &Section, later: &Section) -> Result<Section, LoftError> {
     let step = 0.5 * (earlier.step + later.step);
     let ring = |a: &Ring, b: &Ring, wall| -> Result<Ring, LoftError> {

@@ -1,12 +1,13 @@
 //! Bends a finished surface along a course.
 //!
-//! The map of space is one to one within the tube, so a surface that it moved exactly could not come to meet itself. Triangles stay
-//! flat, and can: where they do, edges of them and of their neighbours are split at their middles, so that the surface before the map
-//! stays the same and the bent triangles follow the map more closely, until none meet (`meeting`, exact). Where the leaning surface
-//! comes so near to itself that finer triangles do not help, its lean is damped.
+//! Inside the tube the bending map is injective, so a smooth surface cannot intersect itself after
+//! bending. Flat triangles can. Where two triangles intersect (`intersection`, exact), their edges and
+//! those of their neighbours are split at the midpoints. The straight surface stays the same, and
+//! the bent triangles follow the map more closely. Where a leaning surface comes so close to itself
+//! that finer triangles do not help, its lean is damped.
 
+use super::intersection::{IntersectionSearch, middle_of};
 use super::lean::{Centre, Lean};
-use super::meeting::Meeting;
 use crate::geometry::course::Course;
 use crate::model::{Mesh, Patch};
 use glam::{DVec3, Vec3};
@@ -14,19 +15,23 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::{HashMap, HashSet};
 
-/// Rounds of mending.
+/// Maximum number of rounds.
 const ROUNDS: u32 = 60;
-/// Rounds after which all lean is halved, and after which it is taken away: without it parts of a surface are far enough apart.
+/// Rounds after which the whole lean is halved, and after which it is removed. Without a lean,
+/// parts of a surface are far enough apart.
 const HALVED: u32 = 20;
 const DROPPED: u32 = 40;
-/// Edges that are split: those of a triangle that are farther from their image than this part of the farthest one.
+/// Edges of a triangle are split if their distance from their image exceeds this fraction of the
+/// maximum of the three.
 const PART: f64 = 0.3;
-/// Distance of edges from their image above which they are split before triangles that meet are searched, µm. Edges of ordinary
-/// models are nearer; triangles as long as the course is wide would meet almost all others.
+/// Distance of an edge from its image above which it is split before any search, µm. Edges of
+/// ordinary models are nearer. Triangles as long as the course is wide would intersect almost all
+/// others.
 const COARSE_UM: f64 = 50.0;
-/// Distance of edges from their image at which finer triangles do not help, µm: some units in the last place of positions.
+/// Distance of an edge from its image below which finer triangles do not help, µm: a few units in
+/// the last place of positions.
 const FINE_UM: f64 = 0.02;
-/// Share of the lean that a place loses in a round.
+/// Fraction of the lean that a place loses per round.
 const DAMPING: f64 = 0.3;
 
 /// What was done so that bent triangles do not meet.
@@ -43,23 +48,26 @@ pub struct Refined {
     pub rounds: u32,
 }
 
-/// The lean of a surface, as far as it is needed to damp it.
+/// Lean of a surface, as needed for damping.
 pub struct Leaning<'a> {
-    /// How it leans.
+    /// Parameters of the lean.
     pub lean: &'a Lean,
-    /// z of the vertices before, m.
+    /// z of the vertices before the lean, m.
     pub z: Vec<f32>,
 }
 
-/// A surface, bent as it is.
+/// Bends a surface without changing its triangles.
 #[must_use]
 pub fn bend(mesh: &Mesh, course: &Course) -> Mesh {
     Mesh { positions: bent(&mesh.positions, course), ..mesh.clone() }
 }
 
-/// A straight surface, bent, whose triangles then do not meet: edges of the straight one are split as needed, and its lean is damped
-/// as a last resort. Vertices are added after the others, none on edges in a plane across the tube; the edges whose middles they are come
-/// last, in order. `stop` is asked between rounds; if it says so, the surface is left as it is then.
+/// Bends a straight surface so that its triangles do not intersect. Splits edges of the straight
+/// surface as needed, and damps its lean as a last resort.
+///
+/// New vertices follow the others; none lies on an edge in a plane across the tube. Returns the
+/// bent surface, the statistics, and the edges whose midpoints the new vertices are, in order.
+/// `stop` is called between rounds; if it returns true, the surface stays as it is.
 pub fn bend_apart(
     straight: &mut Mesh,
     mut leaning: Option<Leaning<'_>>,
@@ -79,7 +87,7 @@ pub fn bend_apart(
         leaning.iter_mut().for_each(|leaning| leaning.halve(&edges));
         found = bend(straight, course);
     }
-    let mut pairs = Meeting::new(&found).pairs(&found);
+    let mut pairs = IntersectionSearch::new(&found).all_pairs(&found);
     done.met = pairs.len();
     while !pairs.is_empty() && done.rounds < ROUNDS && !stop() {
         let (mut edges, mut centres) = (Vec::new(), Vec::new());
@@ -87,7 +95,11 @@ pub fn bend_apart(
             let before = edges.len();
             pair.iter().for_each(|&t| edges.extend(coarse(straight, course, straight.triangles[t as usize])));
             if let Some(leaning) = leaning.as_ref().filter(|_| edges.len() == before) {
-                Centre::add(&mut centres, leaning.middle(straight, *pair), leaning.lean);
+                Centre::add_to_lean(
+                    &mut centres,
+                    middle_of(straight, *pair, |v| leaning.place(straight, v as usize)),
+                    leaning.lean,
+                );
             }
         }
         edges.extend(coarse_around(straight, course, &edges));
@@ -122,30 +134,19 @@ pub fn bend_apart(
                     || straight.triangles[t].iter().any(|&v| is_moved[v as usize])
             })
             .collect();
-        let changed: Vec<u32> = (0u32..).zip(&is_changed).filter(|(_, is)| **is).map(|(t, _)| t).collect();
-        pairs = Meeting::new(&found).pairs_of(&found, &changed, &is_changed);
+        pairs = IntersectionSearch::new(&found).pairs_touching(&found, &is_changed);
     }
     (found, done, split)
 }
 
 impl Leaning<'_> {
-    /// The middle of two triangles before they leaned, µm.
-    fn middle(&self, mesh: &Mesh, pair: [u32; 2]) -> [f64; 3] {
-        let corners = pair.map(|t| mesh.triangles[t as usize]);
-        let mut sum = [0.0; 3];
-        for &v in corners.as_flattened() {
-            let place = self.place(mesh, v as usize);
-            (0..3).for_each(|axis| sum[axis] += place[axis] / 6.0);
-        }
-        sum
-    }
-
+    /// Position of a vertex before the lean, µm.
     fn place(&self, mesh: &Mesh, v: usize) -> [f64; 3] {
         let [x, y, _] = mesh.positions[v];
         [x, y, self.z[v]].map(|x| f64::from(x) * 1e6)
     }
 
-    /// Adds the middles of edges, as [`halve`] does.
+    /// Appends the midpoints of edges, as [`halve`] does.
     fn halve(&mut self, edges: &[(u32, u32)]) {
         for &(v, w) in edges {
             let [a, b] = [v, w].map(|v| f64::from(self.z[v as usize]));
@@ -153,7 +154,8 @@ impl Leaning<'_> {
         }
     }
 
-    /// Leaves a part of all lean, less around places; returns which vertices moved.
+    /// Keeps the fraction `all` of the lean, and less near the centres. Returns which vertices
+    /// moved.
     fn damp(&self, mesh: &mut Mesh, centres: &[Centre], all: f64) -> Vec<bool> {
         let mut is_moved = vec![false; self.z.len()];
         for (v, is_moved) in is_moved.iter_mut().enumerate() {
@@ -169,25 +171,26 @@ impl Leaning<'_> {
     }
 }
 
-/// Where points go, metres.
+/// Images of points, metres.
 fn bent(positions: &[[f32; 3]], course: &Course) -> Vec<[f32; 3]> {
     positions.par_iter().map(|p| place(course, p.map(f64::from)).map(|x| x as f32)).collect()
 }
 
-/// Where a point goes, metres.
+/// Image of a point, metres.
 fn place(course: &Course, p: [f64; 3]) -> [f64; 3] {
     (course.place(p.map(|x| x * 1e6)) * 1e-6).into()
 }
 
-/// The edges that are so far from their image that they are split in any case. Each is that of two triangles, in which it has
-/// opposite directions.
+/// Edges that are split before any search because they are too far from their image. Each edge
+/// belongs to two triangles, in which its directions differ.
 fn far_from_image(mesh: &Mesh, bent: &Mesh, course: &Course) -> Vec<(u32, u32)> {
     let edges = mesh.triangles.par_iter().flat_map_iter(|&[a, b, c]| [(a, b), (b, c), (c, a)]);
     let image = |v: u32| Vec3::from(bent.positions[v as usize]).as_dvec3();
     edges.filter(|&(v, w)| v < w && off(mesh, course, (v, w), image) > COARSE_UM).collect()
 }
 
-/// Distance of the middle of an edge from its image, µm, by the images of its ends. It is 0 across the tube, where the map is rigid.
+/// Distance of the midpoint of an edge from its image, µm, given the images of its ends. Zero
+/// across the tube, where the map is rigid.
 fn off(mesh: &Mesh, course: &Course, (v, w): (u32, u32), image: impl Fn(u32) -> DVec3) -> f64 {
     let [p, q] = [v, w].map(|v| mesh.positions[v as usize].map(f64::from));
     if p[2] == q[2] {
@@ -196,7 +199,7 @@ fn off(mesh: &Mesh, course: &Course, (v, w): (u32, u32), image: impl Fn(u32) -> 
     1e6 * DVec3::from(place(course, middle(p, q))).distance((image(v) + image(w)) / 2.0)
 }
 
-/// The edges of a triangle that are far from their image. None lies across the tube.
+/// Edges of a triangle that are far from their image. None of them lies across the tube.
 fn coarse(mesh: &Mesh, course: &Course, triangle: [u32; 3]) -> impl Iterator<Item = (u32, u32)> {
     let edges = edges_of(triangle);
     let image = |v: u32| DVec3::from(place(course, mesh.positions[v as usize].map(f64::from)));
@@ -205,7 +208,7 @@ fn coarse(mesh: &Mesh, course: &Course, triangle: [u32; 3]) -> impl Iterator<Ite
     edges.into_iter().zip(off).filter(move |(_, off)| *off > least).map(|(edge, _)| edge)
 }
 
-/// The edges that are far from their image, of the triangles that share a vertex with given edges.
+/// Edges far from their image, of all triangles that share a vertex with the given edges.
 fn coarse_around(mesh: &Mesh, course: &Course, edges: &[(u32, u32)]) -> Vec<(u32, u32)> {
     let mut is_near = vec![false; mesh.positions.len()];
     edges.iter().for_each(|&(v, w)| [v, w].iter().for_each(|&v| is_near[v as usize] = true));
@@ -213,7 +216,8 @@ fn coarse_around(mesh: &Mesh, course: &Course, edges: &[(u32, u32)]) -> Vec<(u32
     around.flat_map_iter(|&triangle| coarse(mesh, course, triangle)).collect()
 }
 
-/// Adds the longest edge of each triangle that loses an edge, so that its parts do not become ever flatter (Rivara, 1984); in order.
+/// Adds the longest edge of each triangle that loses an edge, so that triangles do not become ever
+/// flatter (Rivara, 1984). Returns the edges in order.
 fn with_longest(mesh: &Mesh, edges: Vec<(u32, u32)>) -> Vec<(u32, u32)> {
     let mut is_near = vec![false; mesh.positions.len()];
     let mut found: HashSet<(u32, u32)> = HashSet::with_capacity(2 * edges.len());
@@ -231,7 +235,7 @@ fn with_longest(mesh: &Mesh, edges: Vec<(u32, u32)>) -> Vec<(u32, u32)> {
     all
 }
 
-/// The longest of three edges, unless it lies across the tube.
+/// Longest of three edges; `None` if it lies across the tube.
 fn longest(mesh: &Mesh, edges: [(u32, u32); 3]) -> Option<(u32, u32)> {
     let ends = |(v, w): (u32, u32)| [v, w].map(|v| Vec3::from(mesh.positions[v as usize]));
     let length = |edge: &(u32, u32)| {
@@ -243,7 +247,7 @@ fn longest(mesh: &Mesh, edges: [(u32, u32); 3]) -> Option<(u32, u32)> {
     (p.z != q.z).then_some(longest)
 }
 
-/// The edges of a triangle, the lower index first.
+/// Edges of a triangle, the smaller index first.
 fn edges_of([a, b, c]: [u32; 3]) -> [(u32, u32); 3] {
     [(a, b), (b, c), (c, a)].map(|(v, w)| (v.min(w), v.max(w)))
 }
@@ -252,7 +256,8 @@ fn middle(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
     [0, 1, 2].map(|axis| 0.5 * (p[axis] + q[axis]))
 }
 
-/// Splits edges, given in order, at their middles, and the triangles beside them; returns of which triangle each one is a part.
+/// Splits the given edges, which must be sorted, at their midpoints. Returns for each new triangle
+/// the old one of which it is a part.
 fn halve(mesh: &mut Mesh, edges: &[(u32, u32)]) -> Vec<u32> {
     let mut middles: HashMap<(u32, u32), u32> = HashMap::with_capacity(edges.len());
     for &(v, w) in edges {
@@ -291,7 +296,7 @@ fn one([a, b, c]: [u32; 3], m: u32) -> [[u32; 3]; 2] {
     [[a, m, c], [m, b, c]]
 }
 
-/// Parts of a triangle whose first two edges are split: the longer one first, then its parts.
+/// Parts of a triangle whose first two edges are split. The longer edge is split first.
 fn two(positions: &[[f32; 3]], [a, b, c]: [u32; 3], m: u32, n: u32) -> [[u32; 3]; 3] {
     let square = |v: u32, w: u32| Vec3::from(positions[v as usize]).distance_squared(Vec3::from(positions[w as usize]));
     if square(a, b) >= square(b, c) { [[m, b, n], [m, n, c], [a, m, c]] } else { [[m, b, n], [a, m, n], [a, n, c]] }

@@ -1,18 +1,20 @@
-//! The lumen as a body of its own, from the surface of the tissue: lids close the inner wall at both ends.
+//! The lumen as a separate body: lids close the inner wall at both ends.
 //!
-//! Lids use the vertices of the inner wall's rims and no others, so the two bodies conform: their common wall has the same
-//! vertices and triangles in both.
+//! Lids use only vertices of the rims of the inner wall. The two bodies therefore conform: their
+//! common wall has the same vertices and triangles in both.
 
 use super::error::LoftError;
+use crate::geometry::polygon::signed_area;
 use crate::geometry::triangulate::disc;
 use crate::model::{BodyKind, Mesh, Patch, PatchKind};
 use std::collections::{HashMap, HashSet};
 
-/// Both bodies in one mesh: the tissue's triangles as they are, then the lids, as patches `inlet` and `outlet`. The vertices
-/// are those of the tissue.
+/// Returns both bodies in one mesh: the triangles of the tissue, then the lids as patches `inlet`
+/// and `outlet`. The vertices are those of the tissue.
 ///
 /// # Errors
-/// [`LoftError::Cap`] if a lid cannot be triangulated, [`LoftError::Rim`] if a cap has no rim at the inner wall.
+/// Returns [`LoftError::Cap`] if a lid cannot be triangulated, and [`LoftError::Rim`] if a cap has
+/// no rim at the inner wall.
 pub fn regions(tissue: &Mesh) -> Result<Mesh, LoftError> {
     let mut is_inner = vec![false; tissue.positions.len()];
     for &v in tissue.patch(PatchKind::InnerWall).iter().flatten() {
@@ -30,7 +32,8 @@ pub fn regions(tissue: &Mesh) -> Result<Mesh, LoftError> {
     Ok(regions)
 }
 
-/// The lumen alone, from [`regions`]: the inner wall turned around, and the lids. Its vertices keep their order.
+/// Returns the lumen alone, from the mesh of [`regions`]: the inner wall with reversed triangles,
+/// and the lids. Its vertices keep their order.
 #[must_use]
 pub fn lumen(regions: &Mesh) -> Mesh {
     let parts = [
@@ -64,7 +67,8 @@ pub fn lumen(regions: &Mesh) -> Mesh {
     Mesh { body: BodyKind::Lumen, positions, triangles, patches }
 }
 
-/// The border of a cap at the inner wall, in the direction in which the cap's triangles run along it, from its least vertex.
+/// Border of a cap at the inner wall, in the direction in which the triangles of the cap run along
+/// it, from its smallest vertex. `None` if the border is not one closed loop.
 fn rim(cap: &[[u32; 3]], is_inner: &[bool]) -> Option<Vec<u32>> {
     let mut next: HashMap<u32, u32> = HashMap::new();
     let edges = || cap.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]);
@@ -88,23 +92,18 @@ fn rim(cap: &[[u32; 3]], is_inner: &[bool]) -> Option<Vec<u32>> {
     (rim.len() == next.len()).then_some(rim)
 }
 
-/// Closes a rim, facing where the cap around it faces.
+/// Closes a rim with triangles that face the same way as the cap around it.
 fn lid(tissue: &Mesh, rim: &[u32], end: &'static str) -> Result<Vec<[u32; 3]>, LoftError> {
     let at = |v: u32| [tissue.positions[v as usize][0], tissue.positions[v as usize][1]];
-    // The rim runs along the lid against the direction in which it runs along the cap.
+    // The lid runs along the rim against the direction of the cap.
     let mut rim: Vec<u32> = rim.iter().rev().copied().collect();
-    let area: f64 = (rim.iter().zip(rim.iter().cycle().skip(1)))
-        .map(|(&a, &b)| {
-            let ([ax, ay], [bx, by]) = (at(a).map(f64::from), at(b).map(f64::from));
-            ax * by - bx * ay
-        })
-        .sum();
-    // A lid that faces down the tube is clockwise seen from above.
-    let is_turned = area < 0.0;
+    let mut contour: Vec<[f32; 2]> = rim.iter().map(|&v| at(v)).collect();
+    // Seen from above, a lid that faces down the tube is clockwise.
+    let is_turned = signed_area(&contour) < 0.0;
     if is_turned {
         rim.reverse();
+        contour.reverse();
     }
-    let contour: Vec<[f32; 2]> = rim.iter().map(|&v| at(v)).collect();
     let triangles = disc(&contour).map_err(|source| LoftError::Cap { end, source })?;
     let turn = |[a, b, c]: [u32; 3]| if is_turned { [a, c, b] } else { [a, b, c] };
     Ok(triangles.into_iter().map(|t| turn(t.map(|i| rim[i as usize]))).collect())

@@ -1,42 +1,29 @@
-//! A loft for pictures: any selection of the sections of a model, joined without tests and without mending.
+//! Drafts for pictures: lofts any selection of the sections of a model, without tests and mending.
 
 use super::align::{Alignment, align};
 use super::error::{LoftError, Wall};
-use super::loft::{cap, check_form, exported, joined, metres, turned};
-use super::slab::Rim;
-use crate::model::{BodyKind, Mesh, Patch, PatchKind, Section};
+use super::loft::{Front, ampulla_cap, assembled, check_form, exported, isthmus_cap, joined, metres, turned};
+use crate::model::{Mesh, Section};
 
-/// A section as part of the surface.
-struct Level {
-    rim: Rim,
-    /// Stable ids of the inner and of the outer ring, in the order of the rim.
-    ids: [Vec<u32>; 2],
-    /// Index of each rim point in the positions.
-    vertices: Vec<u32>,
-}
-
-impl Level {
-    /// The vertices of the inner (0) or outer (1) ring.
-    fn ring(&self, wall: usize) -> &[u32] {
-        let (inner, outer) = self.vertices.split_at(self.rim.inner);
-        [inner, outer][wall]
-    }
-}
-
-/// Lofts `sections`, in order along the tube, into a closed surface with the patches of [`Lofter::finish`](super::Lofter::finish).
+/// Lofts `sections`, in order along the tube, into a closed surface with the patches of
+/// [`Lofter::finish`](super::Lofter::finish).
 ///
-/// The vertices are the points of the sections. Nothing is tested: where sections lie far apart, walls may intersect.
+/// The vertices are the points of the sections. Where sections are far apart, walls may intersect,
+/// because nothing is tested.
 ///
 /// # Errors
-/// [`LoftError::NoSlab`] with fewer than two sections; a section is malformed, out of order or does not continue the one
-/// before; [`LoftError::Cap`] if an end cannot be closed.
+/// - [`LoftError::NoSlab`]: fewer than two sections
+/// - [`LoftError::Ids`], [`LoftError::Contour`]: a section is malformed
+/// - [`LoftError::Order`], [`LoftError::Continuation`]: a section does not continue the previous
+///   one
+/// - [`LoftError::Cap`]: an end cannot be closed
 pub fn draft(sections: &[Section]) -> Result<Mesh, LoftError> {
     let [first, rest @ ..] = sections else { return Err(LoftError::NoSlab) };
     check_form(first)?;
     let mut positions = Vec::with_capacity(sections.iter().map(Section::particles).sum());
     let isthmus = level(first, [0, 0], &mut positions);
     let mut walls = [Vec::new(), Vec::new()];
-    let mut front: Option<Level> = None;
+    let mut front: Option<Front> = None;
     let mut below_um = first.z_um;
     for section in rest {
         check_form(section)?;
@@ -49,51 +36,40 @@ pub fn draft(sections: &[Section]) -> Result<Mesh, LoftError> {
         let outer = align(&lower.ids[1], &section.outer.ids, Wall::Outer, section.step)?;
         let upper = level(section, [inner.turn, outer.turn], &mut positions);
         let [inner_wall, outer_wall] = &mut walls;
-        // The inner wall faces the lumen.
+        // The triangles of the inner wall face the lumen.
         slab(lower, &upper, &inner, 0, &positions, |[a, b, c]| inner_wall.push([a, c, b]));
         slab(lower, &upper, &outer, 1, &positions, |triangle| outer_wall.push(triangle));
         front = Some(upper);
     }
     let front = front.ok_or(LoftError::NoSlab)?;
-    let mut bottom = cap(&isthmus.rim, &isthmus.vertices, "isthmus")?;
-    bottom.iter_mut().for_each(|t| t.swap(1, 2));
-    let top = cap(&front.rim, &front.vertices, "ampulla")?;
     let [inner_wall, outer_wall] = walls;
-    let mut triangles = Vec::with_capacity(inner_wall.len() + outer_wall.len() + bottom.len() + top.len());
-    let mut patches = Vec::with_capacity(4);
-    for (kind, part) in [
-        (PatchKind::InnerWall, inner_wall),
-        (PatchKind::OuterWall, outer_wall),
-        (PatchKind::CapIsthmus, bottom),
-        (PatchKind::CapAmpulla, top),
-    ] {
-        let from = triangles.len();
-        triangles.extend(part);
-        patches.push(Patch { kind, triangles: from..triangles.len() });
-    }
-    Ok(Mesh { body: BodyKind::Tissue, positions, triangles, patches })
+    let bottom = isthmus_cap(&isthmus.rim, &isthmus.vertices)?;
+    let top = ampulla_cap(&front.rim, &front.vertices)?;
+    Ok(assembled(positions, [inner_wall, outer_wall, bottom, top]))
 }
 
-/// Adds the points of a section, its rings rotated by `turns`.
-fn level(section: &Section, turns: [usize; 2], positions: &mut Vec<[f32; 3]>) -> Level {
+/// Appends the points of a section, with its rings rotated by `turns`.
+fn level(section: &Section, turns: [usize; 2], positions: &mut Vec<[f32; 3]>) -> Front {
     let rim = joined(&exported(&section.inner, turns[0]), &exported(&section.outer, turns[1]));
     let first = positions.len() as u32;
     let z = metres(section.z_um);
     positions.extend(rim.points.iter().map(|p| [p[0], p[1], z]));
-    Level {
+    Front {
         rim,
         ids: [turned(&section.inner.ids, turns[0]), turned(&section.outer.ids, turns[1])],
         vertices: (first..positions.len() as u32).collect(),
+        z,
     }
 }
 
-/// The triangles of one wall between two sections, facing away from the axis.
+/// Emits the triangles of one wall between two sections, facing away from the axis.
 ///
-/// Each lower edge is joined to the upper chain between the same two ids: the first half of the chain fans from the edge's
-/// start, the second half from its end, and a triangle on the lower edge lies between.
+/// Each lower edge is joined to the upper chain between the same two ids. The first half of the
+/// chain fans from the start of the edge, the second half from its end, and a triangle on the lower
+/// edge lies between them.
 fn slab(
-    lower: &Level,
-    upper: &Level,
+    lower: &Front,
+    upper: &Front,
     alignment: &Alignment,
     wall: usize,
     positions: &[[f32; 3]],
@@ -124,7 +100,7 @@ fn slab(
 #[cfg(test)]
 mod tests {
     use super::super::Lofter;
-    use super::super::synthetic::{Dice, Folds};
+    use super::super::samples::{Dice, Folds};
     use super::*;
     use std::collections::HashSet;
 

@@ -5,7 +5,7 @@ use std::fmt;
 use crate::geometry::polygon::ContourError;
 use crate::geometry::triangulate::TriangulateError;
 
-/// Which of the two loops of a section.
+/// One of the two loops of a section.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wall {
     /// Boundary of the lumen.
@@ -23,16 +23,16 @@ impl fmt::Display for Wall {
     }
 }
 
-/// Why sections could not be lofted. A lofter must not be used after it has returned an error.
+/// Errors of the loft. After an error, the lofter must not be used again.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LoftError {
-    /// No section was given.
+    /// The history has no section.
     #[error("no section to loft to")]
     NoSection,
-    /// Only one section: a tube needs two.
+    /// Only one section; a tube needs two.
     #[error("a tube needs at least two sections")]
     NoSlab,
-    /// The numbers of ids and points of a ring differ.
+    /// A ring has different numbers of ids and points.
     #[error("section at step {step}: the {wall} ring has {points} points but {ids} ids")]
     Ids {
         /// Step of the section.
@@ -76,7 +76,7 @@ pub enum LoftError {
         /// The id.
         id: u32,
     },
-    /// A section is not above the previous one, in exported metres.
+    /// A section is not above the previous one in exported metres.
     #[error("section at step {step} is at z = {z_um} µm, not above the previous section")]
     Order {
         /// Step of the section.
@@ -84,7 +84,7 @@ pub enum LoftError {
         /// Its place along the tube, micrometres.
         z_um: f64,
     },
-    /// Walls meet in a slab even after sections were added.
+    /// Walls intersect in a slab even after sections were added.
     #[error(
         "walls meet between steps {from_step} and {to_step} (z = {z_um} µm) near \
          ({x_um:.3}, {y_um:.3}) µm; additional sections do not separate them"
@@ -92,7 +92,7 @@ pub enum LoftError {
     Unmendable {
         /// Step below the slab.
         from_step: f64,
-        /// Step above it.
+        /// Step above the slab.
         to_step: f64,
         /// Place of the upper end of the slab along the tube, micrometres.
         z_um: f64,
@@ -121,7 +121,7 @@ pub enum LoftError {
          would have to be added (weaker forces, more steps or a smaller recording interval may help)"
     )]
     TooLarge {
-        /// The limit.
+        /// Maximum number of vertices.
         most: usize,
     },
 }

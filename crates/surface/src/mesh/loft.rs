@@ -1,11 +1,16 @@
-//! The lofter: takes sections one after the other and builds the surface slab by slab, each tested.
+//! The lofter: receives sections one after the other and builds the surface slab by slab. Every
+//! slab is tested.
 //!
-//! A slab is mended, in this order, by flipping diagonals, by adding one of the sections in between (the
-//! steps that the simulation kept), and by adding sections between two steps, half way on the straight
-//! paths of the vertices, down to 1/4096 of a step. Straight paths from step to step are free of
-//! contact (docs/physics.md), so this terminates.
+//! If the walls of a slab intersect, the lofter tries in this order:
+//!
+//! - flip diagonals
+//! - add one of the sections in between (the steps that the simulation kept)
+//! - add sections between two steps, halfway on the straight paths of the vertices, down to 1/4096
+//!   of a step
+//!
+//! The straight paths from step to step never cross (docs/physics.md), so this terminates.
 
-use super::align::{self, Alignment};
+use super::align;
 use super::error::{LoftError, Wall};
 use super::mend::settle;
 use super::slab::{Rim, Slab};
@@ -14,92 +19,89 @@ use crate::geometry::polygon::{ContourError, check_contour, check_nested};
 use crate::geometry::triangulate::annulus;
 use crate::model::{BodyKind, Mesh, Patch, Ring, Section};
 
-/// Places of the patches in [`Lofter::patches`].
+/// Indices of the patches in [`Lofter::patches`].
 const INNER_WALL: usize = 0;
 const OUTER_WALL: usize = 1;
 const CAP_ISTHMUS: usize = 2;
 const CAP_AMPULLA: usize = 3;
-/// Greatest number of times that the interval between two steps is halved.
+/// Maximum number of times that the interval between two steps is halved.
 const DEEPEST: u32 = 12;
 
 /// Result of [`Lofter::advance`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Accepted {
-    /// The sections that were added to the surface, in order: those that mend the slab (`added` is true), then the recorded
-    /// one.
+    /// Sections that were added to the surface, in order: first those that mend the slab (`added`
+    /// is true), then the recorded section.
     pub sections: Vec<Section>,
-    /// Number of diagonals that were flipped to separate walls.
+    /// Number of diagonals flipped to separate walls.
     pub flipped: usize,
 }
 
 /// Lofts sections into the surface of the tissue; see [`Lofter::advance`].
 #[derive(Clone, Debug)]
 pub struct Lofter {
-    /// The last accepted section, micrometres.
+    /// Last accepted section, µm.
     section: Section,
     front: Front,
-    /// The slab below the front, not yet emitted: the next slab may still refine its upper rim.
-    below: Option<Below>,
+    /// Slab below the front. It is emitted later, because the next slab may still refine its upper
+    /// rim.
+    below: Option<SlabBelow>,
     /// Vertices, metres.
     positions: Vec<[f32; 3]>,
-    /// Triangles of each patch of the tissue, in their order: those of all slabs but the newest.
+    /// Triangles of each patch of the tissue, in their order, without the newest slab.
     patches: [Vec<[u32; 3]>; 4],
-    /// Most vertices that the surface may have.
+    /// Maximum number of vertices.
     most: usize,
 }
 
-/// The upper rim of the surface so far; the next slab starts here.
+/// Upper rim of the surface so far; the next slab starts here.
 #[derive(Clone, Debug)]
-struct Front {
-    rim: Rim,
+pub(super) struct Front {
+    pub(super) rim: Rim,
     /// Stable ids of the inner and of the outer ring, in the order of the rim.
-    ids: [Vec<u32>; 2],
-    /// Number of the vertex of each rim point.
-    vertices: Vec<u32>,
-    /// Place along the tube in metres.
-    z: f32,
+    pub(super) ids: [Vec<u32>; 2],
+    /// Vertex index of each rim point.
+    pub(super) vertices: Vec<u32>,
+    /// Place along the tube, m.
+    pub(super) z: f32,
 }
 
-#[derive(Clone, Debug)]
-struct Below {
-    slab: Slab,
-    /// Boxes of its cells.
-    blocks: Blocks,
-    /// Number of the vertex of each point of the lower rim.
-    vertices: Vec<u32>,
-}
-
-/// A slab that has passed all tests.
-struct Attempt {
-    /// New vertices after each point of the front.
-    new_after: Vec<u32>,
-    /// The slab below with the new vertices in its upper rim.
-    below: Option<Slab>,
-    slab: Slab,
-    blocks: Blocks,
-    ids: [Vec<u32>; 2],
-    z: f32,
-    flipped: usize,
-}
-
-/// Why a slab was not accepted.
-enum Refusal {
-    /// Walls meet near this point (metres).
-    Contact([f32; 2]),
-    Error(LoftError),
-}
-
-impl From<LoftError> for Refusal {
-    fn from(error: LoftError) -> Self {
-        Self::Error(error)
+impl Front {
+    /// Vertex indices of the inner (0) or outer (1) ring.
+    pub(super) fn ring(&self, wall: usize) -> &[u32] {
+        let (inner, outer) = self.vertices.split_at(self.rim.inner);
+        [inner, outer][wall]
     }
 }
 
+#[derive(Clone, Debug)]
+struct SlabBelow {
+    slab: Slab,
+    /// Bounding boxes of its cells.
+    blocks: Blocks,
+    /// Vertex index of each point of the lower rim.
+    vertices: Vec<u32>,
+}
+
+/// Slab that passed all tests.
+struct TestedSlab {
+    /// Number of new vertices after each point of the front.
+    new_after: Vec<u32>,
+    /// Slab below, with the new vertices in its upper rim.
+    below: Option<Slab>,
+    slab: Slab,
+    blocks: Blocks,
+    /// The next front, without its vertices.
+    front: Front,
+    flipped: usize,
+}
+
 impl Lofter {
-    /// Begins a surface at the isthmus end.
+    /// Starts a surface at the isthmus end.
     ///
     /// # Errors
-    /// The section is not sound: see [`LoftError::Ids`], [`LoftError::Contour`], [`LoftError::Nesting`].
+    /// Returns [`LoftError::Ids`], [`LoftError::Contour`] or [`LoftError::Nesting`] if the section
+    /// is not sound.
     pub fn new(first: Section) -> Result<Self, LoftError> {
         check_form(&first)?;
         let (inner, outer) = (exported(&first.inner, 0), exported(&first.outer, 0));
@@ -122,20 +124,22 @@ impl Lofter {
         })
     }
 
-    /// Limits the number of vertices: if walls meet in many places, mending could add sections almost without end.
+    /// Limits the number of vertices. Otherwise mending could add sections almost without end if
+    /// walls intersect in many places.
     #[must_use]
     pub fn with_most_vertices(mut self, most: u64) -> Self {
         self.most = usize::try_from(most).unwrap_or(usize::MAX).min(u32::MAX as usize);
         self
     }
 
-    /// Adds the slab up to the last section of `history`. `history` holds the sections of the steps since the
-    /// last call, in order: at least the last of them, which is recorded; the others are used to mend
-    /// the slab. Returns the sections that are now part of the surface.
+    /// Adds the slab up to the last section of `history`. `history` contains the sections of the
+    /// steps since the last call, in order. Its last section is recorded; the others are used only
+    /// to mend the slab. Returns the sections that are part of the surface now.
     ///
     /// # Errors
-    /// The section is not sound or does not continue the previous one, or its walls cannot be separated. The
-    /// lofter must not be used again.
+    /// Returns an error if the section is not sound or does not continue the previous one, if its
+    /// walls cannot be separated, or if the surface becomes too large. The lofter must not be used
+    /// again.
     pub fn advance(&mut self, history: &[Section]) -> Result<Accepted, LoftError> {
         let added = history.last().ok_or(LoftError::NoSection)?.added;
         let mut accepted = Accepted::default();
@@ -143,51 +147,37 @@ impl Lofter {
         Ok(accepted)
     }
 
-    /// Adds the slab up to `section` if it needs no sections in between. Returns `None` if walls
-    /// meet that flipped diagonals cannot separate. The lofter is then unchanged, and [`Lofter::advance`] can be called with
-    /// the sections of the steps in between.
+    /// Adds the slab up to `section` if it needs no sections in between. Returns `None` if flipped
+    /// diagonals cannot separate its walls. The lofter is then unchanged, and [`Lofter::advance`]
+    /// can be called with the sections of the steps in between.
     ///
     /// # Errors
-    /// As [`Lofter::advance`], except for walls that meet.
+    /// Returns the errors of [`Lofter::advance`], except for walls that intersect.
     #[inline(never)] // counted by scripts/counts
     pub fn try_advance(&mut self, section: &Section) -> Result<Option<Accepted>, LoftError> {
-        match self.attempt(section) {
-            Ok(attempt) => {
-                let flipped = attempt.flipped;
-                self.accept(attempt)?;
-                self.section = section.clone();
-                Ok(Some(Accepted { sections: vec![section.clone()], flipped }))
-            }
-            Err(Refusal::Contact(_)) => Ok(None),
-            Err(Refusal::Error(error)) => Err(error),
-        }
+        let Ok(tested) = self.attempt(section)? else { return Ok(None) };
+        let flipped = tested.flipped;
+        self.accept(tested)?;
+        self.section = section.clone();
+        Ok(Some(Accepted { sections: vec![section.clone()], flipped }))
     }
 
-    /// Closes the ends. Vertices are numbered section by section; the patches are `inner_wall`,
-    /// `outer_wall`, `cap_isthmus`, `cap_ampulla`, the walls slab by slab in the order of the rings.
+    /// Closes the ends. Vertices are numbered section by section. The patches are `inner_wall`,
+    /// `outer_wall`, `cap_isthmus` and `cap_ampulla`; the walls are ordered slab by slab.
     ///
     /// # Errors
-    /// [`LoftError::NoSlab`] with one section only, [`LoftError::Cap`] if the end at the ampulla cannot be closed.
+    /// Returns [`LoftError::NoSlab`] if there is only one section, and [`LoftError::Cap`] if the
+    /// end at the ampulla cannot be closed.
     #[inline(never)] // counted by scripts/counts
     pub fn finish(mut self) -> Result<Mesh, LoftError> {
         let below = self.below.take().ok_or(LoftError::NoSlab)?;
         self.emit(&below.slab, &below.vertices, &self.front.vertices.clone());
-        self.patches[CAP_AMPULLA] = cap(&self.front.rim, &self.front.vertices, "ampulla")?;
-        let body = BodyKind::Tissue;
-        let (mut triangles, mut patches) = (Vec::new(), Vec::with_capacity(self.patches.len()));
-        for (&kind, part) in body.patches().iter().zip(self.patches) {
-            let from = triangles.len();
-            if from == 0 {
-                triangles = part;
-            } else {
-                triangles.extend_from_slice(&part);
-            }
-            patches.push(Patch { kind, triangles: from..triangles.len() });
-        }
-        Ok(Mesh { body, positions: self.positions, triangles, patches })
+        self.patches[CAP_AMPULLA] = ampulla_cap(&self.front.rim, &self.front.vertices)?;
+        Ok(assembled(self.positions, self.patches))
     }
 
-    /// Adds the slabs up to the last section of `history`, with sections in between if walls meet.
+    /// Adds the slabs up to the last section of `history`, with sections in between where walls
+    /// intersect.
     fn climb(
         &mut self,
         history: &[Section],
@@ -196,16 +186,15 @@ impl Lofter {
         accepted: &mut Accepted,
     ) -> Result<(), LoftError> {
         let target = history.last().ok_or(LoftError::NoSection)?;
-        let point = match self.attempt(target) {
-            Ok(attempt) => {
-                accepted.flipped += attempt.flipped;
-                self.accept(attempt)?;
+        let point = match self.attempt(target)? {
+            Ok(tested) => {
+                accepted.flipped += tested.flipped;
+                self.accept(tested)?;
                 self.section = Section { added, ..target.clone() };
                 accepted.sections.push(self.section.clone());
                 return Ok(());
             }
-            Err(Refusal::Contact(point)) => point,
-            Err(Refusal::Error(error)) => return Err(error),
+            Err(point) => point,
         };
         let (inner, outer) = (exported(&target.inner, 0), exported(&target.outer, 0));
         let sound = check_section(target, &inner, &outer);
@@ -217,7 +206,7 @@ impl Lofter {
             self.climb(&history[..middle], true, depth, accepted)?;
             return self.climb(&history[middle..], added, depth, accepted);
         }
-        // If a section half way is not sound, the straight paths themselves meet.
+        // If a section halfway is not sound, the straight paths themselves cross.
         let unmendable = LoftError::Unmendable {
             from_step: self.section.step,
             to_step: target.step,
@@ -229,7 +218,7 @@ impl Lofter {
             return Err(unmendable);
         }
         let middle = align::halfway(&self.section, target)?;
-        // Single precision may have no number between the two places.
+        // There may be no f32 between the two places.
         let z = metres(middle.z_um);
         if z <= self.front.z || z >= metres(target.z_um) {
             return Err(unmendable);
@@ -238,41 +227,43 @@ impl Lofter {
         self.climb(history, added, depth - 1, accepted)
     }
 
-    /// Builds and tests the slab up to `target`.
-    fn attempt(&self, target: &Section) -> Result<Attempt, Refusal> {
+    /// Builds and tests the slab up to `target`. The inner error is a point (m) near which walls
+    /// intersect.
+    fn attempt(&self, target: &Section) -> Result<Result<TestedSlab, [f32; 2]>, LoftError> {
         check_form(target)?;
         let z = metres(target.z_um);
         if z <= self.front.z || !z.is_finite() {
-            return Err(Refusal::Error(LoftError::Order { step: target.step, z_um: target.z_um }));
+            return Err(LoftError::Order { step: target.step, z_um: target.z_um });
         }
         let align = |k: usize, ring: &Ring, wall| align::align(&self.front.ids[k], &ring.ids, wall, target.step);
-        let Alignment { turn, new_after } = align(0, &target.inner, Wall::Inner)?;
-        let outer = align(1, &target.outer, Wall::Outer)?;
-        let upper = joined(&exported(&target.inner, turn), &exported(&target.outer, outer.turn));
-        let ids = [turned(&target.inner.ids, turn), turned(&target.outer.ids, outer.turn)];
+        let (inner, outer) = (align(0, &target.inner, Wall::Inner)?, align(1, &target.outer, Wall::Outer)?);
+        let upper = joined(&exported(&target.inner, inner.turn), &exported(&target.outer, outer.turn));
+        let ids = [turned(&target.inner.ids, inner.turn), turned(&target.outer.ids, outer.turn)];
         let (inner_points, outer_points) = self.front.rim.points.split_at(self.front.rim.inner);
-        let lower = joined(&align::insert(inner_points, &new_after), &align::insert(outer_points, &outer.new_after));
-        let mut new_after = new_after;
-        new_after.extend(outer.new_after);
-
-        let mut flipped = 0;
-        let below = match &self.below {
-            None => None,
-            Some(below) => {
-                let (mut slab, changed) = below.slab.refined(lower.clone(), &new_after);
-                flipped += settle(&mut slab, &below.blocks, Some(&changed)).map_err(Refusal::Contact)?;
-                Some(slab)
-            }
-        };
-        let mut slab = Slab::new(lower, upper);
-        let blocks = slab.blocks();
-        flipped += settle(&mut slab, &blocks, None).map_err(Refusal::Contact)?;
-        Ok(Attempt { new_after, below, slab, blocks, ids, z, flipped })
+        let insert = align::insert;
+        let lower = joined(&insert(inner_points, &inner.new_after), &insert(outer_points, &outer.new_after));
+        let new_after = [inner.new_after, outer.new_after].concat();
+        let front = Front { rim: upper, ids, vertices: Vec::new(), z };
+        Ok(self.test(lower, front, new_after))
     }
 
-    /// Makes a tested slab part of the surface; the slab below it is then final.
-    fn accept(&mut self, attempt: Attempt) -> Result<(), LoftError> {
-        let Attempt { new_after, below, slab, blocks, ids, z, .. } = attempt;
+    /// Tests the slab from the refined front to the next one, and the slab below with its refined rim.
+    fn test(&self, lower: Rim, upper: Front, new_after: Vec<u32>) -> Result<TestedSlab, [f32; 2]> {
+        let (mut flipped, mut below) = (0, None);
+        if let Some(SlabBelow { slab, blocks, .. }) = &self.below {
+            let (mut slab, changed) = slab.refined(lower.clone(), &new_after);
+            flipped += settle(&mut slab, blocks, Some(&changed))?;
+            below = Some(slab);
+        }
+        let mut slab = Slab::new(lower, upper.rim.clone());
+        let blocks = slab.blocks();
+        flipped += settle(&mut slab, &blocks, None)?;
+        Ok(TestedSlab { new_after, below, slab, blocks, front: upper, flipped })
+    }
+
+    /// Makes a tested slab part of the surface. The slab below it is then final.
+    fn accept(&mut self, tested: TestedSlab) -> Result<(), LoftError> {
+        let TestedSlab { new_after, below, slab, blocks, front, .. } = tested;
         let added = slab.lower.len() - self.front.rim.len() + slab.upper.len();
         if self.positions.len() + added > self.most {
             return Err(LoftError::TooLarge { most: self.most });
@@ -288,22 +279,17 @@ impl Lofter {
         }
         match (below, self.below.take()) {
             (Some(refined), Some(below)) => self.emit(&refined, &below.vertices, &lower),
-            _ => {
-                let mut isthmus = cap(&slab.lower, &lower, "isthmus")?;
-                isthmus.iter_mut().for_each(|t| t.swap(1, 2));
-                self.patches[CAP_ISTHMUS] = isthmus;
-            }
+            _ => self.patches[CAP_ISTHMUS] = isthmus_cap(&slab.lower, &lower)?,
         }
         let first = self.positions.len() as u32;
-        self.positions.extend(slab.upper.points.iter().map(|p| [p[0], p[1], z]));
+        self.positions.extend(slab.upper.points.iter().map(|p| [p[0], p[1], front.z]));
         let vertices = (first..self.positions.len() as u32).collect();
-        let front = Front { rim: slab.upper.clone(), ids, vertices, z };
-        self.front = front;
-        self.below = Some(Below { slab, blocks, vertices: lower });
+        self.front = Front { vertices, ..front };
+        self.below = Some(SlabBelow { slab, blocks, vertices: lower });
         Ok(())
     }
 
-    /// Emits the triangles of a slab; the inner wall faces the lumen.
+    /// Emits the triangles of a slab. Those of the inner wall face the lumen.
     fn emit(&mut self, slab: &Slab, lower: &[u32], upper: &[u32]) {
         let index = |id: usize| match id.checked_sub(lower.len()) {
             None => lower[id],
@@ -311,7 +297,7 @@ impl Lofter {
         };
         for cell in 0..slab.len() {
             for k in 0..=slab.edges(cell) {
-                let [a, b, c] = slab.triangle(cell, k, slab.diagonals[cell]).map(index);
+                let [a, b, c] = slab.triangle(cell, k).map(index);
                 if cell < slab.lower.inner {
                     self.patches[INNER_WALL].push([a, c, b]);
                 } else {
@@ -322,7 +308,7 @@ impl Lofter {
     }
 }
 
-/// Checks the preconditions of the slab tests.
+/// Checks the preconditions of the tests of slabs.
 pub(super) fn check_form(section: &Section) -> Result<(), LoftError> {
     for (wall, ring) in [(Wall::Inner, &section.inner), (Wall::Outer, &section.outer)] {
         if ring.ids.len() != ring.points.len() || ring.is_empty() {
@@ -345,19 +331,44 @@ fn check_section(section: &Section, inner: &[[f32; 2]], outer: &[[f32; 2]]) -> R
     check_nested(inner, outer).map_err(|source| LoftError::Nesting { step, z_um, source })
 }
 
-/// Closes an end: triangles facing up the tube.
-pub(super) fn cap(rim: &Rim, vertices: &[u32], end: &'static str) -> Result<Vec<[u32; 3]>, LoftError> {
+/// Joins the patches of the tissue, given in their order, into one mesh.
+pub(super) fn assembled(positions: Vec<[f32; 3]>, parts: [Vec<[u32; 3]>; 4]) -> Mesh {
+    let body = BodyKind::Tissue;
+    let (mut triangles, mut patches) = (Vec::new(), Vec::with_capacity(parts.len()));
+    for (&kind, part) in body.patches().iter().zip(parts) {
+        let from = triangles.len();
+        if from == 0 {
+            triangles = part;
+        } else {
+            triangles.extend_from_slice(&part);
+        }
+        patches.push(Patch { kind, triangles: from..triangles.len() });
+    }
+    Mesh { body, positions, triangles, patches }
+}
+
+/// Closes the end at the isthmus with triangles that face down the tube.
+pub(super) fn isthmus_cap(rim: &Rim, vertices: &[u32]) -> Result<Vec<[u32; 3]>, LoftError> {
+    Ok(cap(rim, vertices, "isthmus")?.into_iter().map(|[a, b, c]| [a, c, b]).collect())
+}
+
+/// Closes the end at the ampulla with triangles that face up the tube.
+pub(super) fn ampulla_cap(rim: &Rim, vertices: &[u32]) -> Result<Vec<[u32; 3]>, LoftError> {
+    cap(rim, vertices, "ampulla")
+}
+
+fn cap(rim: &Rim, vertices: &[u32], end: &'static str) -> Result<Vec<[u32; 3]>, LoftError> {
     let (inner, outer) = rim.points.split_at(rim.inner);
     let triangles = annulus(inner, outer).map_err(|source| LoftError::Cap { end, source })?;
     Ok(triangles.into_iter().map(|t| t.map(|i| vertices[i as usize])).collect())
 }
 
-/// Micrometres to metres as exported: computed in f64, rounded once.
+/// Converts micrometres to metres as exported: computed in f64 and rounded once.
 pub(super) fn metres(um: f64) -> f32 {
     (um * 1e-6) as f32
 }
 
-/// The points of a ring as exported, from point `turn` on.
+/// Exported points of a ring, from point `turn` on.
 pub(super) fn exported(ring: &Ring, turn: usize) -> Vec<[f32; 2]> {
     let (before, after) = ring.points.split_at(turn);
     after.iter().chain(before).map(|p| p.map(|x| metres(f64::from(x)))).collect()

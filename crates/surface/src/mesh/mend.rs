@@ -1,21 +1,27 @@
-//! Finds where the walls of a slab meet, and separates them by flipping diagonals if that helps.
+//! Finds intersecting walls of a slab and separates them by flipping diagonals, if possible.
 //!
-//! Invariant: after [`settle`] has succeeded on all cells, no two triangles of the slab meet except in
-//! shared vertices and edges. Bounding boxes in the plane tell which cells can meet; a separating line
-//! clears most of those; exact tests decide the rest.
+//! Bounding boxes in the plane select the cells that can intersect, a separating line excludes most
+//! of these, and exact tests decide the rest.
+//!
+//! Invariant: after [`settle`] succeeded on all cells, no two triangles of the slab intersect
+//! outside their shared vertices and edges.
 
-use super::contact::in_contact;
 use super::slab::{Diagonal, Slab};
 use crate::geometry::blocks::Blocks;
+use crate::geometry::tri_tri::{Triangle, meet_in_mesh};
 
-/// Most cells of one contact for which all combinations of diagonals are tried; more need a new section.
+/// Maximum number of cells of one group for which all combinations of diagonals are tried. A larger
+/// group needs a new section.
 const MOST_CELLS: usize = 6;
-/// Number of contacts of a slab from which on flipping is not tried; a new section is needed.
+/// Number of contacts at which flipping is not tried; the slab needs a new section.
 const MOST_CONTACTS: usize = 1000;
 
-/// Tests a slab, given its boxes, and flips diagonals where walls meet: all of a slab that is not refined,
-/// or the neighbourhood of the `changed` cells (ascending). Returns the number of flipped diagonals, or a point
-/// near a contact that no flip removes, in metres; the slab must then be discarded.
+/// Tests a slab and flips diagonals where walls intersect. `blocks` are the boxes of its cells.
+/// `changed` is `None` to test a whole unrefined slab; otherwise only the neighbourhood of these
+/// cells (ascending) is tested.
+///
+/// Returns the number of flipped diagonals, or a point (m) near a contact that no flip removes. The
+/// slab must then be discarded.
 pub(super) fn settle(slab: &mut Slab, blocks: &Blocks, changed: Option<&[usize]>) -> Result<usize, [f32; 2]> {
     let contacts = match changed {
         None => all_contacts(slab, blocks),
@@ -31,8 +37,8 @@ pub(super) fn settle(slab: &mut Slab, blocks: &Blocks, changed: Option<&[usize]>
     Ok(flipped)
 }
 
-/// All pairs of cells in contact, or the first [`MOST_CONTACTS`]. A cell is paired with itself if its own triangles fold onto
-/// each other.
+/// All pairs of cells in contact, or the first [`MOST_CONTACTS`]. A cell is paired with itself if
+/// its own triangles overlap.
 fn all_contacts(slab: &Slab, blocks: &Blocks) -> Vec<(usize, usize)> {
     let parted = slab.parted_from_next();
     let mut contacts = Vec::new();
@@ -55,7 +61,7 @@ fn all_contacts(slab: &Slab, blocks: &Blocks) -> Vec<(usize, usize)> {
     contacts
 }
 
-/// The pairs in contact of which at least one is in `changed`.
+/// Pairs in contact that contain at least one of the `changed` cells.
 fn contacts_of(slab: &Slab, blocks: &Blocks, changed: &[usize]) -> Vec<(usize, usize)> {
     let mut contacts = Vec::new();
     for &i in changed {
@@ -77,32 +83,34 @@ fn contacts_of(slab: &Slab, blocks: &Blocks, changed: &[usize]) -> Vec<(usize, u
     contacts
 }
 
-/// Whether triangles of one cell fold onto each other, or one has no area.
+/// True if triangles of one cell overlap or one of them has no area.
 fn folded(slab: &Slab, cell: usize) -> bool {
-    if slab.degenerate(cell) {
-        return true;
-    }
-    let diagonal = slab.diagonals[cell];
     let count = slab.edges(cell) + 1;
-    (0..count).any(|k| {
-        let first = slab.corners(cell, k, diagonal);
-        (k + 1..count).any(|l| in_contact(&first, &slab.corners(cell, l, diagonal)))
-    })
+    let is_met = |k: usize| {
+        let first = slab.in_space(cell, k);
+        (k + 1..count).any(|l| triangles_meet(&first, &slab.in_space(cell, l)))
+    };
+    slab.degenerate(cell) || (0..count).any(is_met)
 }
 
-/// Whether triangles of two cells meet outside shared vertices and edges.
+/// True if triangles of two cells intersect outside their shared vertices and edges.
 fn cells_meet(slab: &Slab, i: usize, j: usize) -> bool {
     let neighbours = slab.lower.next(i) == j || slab.lower.next(j) == i;
-    if !neighbours && slab.apart(i, j) {
+    // A cell without area has no exact test; [`folded`] already reports it.
+    if (!neighbours && slab.apart(i, j)) || slab.degenerate(i) || slab.degenerate(j) {
         return false;
     }
     (0..=slab.edges(i)).any(|k| {
-        let first = slab.corners(i, k, slab.diagonals[i]);
-        (0..=slab.edges(j)).any(|l| in_contact(&first, &slab.corners(j, l, slab.diagonals[j])))
+        let first = slab.in_space(i, k);
+        (0..=slab.edges(j)).any(|l| triangles_meet(&first, &slab.in_space(j, l)))
     })
 }
 
-/// The cells in contact, in groups such that cells of different groups are not in contact; ascending.
+fn triangles_meet((a, ta): &(Triangle, [u32; 3]), (b, tb): &(Triangle, [u32; 3])) -> bool {
+    meet_in_mesh((a, *ta), (b, *tb))
+}
+
+/// Groups of cells such that cells of different groups are not in contact; ascending.
 fn groups(contacts: &[(usize, usize)]) -> Vec<Vec<usize>> {
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for &(i, j) in contacts {
@@ -121,8 +129,8 @@ fn groups(contacts: &[(usize, usize)]) -> Vec<Vec<usize>> {
     groups
 }
 
-/// Tries the combinations of diagonals of `cells`, fewest flips first, until none of them is in contact
-/// with anything. Returns the number of flips.
+/// Tries the combinations of diagonals of `cells`, fewest flips first, until none of the cells is
+/// in contact with any other. Returns the number of flips.
 fn part(slab: &mut Slab, blocks: &Blocks, cells: &[usize]) -> Option<usize> {
     if cells.len() > MOST_CELLS {
         return None;
@@ -161,7 +169,7 @@ mod tests {
         assert_eq!(found, [vec![7], vec![1, 2, 5, 9], vec![11, 12]]);
     }
 
-    /// A star whose upper rim is turned against the lower one: spikes sweep through spikes.
+    /// A star whose upper rim is rotated relative to the lower one: spikes sweep through spikes.
     #[test]
     fn contacts_without_end_are_not_counted() {
         let star = |turn: usize| {

@@ -1,31 +1,31 @@
 //! Lofts sections into a closed surface that does not intersect itself (paper, section 3.1).
 //!
-//! A [`Lofter`] takes sections as the simulation records them. Between two sections lies a slab. Stable
-//! ids relate the vertices of the two, vertices that are new in the later section are inserted into
-//! the edges of the earlier one, and each edge gives a quad that is split along a diagonal. Every slab is tested
-//! with exact predicates on the exported coordinates. If its walls meet, it is mended by the
-//! other diagonal or else by an additional section. The ends are closed by constrained triangulation.
+//! A [`Lofter`] receives sections as the simulation records them. The surface between two sections
+//! is a slab. Stable ids match the vertices of both sections, new vertices of the later section are
+//! inserted into edges of the earlier one, and each edge gives a quad that is split along a
+//! diagonal. Exact predicates test every slab in the exported coordinates. If its walls intersect,
+//! the slab is mended: by the other diagonal, or by an additional section. Constrained
+//! triangulation closes the ends.
 //!
-//! Invariant: a mesh that a [`Lofter`] finished is closed and oriented, and no two of its triangles meet except
-//! in shared vertices and edges.
+//! Invariant: a mesh from [`Lofter::finish`] is closed and oriented, and no two of its triangles
+//! intersect outside their shared vertices and edges.
 
 mod align;
 pub mod bend;
 mod bodies;
-mod contact;
 pub mod contract;
 mod draft;
 mod error;
+mod intersection;
 pub mod lean;
 mod loft;
-mod meeting;
 mod mend;
 pub mod quality;
 mod slab;
 pub mod smooth;
 
 #[cfg(test)]
-mod synthetic;
+mod samples;
 #[cfg(test)]
 mod tests;
 

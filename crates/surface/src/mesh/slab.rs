@@ -1,17 +1,20 @@
-//! The surface between two neighbouring sections: both walls, one cell per edge of the lower section.
+//! The surface between two neighbouring sections: both walls, with one cell per edge of the lower
+//! section.
 //!
-//! A cell joins the lower edge a–a′ to a chain of upper vertices u₀ … uₘ (m = 1, a quad, until the slab
-//! above inserts vertices into the upper edge). Its diagonal is a–uₘ ([`Diagonal::Forward`]) or a′–u₀;
-//! the upper edges fan from the lower end of the diagonal. A cell so has m + 1 triangles.
+//! A cell joins the lower edge a–a′ to a chain of upper vertices u₀ … uₘ. It is a quad (m = 1)
+//! until the slab above inserts vertices into the upper edge. Its diagonal is a–uₘ
+//! ([`Diagonal::Forward`]) or a′–u₀. The upper edges fan from the lower end of the diagonal, so a
+//! cell has m + 1 triangles.
 //!
-//! The tests use heights 0 and 1, because scaling z does not change their results. Points are exported coordinates
-//! converted to f64, so the tests hold for the exported surface.
+//! The tests use heights 0 and 1, because scaling z does not change their results. Points are
+//! exported coordinates converted to f64, so the tests hold for the exported surface.
 
-use super::contact::Triangle;
 use crate::geometry::blocks::{Blocks, Rect};
+use crate::geometry::polygon::next_on_rings;
 use crate::geometry::predicates::widen2;
+use crate::geometry::tri_tri::Triangle;
 
-/// Direction in which a cell is split.
+/// Diagonal along which a cell is split.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Diagonal {
     /// From the lower start to the upper end of the cell.
@@ -29,10 +32,9 @@ impl Diagonal {
     }
 }
 
-/// The points of a section as exported (metres): the inner ring, then the outer one.
+/// Exported points of a section (m): first the inner ring, then the outer ring.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Rim {
-    /// All points.
     pub(super) points: Vec<[f32; 2]>,
     /// Number of points of the inner ring.
     pub(super) inner: usize,
@@ -44,32 +46,27 @@ impl Rim {
         self.points.len()
     }
 
-    /// The point after `i` on its ring.
+    /// Index of the point after `i` on its ring.
     #[inline]
     pub(super) fn next(&self, i: usize) -> usize {
-        if i + 1 == self.inner {
-            0
-        } else if i + 1 == self.points.len() {
-            self.inner
-        } else {
-            i + 1
-        }
+        next_on_rings(i, self.inner, self.points.len())
     }
 }
 
-/// A slab.
+/// Surface between two sections.
 #[derive(Clone, Debug)]
 pub(super) struct Slab {
     pub(super) lower: Rim,
     pub(super) upper: Rim,
-    /// For each cell the upper vertex above its start; one more entry than cells: the number of upper vertices.
+    /// Upper vertex above the start of each cell, and the number of upper vertices as the last
+    /// entry.
     start: Vec<u32>,
     pub(super) diagonals: Vec<Diagonal>,
 }
 
 impl Slab {
-    /// Joins two rims of the same number of points, point to point, along the shorter diagonals
-    /// (measured in the plane: both span the same height).
+    /// Joins two rims with equal numbers of points, point to point, along the shorter diagonals.
+    /// Diagonals are measured in the plane, because both span the same height.
     pub(super) fn new(lower: Rim, upper: Rim) -> Self {
         debug_assert_eq!((lower.len(), lower.inner), (upper.len(), upper.inner));
         let squared = |p: [f32; 2], q: [f32; 2]| {
@@ -93,8 +90,8 @@ impl Slab {
         self.diagonals.len()
     }
 
-    /// The same slab with its upper rim refined: `new_after[i]` vertices follow upper vertex `i`. Also
-    /// returns the cells that changed. The slab must not have been refined before.
+    /// Returns the slab with its upper rim refined, and the cells that changed. `new_after[i]`
+    /// vertices follow upper vertex `i`. The slab must not have been refined before.
     pub(super) fn refined(&self, upper: Rim, new_after: &[u32]) -> (Self, Vec<usize>) {
         let mut start = Vec::with_capacity(self.start.len());
         let mut sum = 0;
@@ -108,29 +105,29 @@ impl Slab {
         (slab, changed)
     }
 
-    /// The upper vertex `k` of the chain of `cell`.
+    /// Upper vertex `k` of the chain of `cell`.
     #[inline]
     fn chain(&self, cell: usize, k: usize) -> usize {
         let vertex = self.start[cell] as usize + k;
         if vertex == self.start[cell + 1] as usize { self.start[self.lower.next(cell)] as usize } else { vertex }
     }
 
-    /// Number of upper edges of `cell`; it has one more triangle.
+    /// Number of upper edges of `cell`. The cell has one more triangle.
     #[inline]
     pub(super) fn edges(&self, cell: usize) -> usize {
         (self.start[cell + 1] - self.start[cell]) as usize
     }
 
-    /// Vertices of triangle `k` of `cell`, split by `diagonal`: lower vertices as they are, upper ones
-    /// counted on from the number of lower ones. Counter-clockwise seen from outside the ring; in an
-    /// order in which neighbours in a cell, and cells split alike, share an edge.
+    /// Vertices of triangle `k` of `cell`. Upper vertices are numbered after the lower ones. The
+    /// triangle is counter-clockwise seen from outside the ring. Neighbouring triangles of a cell,
+    /// and of cells with equal diagonals, share an edge.
     #[inline]
-    pub(super) fn triangle(&self, cell: usize, k: usize, diagonal: Diagonal) -> [usize; 3] {
+    pub(super) fn triangle(&self, cell: usize, k: usize) -> [usize; 3] {
         let n = self.lower.len();
         let (a, b) = (cell, self.lower.next(cell));
         let upper = |k: usize| n + self.chain(cell, k);
         let m = self.edges(cell);
-        match diagonal {
+        match self.diagonals[cell] {
             Diagonal::Forward if k < m => [a, upper(k + 1), upper(k)],
             Diagonal::Forward => [a, b, upper(m)],
             Diagonal::Backward if k == 0 => [a, b, upper(0)],
@@ -138,11 +135,12 @@ impl Slab {
         }
     }
 
-    /// Triangle `k` of `cell` with its corners in space.
+    /// Triangle `k` of `cell` in space, and the numbers of its corners. The triangle must have an
+    /// area.
     #[inline]
-    pub(super) fn corners(&self, cell: usize, k: usize, diagonal: Diagonal) -> Triangle {
-        let ids = self.triangle(cell, k, diagonal);
-        Triangle { ids, corners: ids.map(|id| self.corner(id)) }
+    pub(super) fn in_space(&self, cell: usize, k: usize) -> (Triangle, [u32; 3]) {
+        let corners = self.triangle(cell, k);
+        (Triangle::new(corners.map(|corner| self.corner(corner))), corners.map(|corner| corner as u32))
     }
 
     #[inline]
@@ -152,7 +150,6 @@ impl Slab {
         [f64::from(p[0]), f64::from(p[1]), z]
     }
 
-    /// Calls `each` with every point of `cell`.
     #[inline]
     fn for_points(&self, cell: usize, mut each: impl FnMut([f32; 2])) {
         each(self.lower.points[cell]);
@@ -162,8 +159,8 @@ impl Slab {
         }
     }
 
-    /// The boxes around the cells seen along the tube. Refining the upper rim does not change them:
-    /// rounding never takes a point of an edge out of the box of its ends.
+    /// Bounding boxes of the cells, seen along the tube. Refining the upper rim does not change the
+    /// boxes, because a rounded point of an edge stays in the box of the edge's ends.
     pub(super) fn blocks(&self) -> Blocks {
         let rect = |cell| {
             let mut rect = Rect::EMPTY;
@@ -173,18 +170,20 @@ impl Slab {
         Blocks::new(&(0..self.len()).map(rect).collect::<Vec<_>>())
     }
 
-    /// Whether an edge of `cell` has no length.
+    /// True if an edge of `cell` has no length.
     pub(super) fn degenerate(&self, cell: usize) -> bool {
         let upper = |k: usize| self.upper.points[self.chain(cell, k)];
         self.lower.points[cell] == self.lower.points[self.lower.next(cell)]
             || (0..self.edges(cell)).any(|k| upper(k) == upper(k + 1))
     }
 
-    /// For each cell of a slab that is not refined, whether a plane through the edge that it shares with
-    /// the next cell separates the two. Then they meet in that edge only, and neither is folded.
+    /// For each cell of an unrefined slab, true if a plane through the edge that it shares with the
+    /// next cell separates the two. The cells then intersect only in that edge, and neither
+    /// overlaps itself.
     ///
-    /// A plane through that edge whose trace in both rims has the normal d separates them if d has a positive component along
-    /// the lower and the upper edges of both cells; d is the sum of these edges.
+    /// A plane through that edge whose trace in both rims has the normal d separates the cells if d
+    /// has a positive component along the lower and the upper edges of both. The sum of these edges
+    /// is used as d.
     pub(super) fn parted_from_next(&self) -> Vec<bool> {
         let edges: Vec<[[f64; 2]; 2]> = (0..self.len())
             .map(|cell| {
@@ -201,7 +200,8 @@ impl Slab {
             .collect()
     }
 
-    /// The same for one cell of a slab that may be refined: all upper edges then count.
+    /// Like [`Self::parted_from_next`] for one cell of a slab that may be refined, with all its
+    /// upper edges.
     pub(super) fn is_parted_from_next(&self, cell: usize) -> bool {
         let next = self.lower.next(cell);
         let lower = |cell: usize| difference(self.lower.points[cell], self.lower.points[self.lower.next(cell)]);
@@ -215,9 +215,11 @@ impl Slab {
             .all(|cell| is_along(d, lower(cell)) && (0..self.edges(cell)).all(|k| is_along(d, upper(cell, k, k + 1))))
     }
 
-    /// Whether a line separates the projections of two cells; then they do not meet. The projection is along
-    /// their mean motion, so that a common shift does not widen it; the lines tried run along
-    /// and across the cells. May be false although another projection or line would separate them.
+    /// True if a line separates the projections of two cells, which then do not intersect. May be
+    /// false although another projection or line would separate the cells.
+    ///
+    /// The projection is along the mean motion of both cells, so a common shift does not widen it.
+    /// The lines run along and across the cells.
     pub(super) fn apart(&self, i: usize, j: usize) -> bool {
         let (s, t) = (self.ends(i), self.ends(j));
         let motion = [0, 1].map(|axis| {
@@ -235,7 +237,7 @@ impl Slab {
         }
     }
 
-    /// The ends of the lower and of the upper side of a cell.
+    /// Ends of the lower and of the upper side of a cell.
     #[inline]
     fn ends(&self, cell: usize) -> [[f64; 2]; 4] {
         [
@@ -247,8 +249,8 @@ impl Slab {
         .map(widen2)
     }
 
-    /// Whether the projections of two cells along `motion` are disjoint on the direction `axis`. The
-    /// margin is far above the rounding error of a difference and a sum of two products.
+    /// True if the projections of two cells along `motion` are disjoint on the direction `axis`.
+    /// The margin is far above the rounding error of a difference and a sum of two products.
     #[inline]
     fn parted_along(&self, axis: [f64; 2], motion: [f64; 2], i: usize, j: usize) -> bool {
         let mut size = 0.0f64;
@@ -279,15 +281,14 @@ fn sum([e, f]: [[f64; 2]; 2]) -> [f64; 2] {
     [e[0] + f[0], e[1] + f[1]]
 }
 
-/// Whether an edge has a positive component along `d`. The margin exceeds the rounding error of the differences and of the sum of
-/// two products.
+/// True if an edge has a positive component along `d`. The margin exceeds the rounding error of the
+/// differences and of the sum of two products.
 #[inline]
 fn is_along(d: [f64; 2], edge: [f64; 2]) -> bool {
     let (x, y) = (d[0] * edge[0], d[1] * edge[1]);
     x + y > 1e-14 * (x.abs() + y.abs())
 }
 
-/// From `a` to `b`.
 #[inline]
 fn difference(a: [f32; 2], b: [f32; 2]) -> [f64; 2] {
     [f64::from(b[0]) - f64::from(a[0]), f64::from(b[1]) - f64::from(a[1])]

@@ -5,6 +5,8 @@
 //! range of coordinates is that of [`crate::geometry::predicates`].
 
 use super::predicates::{orient2d, orient3d};
+use super::segment::segments_meet;
+use super::vector::{cross, dot, sub};
 
 type P2 = [f64; 2];
 type P3 = [f64; 3];
@@ -20,11 +22,6 @@ pub struct Triangle {
 }
 
 #[inline]
-fn sub(a: P3, b: P3) -> P3 {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-#[inline]
 fn max_norm(a: P3) -> f64 {
     a[0].abs().max(a[1].abs()).max(a[2].abs())
 }
@@ -35,10 +32,9 @@ impl Triangle {
     #[must_use]
     pub fn new(points: [P3; 3]) -> Self {
         let (u, v) = (sub(points[1], points[0]), sub(points[2], points[0]));
-        let normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
         // The determinant of three vectors of maximum norms l, m, n, computed from rounded
         // differences, is off by less than 48 half-ulps of l·m·n = 5.4e-15·l·m·n.
-        Self { points, normal, error_per_distance: 1e-14 * max_norm(u) * max_norm(v) }
+        Self { points, normal: cross(u, v), error_per_distance: 1e-14 * max_norm(u) * max_norm(v) }
     }
 
     /// Side of the triangle's plane on which `q` lies: the exact sign of [`orient3d`] of the
@@ -47,7 +43,7 @@ impl Triangle {
     #[must_use]
     pub fn side(&self, q: P3) -> f64 {
         let d = sub(q, self.points[0]);
-        let det = self.normal[0] * d[0] + self.normal[1] * d[1] + self.normal[2] * d[2];
+        let det = dot(self.normal, d);
         if det.abs() > self.error_per_distance * max_norm(d) {
             -det
         } else {
@@ -136,22 +132,6 @@ fn project(p: P3, axis: usize) -> P2 {
         1 => [p[2], p[0]],
         _ => [p[0], p[1]],
     }
-}
-
-/// True if two closed segments in the plane intersect. Exact; either may be a point.
-#[must_use]
-pub fn segments_meet(a: P2, b: P2, c: P2, d: P2) -> bool {
-    // For a point every orientation is zero, the most expensive result of exact arithmetic.
-    let parts = |a: P2, b: P2, c: P2, d: P2| {
-        a != b && {
-            let (abc, abd) = (orient2d(a, b, c), orient2d(a, b, d));
-            (abc > 0.0 && abd > 0.0) || (abc < 0.0 && abd < 0.0)
-        }
-    };
-    // Boxes first, because most segments are far apart. If neither line separates the ends of the
-    // other segment, only collinear segments can be disjoint, and then their boxes are disjoint.
-    let overlap = |i: usize| a[i].min(b[i]) <= c[i].max(d[i]) && c[i].min(d[i]) <= a[i].max(b[i]);
-    overlap(0) && overlap(1) && !parts(a, b, c, d) && !parts(c, d, a, b)
 }
 
 fn meets_segment_2d(t: [P2; 3], p: P2, q: P2) -> bool {

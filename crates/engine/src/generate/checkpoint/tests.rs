@@ -111,7 +111,10 @@ fn mended_slabs_are_mended_again_in_the_same_way() {
     let request = request(small(&spec), Backend::Cpu, dir.path());
     let whole = generate(&request, &(), &CancelToken::default()).unwrap();
     let summary = &whole.findings.summary;
-    assert!(summary.sections_added + summary.diagonals_flipped > 0, "the test needs a model that is mended: {summary:?}");
+    assert!(
+        summary.sections_added + summary.diagonals_flipped > 0,
+        "the test needs a model that is mended: {summary:?}"
+    );
     assert_eq!(hashes(whole), interrupted(&request, &[(90, 1), (165, 2), (199, 1)], 2));
 }
 

@@ -1,40 +1,44 @@
-//! Triangles that meet other than at the vertices and edges they share.
+//! Triangles that intersect outside the vertices and edges they share.
 //!
-//! Candidates come from a hierarchy over the triangles in their given order, which is coherent for the strips of a lofted
-//! surface; stretches that are not coherent, such as the ends, are first sorted along a space-filling curve. Triangles that
-//! share vertices by index are tested for other common points, at the least vertex that they share, unless [`super::topology`]
-//! has seen that there are none. Two vertices at the same position with different indices therefore count as a meeting.
-//! Degenerate triangles are left out (they are failures by themselves). Triangles with the
-//! same vertices are counted separately and searched as one, and the search stops after [`MOST`] meetings, so that its time
-//! is bounded for surfaces with very many faults.
+//! Candidates come from a hierarchy over the triangles in their given order. That order is coherent
+//! for the strips of a lofted surface. Stretches that are not coherent, such as the ends, are first
+//! sorted along a space-filling curve.
+//!
+//! Triangles that share vertices by index are tested at their smallest common vertex, unless
+//! [`super::topology`] has excluded other common points. Two vertices at the same position with
+//! different indices therefore count as an intersection.
+//!
+//! Degenerate triangles are left out, because they are failures themselves. Triangles with the same
+//! vertices are counted separately and searched once. The search stops after [`MAX_INTERSECTIONS`]
+//! intersections, which bounds its time for surfaces with very many faults.
 
-use super::surface::{Coordinate, Corners, Surface, Tally, few};
+use super::surface::{Coordinate, Corners, Surface, Tally, few, sort_along_curve};
 use super::topology::{Copies, Topology};
 use super::types::{FailureKind, Failures, PLACES};
-use crate::geometry::bvh::{Bounds, Bvh, WIDTH, morton};
+use crate::geometry::bvh::{Bounds, Bvh, WIDTH};
 use crate::geometry::coarse::{Coarse, Window};
 use crate::geometry::tri_tri::{Triangle, meet, meet_in_mesh};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Triangles of a stretch, which is either coherent or sorted as a whole.
+/// Number of triangles in a stretch, which is either coherent or sorted as a whole.
 const STRETCH: usize = 64 * WIDTH;
-/// Vertices per task.
+/// Number of vertices per task.
 const TASK: usize = 256;
-/// Triangles of a surface that is searched by windows.
-const LARGE: usize = if cfg!(test) { 1 << 10 } else { 1 << 18 };
-/// Meetings after which the search stops.
-const MOST: u64 = 100_000;
+/// Number of triangles above which a surface is searched by windows.
+const WINDOWED_FROM_TRIANGLES: usize = if cfg!(test) { 1 << 10 } else { 1 << 18 };
+/// Number of intersections after which the search stops.
+const MAX_INTERSECTIONS: u64 = 100_000;
 
-/// Pairs of triangles that meet, and pairs that have the same vertices.
+/// Pairs of triangles that intersect, and pairs that have the same vertices.
 #[derive(Default)]
-pub(super) struct Meetings {
-    /// Meetings found one by one: each pair of groups of copies once.
+pub(super) struct Intersections {
+    /// Intersections found one by one; each pair of groups of copies counts once.
     met: u64,
-    meetings: Tally,
-    duplicates: Tally,
-    /// The last hierarchy and the vertices of its blocks, whose memory the next ones use.
+    pub(super) crossing: Tally,
+    pub(super) duplicates: Tally,
+    /// Last hierarchy and the vertices of its blocks; the next window reuses their memory.
     memory: (Bvh, Vec<Vertices>),
 }
 
@@ -43,30 +47,22 @@ pub(super) fn examine<C: Coordinate>(
     degenerate: &[u32],
     topology: &Topology,
     failures: &mut Failures,
-) -> Meetings {
-    let mut meetings = Meetings::default();
-    meetings.search(surface, degenerate, topology);
-    meetings.add_duplicates(surface, degenerate, &topology.copies);
-    meetings.report(failures);
-    meetings
+) -> Intersections {
+    let mut intersections = Intersections::default();
+    intersections.search(surface, degenerate, topology);
+    intersections.add_duplicates(surface, degenerate, &topology.copies);
+    intersections.report(failures);
+    intersections
 }
 
-impl Meetings {
-    pub(super) fn count(&self) -> u64 {
-        self.meetings.count
-    }
-
-    pub(super) fn duplicates(&self) -> u64 {
-        self.duplicates.count
-    }
-
+impl Intersections {
     /// Adds the pairs of copies.
     fn add_duplicates<C: Coordinate>(&mut self, surface: &Surface<'_, C>, degenerate: &[u32], copies: &Copies) {
         let (mut count, mut first) = (0, Vec::new());
         for group in copies.groups().filter(|group| degenerate.binary_search(&group[0][0]).is_err()) {
             let size = group.len() as u64;
             count += size * (size - 1) / 2;
-            // The least pairs of a group are those of its least triangle.
+            // The smallest pairs of a group contain its smallest triangle.
             let pairs = (0..group.len()).flat_map(|i| group[i + 1..].iter().map(move |other| [group[i][1], other[1]]));
             first.extend(pairs.take(PLACES));
         }
@@ -74,13 +70,14 @@ impl Meetings {
         self.duplicates.add(count, few(&first, |pair| surface.place_of_triangles(pair)));
     }
 
-    /// Adds the pairs that meet. Of triangles with the same vertices only the least is searched.
+    /// Adds the intersecting pairs. Of triangles with the same vertices, only the smallest is
+    /// searched.
     fn search<C: Coordinate>(&mut self, surface: &Surface<'_, C>, degenerate: &[u32], topology: &Topology) {
         let search = Search { surface, topology, left_out: left_out(surface, degenerate, &topology.copies) };
         let stars: Vec<&[Star]> = topology.crowded.chunks(TASK).collect();
         self.add(surface, stars.len(), |task, most| search.stars(stars[task], most));
         let order = Order::of(surface);
-        if surface.triangles.len() <= LARGE {
+        if surface.triangles.len() <= WINDOWED_FROM_TRIANGLES {
             self.search_window(&search, order, surface.triangles.len());
             return;
         }
@@ -95,9 +92,10 @@ impl Meetings {
         }
     }
 
-    /// Adds the pairs of triangles without a common vertex, of which at least one is among the first `own` in order.
+    /// Adds the intersecting pairs without a common vertex that contain at least one of the first
+    /// `own` triangles in order.
     fn search_window<C: Coordinate>(&mut self, search: &Search<'_, C>, order: Order, own: usize) {
-        if self.met > MOST {
+        if self.met > MAX_INTERSECTIONS {
             return;
         }
         let count = order.0.as_ref().map_or(search.surface.triangles.len(), Vec::len);
@@ -115,24 +113,24 @@ impl Meetings {
         self.memory = (window.bvh, window.vertices);
     }
 
-    /// Adds what tasks find. Each may stop when it has found more than `most`, its second argument; when one does, results of later
-    /// tasks are not used.
+    /// Adds the results of tasks. A task may stop when it has found more than `most` (its second
+    /// argument) intersections. Results of later tasks are then not used.
     fn add<C: Coordinate>(
         &mut self,
         surface: &Surface<'_, C>,
         tasks: usize,
-        find: impl Fn(usize, u64) -> Found + Sync,
+        find: impl Fn(usize, u64) -> FoundPairs + Sync,
     ) {
-        if self.met > MOST {
+        if self.met > MAX_INTERSECTIONS {
             return;
         }
-        let most = MOST - self.met;
+        let most = MAX_INTERSECTIONS - self.met;
         let full = AtomicUsize::new(usize::MAX);
-        let found: Vec<Found> = (0..tasks)
+        let found: Vec<FoundPairs> = (0..tasks)
             .into_par_iter()
             .map(|task| {
                 if task > full.load(Ordering::Relaxed) {
-                    return Found::default();
+                    return FoundPairs::default();
                 }
                 let found = find(task, most);
                 if found.is_full(most) {
@@ -146,28 +144,29 @@ impl Meetings {
             self.met += part.met;
             count += part.count;
             first.extend(part.first);
-            if self.met > MOST {
+            if self.met > MAX_INTERSECTIONS {
                 break;
             }
         }
         first.sort_unstable();
-        self.meetings.add(count, few(&first, |pair| surface.place_of_triangles(pair)));
+        self.crossing.add(count, few(&first, |pair| surface.place_of_triangles(pair)));
     }
 
     fn report(&self, failures: &mut Failures) {
         let what = "pairs of triangles meet where they share neither vertex nor edge";
-        let detail = match self.met > MOST {
-            false => format!("{} {what}", self.count()),
-            true => format!("at least {} {what} (the search stopped after {MOST})", self.count()),
+        let detail = match self.met > MAX_INTERSECTIONS {
+            false => format!("{} {what}", self.crossing.count),
+            true => format!("at least {} {what} (the search stopped after {MAX_INTERSECTIONS})", self.crossing.count),
         };
-        let places = self.meetings.places.clone();
-        failures.add(FailureKind::TriangleIntersections, self.count(), detail, places);
+        let places = self.crossing.places.clone();
+        failures.add(FailureKind::TriangleIntersections, self.crossing.count, detail, places);
         let what = "pairs of triangles have the same three vertices";
         self.duplicates.report(FailureKind::DuplicateTriangles, what, failures);
     }
 }
 
-/// Marks the triangles that are not searched: degenerate ones, and all of a group of copies but the least.
+/// Marks the triangles that are not searched: degenerate ones, and all triangles of a group of
+/// copies except the smallest.
 fn left_out<C>(surface: &Surface<'_, C>, degenerate: &[u32], copies: &Copies) -> Option<Vec<bool>> {
     if degenerate.is_empty() && copies.is_empty() {
         return None;
@@ -179,16 +178,16 @@ fn left_out<C>(surface: &Surface<'_, C>, degenerate: &[u32], copies: &Copies) ->
 }
 
 #[derive(Default)]
-struct Found {
-    /// Meetings found, each pair of groups of copies once.
+struct FoundPairs {
+    /// Intersections found; each pair of groups of copies counts once.
     met: u64,
-    /// Meetings including all copies.
+    /// Intersections including all copies.
     count: u64,
-    /// The least pairs, unsorted.
+    /// Smallest pairs, unsorted.
     first: Vec<[u32; 2]>,
 }
 
-impl Found {
+impl FoundPairs {
     fn is_full(&self, most: u64) -> bool {
         self.met > most
     }
@@ -204,7 +203,7 @@ impl Found {
     }
 }
 
-/// A vertex and the triangles there.
+/// A vertex and its triangles.
 type Star = (u32, Box<[u32]>);
 
 struct Search<'a, C> {
@@ -214,7 +213,7 @@ struct Search<'a, C> {
 }
 
 impl<C: Coordinate> Search<'_, C> {
-    /// Fills in the corners of up to eight items; none of those that are left out.
+    /// Stores the corners of up to eight triangles. Triangles that are left out have none.
     #[inline(always)]
     fn points(&self, order: &Order, items: Range<usize>, corners: &mut Corners) {
         self.surface.lanes(items.clone().map(|i| order.triangle(i)), corners);
@@ -225,9 +224,10 @@ impl<C: Coordinate> Search<'_, C> {
         }
     }
 
-    /// Triangles of which the least common vertex is that of one of these.
-    fn stars(&self, stars: &[Star], most: u64) -> Found {
-        let (mut found, mut star) = (Found::default(), Vec::new());
+    /// Finds intersecting triangles whose smallest common vertex is the vertex of one of these
+    /// stars.
+    fn stars(&self, stars: &[Star], most: u64) -> FoundPairs {
+        let (mut found, mut star) = (FoundPairs::default(), Vec::new());
         for (vertex, triangles) in stars {
             let is_searched = |&t: &usize| !self.left_out.as_ref().is_some_and(|out| out[t]);
             let triangles = triangles.iter().map(|&t| t as usize).filter(is_searched);
@@ -247,33 +247,34 @@ impl<C: Coordinate> Search<'_, C> {
         found
     }
 
-    fn add(&self, found: &mut Found, first: usize, second: usize) {
+    fn add(&self, found: &mut FoundPairs, first: usize, second: usize) {
         found.add(&self.topology.copies, [first.min(second), first.max(second)].map(|triangle| triangle as u32));
     }
 }
 
-/// The search among triangles in an order, with a hierarchy over them.
+/// Search among ordered triangles, with a hierarchy over them.
 struct WindowSearch<'a, C> {
     search: &'a Search<'a, C>,
-    /// Pairs are sought of which one is among so many first ones.
+    /// Only pairs that contain at least one of the first `own` triangles are searched.
     own: usize,
     order: Order,
-    /// Of each block of the hierarchy.
+    /// Vertices of each block of the hierarchy.
     vertices: Vec<Vertices>,
     bvh: Bvh,
 }
 
 impl<C: Coordinate> WindowSearch<'_, C> {
-    /// Triangles without a common vertex, of which the first in order is in this part of the hierarchy.
-    fn part(&self, part: usize, most: u64) -> Found {
+    /// Finds intersecting triangles without a common vertex, of which the first in order is in this
+    /// part of the hierarchy.
+    fn part(&self, part: usize, most: u64) -> FoundPairs {
         let Self { search, .. } = self;
-        let mut found = Found::default();
+        let mut found = FoundPairs::default();
         let triangle = |t: usize| Triangle::new(search.surface.corners(t));
         self.bvh.pairs_by_block(
             part,
             #[inline(always)]
             |i, block, others| {
-                // The last part may hold later items.
+                // The last part may contain later items.
                 if i >= self.own || found.is_full(most) {
                     return;
                 }
@@ -296,10 +297,10 @@ impl<C: Coordinate> WindowSearch<'_, C> {
     }
 }
 
-/// The vertices of eight triangles: `[corner][triangle]`.
+/// Vertices of eight triangles: `[corner][triangle]`.
 type Vertices = [[u32; WIDTH]; 3];
 
-/// Bit `l` is set if triangle `l` of the block has a vertex in common with another one.
+/// Bit `l` is set if triangle `l` of the block shares a vertex with another triangle.
 #[inline(always)]
 fn sharing(block: &Vertices, triangle: [u32; 3]) -> u32 {
     let mut shared = [0u32; WIDTH];
@@ -313,7 +314,7 @@ fn sharing(block: &Vertices, triangle: [u32; 3]) -> u32 {
     (0..WIDTH).fold(0, |bits, lane| bits | (shared[lane] & (1 << lane)))
 }
 
-/// The order of the triangles in the hierarchy.
+/// Order of the triangles in the hierarchy; `None` for the given order.
 struct Order(Option<Vec<u32>>);
 
 impl Order {
@@ -321,7 +322,7 @@ impl Order {
         self.0.as_ref().map_or(item, |order| order[item] as usize)
     }
 
-    /// The vertices of each eight of the first `count` triangles, in the memory of others.
+    /// Collects the vertices of the first `count` triangles, in blocks of eight. Reuses `memory`.
     fn vertices(&self, mut memory: Vec<Vertices>, triangles: &[[u32; 3]], count: usize) -> Vec<Vertices> {
         memory.resize(count.div_ceil(WIDTH), [[0; WIDTH]; 3]);
         memory.par_iter_mut().enumerate().with_min_len(STRETCH).for_each(|(number, block)| {
@@ -335,7 +336,7 @@ impl Order {
         memory
     }
 
-    /// Keeps the given order except in runs of stretches that are not coherent.
+    /// Keeps the given order, except in runs of stretches that are not coherent.
     fn of<C: Coordinate>(surface: &Surface<'_, C>) -> Self {
         let count = surface.triangles.len();
         let starts: Vec<usize> = (0..count).step_by(STRETCH).collect();
@@ -350,7 +351,10 @@ impl Order {
             let end = begin + run.len();
             if !run[0] {
                 let range = starts[begin]..stretch(starts[end - 1]).end;
-                sort_along_curve(surface, &mut order[range]);
+                sort_along_curve(&mut order[range], |t| {
+                    let [a, b, c] = surface.corners(t as usize);
+                    [0, 1, 2].map(|axis| (a[axis] + b[axis] + c[axis]) / 3.0)
+                });
             }
             begin = end;
         }
@@ -358,7 +362,8 @@ impl Order {
     }
 }
 
-/// Whether blocks of successive triangles are not much larger than their triangles; examines one block in four.
+/// True if blocks of consecutive triangles are not much larger than their triangles. Examines one
+/// block in four.
 fn is_coherent<C: Coordinate>(surface: &Surface<'_, C>, stretch: Range<usize>) -> bool {
     let (mut singles, mut together, mut count, mut blocks) = (0.0, 0.0, 0.0, 0.0);
     for start in stretch.clone().step_by(4 * WIDTH) {
@@ -372,26 +377,6 @@ fn is_coherent<C: Coordinate>(surface: &Surface<'_, C>, stretch: Range<usize>) -
         together += f64::from(block.size());
         blocks += 1.0;
     }
-    // Eight successive triangles of a strip measure at most about five times as much as one of them.
+    // Eight consecutive triangles of a strip are at most about five times as large as one.
     together / blocks <= 6.0 * singles / count
-}
-
-fn sort_along_curve<C: Coordinate>(surface: &Surface<'_, C>, order: &mut [u32]) {
-    let centre = |t: u32| {
-        let [a, b, c] = surface.corners(t as usize);
-        [0, 1, 2].map(|axis| (a[axis] + b[axis] + c[axis]) / 3.0)
-    };
-    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-    for &t in order.iter() {
-        let c = centre(t);
-        for axis in 0..3 {
-            low[axis] = low[axis].min(c[axis]);
-            high[axis] = high[axis].max(c[axis]);
-        }
-    }
-    let size = (0..3).map(|axis| high[axis] - low[axis]).fold(f64::MIN_POSITIVE, f64::max);
-    order.par_sort_by_cached_key(|&t| {
-        let c = centre(t);
-        (morton([0, 1, 2].map(|axis| ((c[axis] - low[axis]) / size) as f32)), t)
-    });
 }

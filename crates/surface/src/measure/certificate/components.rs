@@ -1,18 +1,18 @@
-//! The connected parts of a surface.
+//! Connected components of a surface.
 
 use super::types::Component;
 
-/// A component.
+/// Counts of a component.
 #[derive(Clone, Copy, Default)]
-pub(super) struct Body {
+pub(super) struct ComponentCounts {
     pub(super) vertices: u64,
     pub(super) edges: u64,
     pub(super) triangles: u64,
-    /// Its least vertex.
+    /// Smallest vertex of the component.
     pub(super) vertex: u32,
 }
 
-impl Body {
+impl ComponentCounts {
     pub(super) fn euler(&self) -> i64 {
         self.vertices as i64 - self.edges as i64 + self.triangles as i64
     }
@@ -22,12 +22,12 @@ impl Body {
     }
 }
 
-/// For each of `vertices` vertices the least one of its component.
+/// Returns for each of `vertices` vertices the smallest vertex of its component.
 pub(super) fn components(vertices: u32, triangles: &[[u32; 3]]) -> Vec<u32> {
-    // For each vertex one of its component that is not greater.
+    // For each vertex, a vertex of its component that is not larger.
     let mut parent: Vec<u32> = (0..vertices).collect();
     for t in triangles {
-        // Mostly all three are known to be in one component.
+        // Usually all three are already known to be in one component.
         let [a, b, c] = t.map(|v| parent[v as usize]);
         if a == b && b == c {
             continue;
@@ -43,22 +43,23 @@ pub(super) fn components(vertices: u32, triangles: &[[u32; 3]]) -> Vec<u32> {
         }
     }
     for v in 0..parent.len() as u32 {
-        // The parent is less than the vertex and has its final value already.
+        // The parent is smaller than the vertex, so it already has its final value.
         parent[v as usize] = parent[parent[v as usize] as usize];
     }
     parent
 }
 
-/// Numbers the components in the order of their least vertices, and counts their vertices.
-pub(super) fn number(least: &[u32], has_triangles: impl Fn(u32) -> bool) -> (Vec<u32>, Vec<Body>) {
-    let (mut label, mut bodies) = (vec![0u32; least.len()], Vec::<Body>::new());
+/// Numbers the components in the order of their smallest vertices and counts their vertices.
+/// Returns the number of each vertex and the components.
+pub(super) fn number(least: &[u32], has_triangles: impl Fn(u32) -> bool) -> (Vec<u32>, Vec<ComponentCounts>) {
+    let (mut label, mut bodies) = (vec![0u32; least.len()], Vec::<ComponentCounts>::new());
     for (v, &first) in (0u32..).zip(least) {
         if !has_triangles(v) {
             continue;
         }
         if first == v {
             label[v as usize] = bodies.len() as u32;
-            bodies.push(Body { vertex: v, ..Body::default() });
+            bodies.push(ComponentCounts { vertex: v, ..ComponentCounts::default() });
         } else {
             label[v as usize] = label[first as usize];
         }
@@ -67,7 +68,7 @@ pub(super) fn number(least: &[u32], has_triangles: impl Fn(u32) -> bool) -> (Vec
     (label, bodies)
 }
 
-/// The least vertex known to be in the component of `v`.
+/// Smallest vertex known to be in the component of `v`.
 pub(super) fn root(parent: &mut [u32], mut v: u32) -> u32 {
     while parent[v as usize] != v {
         let above = parent[parent[v as usize] as usize];

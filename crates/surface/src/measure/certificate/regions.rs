@@ -1,4 +1,5 @@
-//! The certificate of tissue and lumen together: each is certified by itself; this proves that they fit.
+//! The certificate of tissue and lumen together. Each body has its own certificate; this one proves
+//! that the two fit.
 
 use super::collide;
 use super::surface::{Coordinate, Surface};
@@ -7,7 +8,7 @@ use super::types::{Certificate, Failure, FailureKind, Failures, METRE_UM};
 use crate::model::{BodyKind, LengthUnit, Mesh, Patch, PatchKind};
 use serde::Serialize;
 
-/// Greatest relative difference of volumes that are sums of the same terms in another order.
+/// Maximum relative difference of volumes that sum the same terms in a different order.
 const VOLUME_ROUNDING: f64 = 1e-9;
 
 /// The findings on both bodies together.
@@ -35,16 +36,19 @@ pub struct RegionsCertificate {
 }
 
 impl RegionsCertificate {
-    /// The first failure in one line, with its place.
+    /// Returns the first failure in one line, with its place.
     #[must_use]
     pub fn first_failure(&self) -> Option<String> {
         self.failures.first().map(|failure| format!("tissue and lumen together: {failure}"))
     }
 }
 
-/// Proves that tissue and lumen fit together, or lists the faults: no two triangles of either meet but in shared vertices and
-/// edges; the inner wall of `regions` is the wall of `lumen`, vertex for vertex; the outside is one closed body whose volume
-/// is that of both. `bodies` are the volumes of tissue and lumen; all is judged as it is written in `unit`.
+/// Certifies that tissue and lumen fit together, in the coordinates that are written in `unit`:
+///
+/// - Triangles of both bodies intersect only in shared vertices and edges.
+/// - The inner wall of `regions` is the wall of `lumen`, vertex for vertex.
+/// - The outside is one closed body whose volume is the sum of both volumes. `bodies` are the
+///   volumes of tissue and lumen, mm³.
 #[must_use]
 pub fn certify_regions(regions: &Mesh, lumen: &Mesh, bodies: [f64; 2], unit: LengthUnit) -> RegionsCertificate {
     let positions = unit.of_metres(&regions.positions);
@@ -58,14 +62,14 @@ pub fn certify_regions(regions: &Mesh, lumen: &Mesh, bodies: [f64; 2], unit: Len
     together(&surface, &regions.patches, bodies, failures)
 }
 
-/// What is proved of a file with both bodies, whose common wall is in it once.
+/// Certificates of a file with both bodies, which contains their common wall once.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BothCertificate {
-    /// The tissue by itself.
+    /// Certificate of the tissue alone.
     pub tissue: Certificate,
-    /// The lumen by itself.
+    /// Certificate of the lumen alone.
     pub lumen: Certificate,
-    /// Both together.
+    /// Certificate of both bodies together.
     pub regions: RegionsCertificate,
 }
 
@@ -77,7 +81,8 @@ impl BothCertificate {
     }
 }
 
-/// The certificates of a file that has the patches of both bodies; `unit_metres` as in [`super::CheckOptions`].
+/// Certifies a file that has the patches of both bodies. `unit_metres` has the meaning of
+/// [`super::CheckOptions::unit_metres`].
 #[must_use]
 pub fn check_regions(
     positions: &[[f64; 3]],
@@ -100,7 +105,7 @@ pub fn check_regions(
     BothCertificate { tissue, lumen, regions }
 }
 
-/// Judges both bodies in one surface.
+/// Certifies both bodies in one surface.
 fn together<C: Coordinate>(
     surface: &Surface<'_, C>,
     patches: &[Patch],
@@ -115,10 +120,10 @@ fn together<C: Coordinate>(
         let detail = format!("the outside of both bodies: {detail}");
         failures.add(FailureKind::Conformity, 1, detail, Vec::new());
     }
-    // Three triangles at an edge are a fault of a surface, but not of two bodies.
+    // Three triangles at an edge are a fault of a surface but not of two bodies.
     let complex = topology::examine_alone(surface, &mut Failures::default());
     let (open_edges, bad_edges) = (complex.faults.open_edges.count, complex.faults.bad_edges.count);
-    let meetings = collide::examine(surface, &[], &complex, &mut failures);
+    let intersections = collide::examine(surface, &[], &complex, &mut failures);
     let lids = of(&[PatchKind::Inlet, PatchKind::Outlet]);
     let lids = Surface { triangles: &lids, ..*surface };
     let rim_edges = topology::examine_alone(&lids, &mut Failures::default()).faults.open_edges.count;
@@ -143,7 +148,7 @@ fn together<C: Coordinate>(
         vertices: complex.connectivity.bodies.iter().map(|body| body.vertices).sum(),
         triangles: surface.triangles.len() as u64,
         shared_triangles: of(&[PatchKind::InnerWall]).len() as u64,
-        triangle_intersections: meetings.count(),
+        triangle_intersections: intersections.crossing.count,
         rim_edges,
         volume_mm3: outer.volume_mm3,
         volume_error,
@@ -151,19 +156,20 @@ fn together<C: Coordinate>(
     }
 }
 
-/// The triangles of patches of these kinds, in order.
+/// Triangles of the patches of these kinds, in order.
 fn patches_of(triangles: &[[u32; 3]], patches: &[Patch], kinds: &[PatchKind]) -> Vec<[u32; 3]> {
     let wanted = patches.iter().filter(|patch| kinds.contains(&patch.kind));
     wanted.flat_map(|patch| &triangles[patch.triangles.clone()]).copied().collect()
 }
 
-/// Whether the lumen's wall has the inner wall's triangles, turned around, at the same coordinates.
+/// True if the wall of the lumen has the triangles of the inner wall, reversed, at the same
+/// coordinates.
 fn shares_wall(regions: &Mesh, lumen: &Mesh) -> bool {
     let sorted = |mesh: &Mesh, kind, turned: bool| {
         let corners = mesh.patch(kind).iter().map(|t| {
             let [a, b, c] = t.map(|v| mesh.positions[v as usize].map(f32::to_bits));
             let [a, b, c] = if turned { [a, c, b] } else { [a, b, c] };
-            // The rotation of the corners that begins with the least.
+            // Rotates the corners so that the smallest comes first.
             [[a, b, c], [b, c, a], [c, a, b]].into_iter().min().unwrap_or([a, b, c])
         });
         let mut corners: Vec<[[u32; 3]; 3]> = corners.collect();
@@ -179,7 +185,7 @@ mod tests {
     use super::*;
     use crate::model::sample;
 
-    /// Two round tubes with lids as fans: both bodies, and the lumen.
+    /// Both bodies of a round tube with fans as lids, and the lumen.
     fn pair(n: u32) -> (Mesh, Mesh) {
         let slabs = 3;
         let mut regions = Mesh { body: BodyKind::Regions, ..sample::tube(n, slabs, 0.0) };
@@ -254,7 +260,8 @@ mod tests {
         assert!(both.passed(), "{both:?}");
         let both = check_regions(&positions, &regions.triangles, &regions.patches[..5], 1.0);
         assert!(!both.passed() && both.tissue.passed && !both.lumen.passed);
-        // A lid that bulges into the tube would be fine; one whose vertex lies beyond the outer wall is not.
+        // A lid that bulges into the tube would be valid, but here its vertex lies beyond the outer
+        // wall.
         let through = faults(&|regions, lumen| {
             for mesh in [regions, lumen] {
                 mesh.positions[30] = [2e-3, 2e-3, 2e-3];

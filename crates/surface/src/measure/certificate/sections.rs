@@ -1,20 +1,24 @@
-//! Sections: each ring simple, the inner one strictly inside the outer one, and the least gap.
+//! Tests of sections: each ring must be simple and the inner ring strictly inside the outer one.
+//! Also measures the minimum gap.
 //!
-//! The gap to edges close by on the same ring bounds how far to search for others. For these, the edges of both rings are in
-//! one hierarchy, in their order, so that the time is nearly linear. Contours are examined as recorded, in micrometres.
+//! The gap to nearby edges of the same ring bounds the distance at which other edges are searched.
+//! This search uses one hierarchy of the edges of both rings, in their order, so the time is nearly
+//! linear. Contours are tested as recorded, in micrometres.
 
 use super::surface::Tally;
 use super::types::{FailureKind, Failures, PLACES, Place};
 use crate::geometry::blocks::{Blocks, Rect};
+use crate::geometry::polygon::next_on_rings;
 use crate::geometry::predicates::orient2d;
-use crate::geometry::tri_tri::segments_meet;
+use crate::geometry::segment::segments_meet;
+use crate::geometry::vector::squared_distance_to_segment;
 use crate::model::Section;
 use crate::vectorize::Vectors;
 use rayon::prelude::*;
 
 type P2 = [f64; 2];
 
-/// Findings on sections, in their order.
+/// Findings of all sections, in order.
 #[derive(Default)]
 pub(super) struct Contours {
     pub(super) gaps_um: Vec<Option<f64>>,
@@ -24,7 +28,7 @@ pub(super) struct Contours {
 }
 
 #[derive(Default)]
-struct Found {
+struct SectionFindings {
     broken: bool,
     outside: bool,
     crossings: u64,
@@ -35,7 +39,7 @@ struct Found {
 impl Contours {
     pub(super) fn of(sections: &[Section]) -> Self {
         let mut contours = Self::default();
-        let found: Vec<Found> = sections.par_iter().map(examine_section).collect();
+        let found: Vec<SectionFindings> = sections.par_iter().map(examine_section).collect();
         for (section, found) in sections.iter().zip(found) {
             let index = contours.gaps_um.len() as u32;
             let place = |at: P2| Place { section: Some(index), ..Place::at([at[0], at[1], section.z_um]) };
@@ -52,7 +56,7 @@ impl Contours {
         contours
     }
 
-    /// Pairs of edges that meet, and rings in the wrong order.
+    /// Number of pairs of edges that intersect, and of rings in the wrong order.
     pub(super) fn crossings(&self) -> u64 {
         self.crossing.count + self.outside.count
     }
@@ -69,7 +73,7 @@ impl Contours {
     }
 }
 
-/// The edges of both rings: edge `i` goes from point `i` to point `next(i)`.
+/// Edges of both rings. Edge `i` goes from point `i` to point `next(i)`.
 struct Edges {
     points: Vec<P2>,
     inner: usize,
@@ -78,28 +82,23 @@ struct Edges {
 impl Edges {
     #[inline]
     fn next(&self, i: usize) -> usize {
-        if i + 1 == self.inner {
-            0
-        } else if i + 1 == self.points.len() {
-            self.inner
-        } else {
-            i + 1
-        }
+        next_on_rings(i, self.inner, self.points.len())
     }
 
     fn segment(&self, i: usize) -> [P2; 2] {
         [self.points[i], self.points[self.next(i)]]
     }
 
-    /// Whether there is at most one edge between two, so that [`gap_along`] has measured their gap.
+    /// True if at most one edge lies between two edges, so that [`gap_along`] has measured their
+    /// gap.
     fn are_close(&self, i: usize, j: usize) -> bool {
         let close = |i: usize, j: usize| self.next(i) == j || self.next(self.next(i)) == j;
         close(i, j) || close(j, i)
     }
 }
 
-fn examine_section(section: &Section) -> Found {
-    let mut found = Found::default();
+fn examine_section(section: &Section) -> SectionFindings {
+    let mut found = SectionFindings::default();
     let rings = [&section.inner.points, &section.outer.points];
     found.broken = rings.iter().any(|r| r.len() < 3 || r.iter().flatten().any(|x| !x.is_finite()));
     if found.broken {
@@ -127,12 +126,12 @@ fn examine_section(section: &Section) -> Found {
         }
     });
     found.gap = gap.is_finite().then(|| gap.sqrt());
-    // If nothing crosses, one point decides for its whole ring.
+    // If no edges intersect, one point decides for its whole ring.
     found.outside = !is_inside(edges.points[0], &edges.points[edges.inner..]);
     found
 }
 
-/// Whether two edges meet other than at the end they share.
+/// True if two edges have a common point other than a shared end.
 fn cross(edges: &Edges, i: usize, j: usize) -> bool {
     let ([a, b], [c, d]) = (edges.segment(i), edges.segment(j));
     let folded = |far: P2, middle: P2, near: P2| {
@@ -148,15 +147,16 @@ fn cross(edges: &Edges, i: usize, j: usize) -> bool {
     }
 }
 
-/// Square of the least distance between an edge of a ring and an end of the next or the next but one, to either side, that is
-/// not its own.
+/// Squared minimum distance between an edge of a ring and the ends of the next two edges to either
+/// side, except its own ends.
 fn gap_along(ring: &[[f32; 2]]) -> f64 {
     const LANES: usize = 8;
-    // Points from two before the first on, some again after the last, so that all lanes have an edge.
+    // Starts two points before the first one and repeats some points after the last, so that all
+    // lanes have an edge.
     let count = ring.len().next_multiple_of(LANES) + 5;
     let points = || ring.iter().cycle().skip(2 * ring.len() - 2).take(count);
     let (x, y): (Vec<f64>, Vec<f64>) = points().map(|p| (f64::from(p[0]), f64::from(p[1]))).unzip();
-    // Of a triangle, the points two away are ends of the edge.
+    // In a ring of three points, the points two away are ends of the edge.
     let ends: &[usize] = if ring.len() > 3 { &[0, 1, 4, 5] } else { &[1, 4] };
     let mut least = [f64::INFINITY; LANES];
     Vectors::best().run(
@@ -167,7 +167,7 @@ fn gap_along(ring: &[[f32; 2]]) -> f64 {
                     let (x, y) = (&x[first..first + LANES + 5], &y[first..first + LANES + 5]);
                     for lane in 0..LANES {
                         let at = |k: usize| [x[lane + k], y[lane + k]];
-                        let squared = distance_squared(at(end), at(2), at(3));
+                        let squared = squared_distance_to_segment(at(end), at(2), at(3));
                         least[lane] = if squared < least[lane] { squared } else { least[lane] };
                     }
                 }
@@ -177,7 +177,8 @@ fn gap_along(ring: &[[f32; 2]]) -> f64 {
     least.into_iter().fold(f64::INFINITY, f64::min)
 }
 
-/// Square of the least distance between an end of one edge and the other edge, unless the edges share this end.
+/// Squared minimum distance between the ends of each edge and the other edge, except for a shared
+/// end.
 fn gap_squared(edges: &Edges, i: usize, j: usize) -> f64 {
     let ([a, b], [c, d]) = (edges.segment(i), edges.segment(j));
     let (i_next, j_next) = (edges.next(i), edges.next(j));
@@ -189,29 +190,21 @@ fn gap_squared(edges: &Edges, i: usize, j: usize) -> f64 {
         (j_next, d, [i, i_next], a, b),
     ] {
         if !ends.contains(&vertex) {
-            least = least.min(distance_squared(point, from, to));
+            least = least.min(squared_distance_to_segment(point, from, to));
         }
     }
     least
 }
 
-#[inline(always)]
-fn distance_squared(p: P2, a: P2, b: P2) -> f64 {
-    let (u, v) = ([b[0] - a[0], b[1] - a[1]], [p[0] - a[0], p[1] - a[1]]);
-    let length = u[0] * u[0] + u[1] * u[1];
-    let along = if length > 0.0 { ((u[0] * v[0] + u[1] * v[1]) / length).clamp(0.0, 1.0) } else { 0.0 };
-    let off = [v[0] - along * u[0], v[1] - along * u[1]];
-    off[0] * off[0] + off[1] * off[1]
-}
-
-/// Whether a point lies strictly inside a simple polygon that does not pass through it, exactly.
+/// True if a point lies strictly inside a simple polygon that does not pass through it. Exact.
 fn is_inside(p: P2, polygon: &[P2]) -> bool {
     let mut inside = false;
     let mut a = polygon[polygon.len() - 1];
     for &b in polygon {
         if (a[1] > p[1]) != (b[1] > p[1]) {
             let side = orient2d(a, b, p);
-            // The edge crosses the height of the point: to its right if the point is left of an upward edge.
+            // The edge crosses the height of the point, to its right if the point is left of an
+            // upward edge.
             if (b[1] > a[1] && side > 0.0) || (b[1] < a[1] && side < 0.0) {
                 inside = !inside;
             }

@@ -1,4 +1,5 @@
-//! Measures of the triangles: area, enclosed volume, least edge and angle; and which are degenerate, exactly.
+//! Measures of triangles: area, enclosed volume, minimum edge and angle; and an exact test for
+//! degenerate triangles.
 
 use super::surface::{Coordinate, Corners, LANES, Surface, few};
 use super::types::{FailureKind, Failures, TriangleQuality};
@@ -7,15 +8,15 @@ use crate::geometry::tri_tri::Triangle;
 use crate::vectorize::Vectors;
 use rayon::prelude::*;
 
-/// Triangles summed up as one part.
+/// Number of triangles that are summed as one run.
 pub(super) const RUN: usize = 4096;
 
-/// Measures in metres and degrees.
-pub(super) struct Shape {
-    /// The triangles without area, in order.
+/// Measures of all triangles, in units of the positions and degrees.
+pub(super) struct TriangleMeasures {
+    /// Triangles without area, in order.
     pub(super) degenerate: Vec<u32>,
     pub(super) area: f64,
-    /// Enclosed by each component, up to the last one of those met.
+    /// Volume enclosed by each component.
     pub(super) volumes: Vec<f64>,
     pub(super) min_edge: f64,
     pub(super) min_angle_deg: f64,
@@ -23,38 +24,38 @@ pub(super) struct Shape {
     pub(super) bounds: [[f64; 3]; 2],
 }
 
-pub(super) struct Part {
+pub(super) struct RunMeasures {
     degenerate: Vec<u32>,
     pub(super) area: f64,
-    /// Six times the volume, by component in the order met.
+    /// Six times the volume by component, in the order of the triangles.
     pub(super) volumes: Vec<(usize, f64)>,
     quality: TriangleQuality,
     least: Least,
 }
 
-/// Which way a triangle turns, seen along each of the axes: bit `a` is set if it is left along axis `a`, bit `3 + a` if it is
-/// right. Neither is set if rounding may have decided.
+/// Orientation of a triangle seen along each axis. Bit `a` is set if the triangle turns left seen
+/// along axis `a`, bit `3 + a` if it turns right. Neither bit is set if rounding may have decided.
 #[derive(Clone, Copy)]
 pub(super) struct Turns(u8);
 
 impl Turns {
-    /// Of no triangle.
+    /// Orientation of an empty set of triangles.
     pub(super) const ANY: Self = Self(0b11_1111);
 
     pub(super) fn and(self, other: Self) -> Self {
         Self(self.0 & other.0)
     }
 
-    /// Whether all turn the same way, seen along an axis.
+    /// True if all triangles turn the same way, seen along an axis.
     pub(super) fn agree(self, axis: usize) -> bool {
         self.0 & (0b1001 << axis) != 0
     }
 
-    /// The bits for a triangle whose edges from one corner are `u` and `v`.
+    /// Bits of a triangle whose edges from one corner are `u` and `v`.
     #[inline(always)]
     fn bits(u: [f64; 3], v: [f64; 3]) -> u64 {
-        // Of the difference of two products of rounded differences, relative to the sum of their magnitudes: Shewchuk's bound
-        // for orient2d.
+        // Error of the difference of two products of rounded differences, relative to the sum of
+        // their magnitudes: Shewchuk's bound for orient2d.
         const ERROR: f64 = 3.330_669_073_875_471_6e-16;
         let mut turns = 0;
         for axis in 0..3 {
@@ -67,19 +68,21 @@ impl Turns {
     }
 }
 
-/// Extremes, by lane.
+/// Extremes per lane.
 struct Least {
     edge_squared: [f64; LANES],
-    /// Square of the tangent of the least angle.
+    /// Squared tangent of the smallest angle.
     tan_squared: [f64; LANES],
     low: [[f64; LANES]; 3],
     high: [[f64; LANES]; 3],
 }
 
-impl Shape {
-    /// Those of a surface; `body_of` tells the component of each triangle. Volumes are measured from `origin`: relative to a
-    /// vertex of the surface they lose no digits to its distance from the origin of the coordinates. `turns` becomes how each
-    /// triangle turns.
+impl TriangleMeasures {
+    /// Measures a surface. `body_of` returns the component of a triangle. `turns` receives the
+    /// orientation of each triangle.
+    ///
+    /// Volumes are measured from `origin`. If that is a vertex of the surface, they lose no digits
+    /// to the distance of the surface from the origin of the coordinates.
     pub(super) fn of<C: Coordinate>(
         surface: &Surface<'_, C>,
         origin: [f64; 3],
@@ -101,7 +104,7 @@ impl Shape {
                 || part(surface, origin, &body_of, run * RUN, turns),
             )
         };
-        let parts: Vec<Part> = turns.par_chunks_mut(RUN).enumerate().map(part).collect();
+        let parts: Vec<RunMeasures> = turns.par_chunks_mut(RUN).enumerate().map(part).collect();
         for part in parts {
             shape.area += part.area;
             for (body, volume) in part.volumes {
@@ -123,7 +126,7 @@ impl Shape {
         shape
     }
 
-    /// Reports the degenerate triangles.
+    /// Adds a failure for degenerate triangles.
     pub(super) fn report<C: Coordinate>(&self, surface: &Surface<'_, C>, failures: &mut Failures) {
         let count = self.degenerate.len() as u64;
         let places = few(&self.degenerate, |&t| surface.place_of_triangles(&[t]));
@@ -131,7 +134,8 @@ impl Shape {
     }
 }
 
-/// Measures the triangles from `first` on, as many as `turns`, which it fills.
+/// Measures as many triangles as `turns` has entries, from `first` on, and stores their
+/// orientations in `turns`.
 #[inline(always)]
 pub(super) fn part<C: Coordinate>(
     surface: &Surface<'_, C>,
@@ -139,8 +143,8 @@ pub(super) fn part<C: Coordinate>(
     body_of: impl Fn([u32; 3]) -> usize,
     first: usize,
     turns: &mut [Turns],
-) -> Part {
-    let mut part = Part {
+) -> RunMeasures {
+    let mut part = RunMeasures {
         degenerate: Vec::new(),
         area: 0.0,
         volumes: Vec::new(),
@@ -195,16 +199,17 @@ impl Least {
 
 /// Measures of eight triangles.
 struct Lanes {
-    /// Not 0 for those that may have no area.
+    /// Not 0 for triangles that may have no area.
     is_thin: [u64; LANES],
     area: [f64; LANES],
-    /// Square of the shortest edge.
+    /// Squared length of the shortest edge.
     shortest: [f64; LANES],
-    /// Squares of the tangent of the least angle, and of the ratio of the longest edge to the shortest.
+    /// Squared tangent of the smallest angle, and squared ratio of the longest to the shortest
+    /// edge.
     tan_squared: [f64; LANES],
     ratio_squared: [f64; LANES],
     six_volumes: [f64; LANES],
-    /// As in [`Turns`].
+    /// Bits of [`Turns`].
     turns: [u64; LANES],
 }
 
@@ -227,15 +232,17 @@ impl Lanes {
             let (uu, vv, ww) = (dot(u, u), dot(v, v), dot(w, w));
             let normal = cross(u, v);
             let nn = dot(normal, normal);
-            // Twice the area against the longest edges: far from zero in all but slivers, which are tested exactly.
+            // Compares the double area with the longest edges. Only slivers are near zero; these
+            // are tested exactly.
             lanes.is_thin[lane] = u64::from(nn <= 1e-20 * uu * vv);
             lanes.area[lane] = nn.sqrt() / 2.0;
             let (shortest, longest) = (lesser(lesser(uu, vv), ww), greater(greater(uu, vv), ww));
             lanes.shortest[lane] = shortest;
-            // The least angle lies opposite to the shortest edge: between two edges whose product is this cosine part.
+            // The smallest angle is opposite to the shortest edge. `along` is the scalar product of
+            // the other two edges.
             let along = (uu + vv + ww) / 2.0 - shortest;
             let (tan_squared, ratio_squared) = (nn / (along * along), longest / shortest);
-            // What is not a number, in lanes without a triangle, stays so.
+            // NaN, in lanes without a triangle, stays NaN.
             lanes.tan_squared[lane] = if along <= 0.0 { 0.0 } else { tan_squared };
             lanes.ratio_squared[lane] = if shortest <= 0.0 { f64::INFINITY } else { ratio_squared };
             lanes.six_volumes[lane] = dot(sub(a, origin), normal);
@@ -249,7 +256,7 @@ fn least(lanes: [f64; LANES]) -> f64 {
     lanes.into_iter().fold(f64::INFINITY, lesser)
 }
 
-// `min` and `max` treat NaN apart, which finite coordinates do not give.
+// `min` and `max` handle NaN, which costs instructions and does not occur in finite coordinates.
 #[inline(always)]
 fn lesser(a: f64, b: f64) -> f64 {
     if a < b { a } else { b }

@@ -1,18 +1,20 @@
-//! The surface under test, and the locations of faults on it.
+//! The surface under test, and places of faults on it.
 
 use super::types::{FailureKind, Failures, PLACES, Place};
-use crate::geometry::bvh::{Points, WIDTH, points};
+use crate::geometry::bvh::{Points, WIDTH, morton, points};
+use rayon::prelude::*;
 
-/// A coordinate of a surface: f32 or f64.
+/// Coordinate type of a surface: f32 or f64.
 pub(super) trait Coordinate: Copy + Send + Sync + Into<f64> {}
 impl<T: Copy + Send + Sync + Into<f64>> Coordinate for T {}
 
-/// Triangles that are measured at once, each in one lane of vectors.
+/// Number of triangles that are measured together, one per vector lane.
 pub(super) const LANES: usize = WIDTH;
-/// Their corners: `[corner][axis][lane]`.
+/// Corners of these triangles: `[corner][axis][lane]`.
 pub(super) type Corners = Points<3>;
 
-/// A surface under test; all triangle indices are in range and all coordinates within the bounds of the predicates.
+/// Surface under test. All indices are in range, and all coordinates are in the range of the
+/// predicates.
 pub(super) struct Surface<'a, C> {
     pub(super) positions: &'a [[C; 3]],
     pub(super) triangles: &'a [[u32; 3]],
@@ -31,7 +33,7 @@ impl<C: Coordinate> Surface<'_, C> {
         self.triangles[triangle].map(|v| self.point(v))
     }
 
-    /// Fills in the corners of up to eight triangles, each in one lane; the other lanes are NaN.
+    /// Stores the corners of up to eight triangles, one per lane. Unused lanes are NaN.
     #[inline(always)]
     pub(super) fn lanes(&self, triangles: impl Iterator<Item = usize>, corners: &mut Corners) {
         points(triangles.map(|triangle| self.corners(triangle)), corners);
@@ -41,7 +43,7 @@ impl<C: Coordinate> Surface<'_, C> {
         Place::at(self.point(vertex).map(|x| x * self.unit_um))
     }
 
-    /// The place of triangles: the centre of the first.
+    /// Place of some triangles: the centre of the first.
     pub(super) fn place_of_triangles(&self, triangles: &[u32]) -> Place {
         let corners = self.corners(triangles[0] as usize);
         let centre = std::array::from_fn(|axis| corners.iter().map(|p| p[axis]).sum::<f64>() / 3.0 * self.unit_um);
@@ -49,13 +51,14 @@ impl<C: Coordinate> Surface<'_, C> {
     }
 }
 
-/// The number of vertices whose coordinates are beyond the range of the predicates, and the first of them.
+/// Number of vertices whose coordinates are outside the range of the predicates, and the first of
+/// them.
 pub(super) fn beyond_range<C: Coordinate>(positions: &[[C; 3]]) -> (u64, usize) {
     let is_within = |&x: &C| {
         let x: f64 = x.into();
         (x == 0.0) | ((x.abs() >= 1e-60) & (x.abs() <= 1e60))
     };
-    // Mostly all are within. No branches, so that vectors can hold them.
+    // Usually all are in range. The test has no branches, so the compiler can vectorize it.
     if positions.as_flattened().iter().fold(true, |all, x| all & is_within(x)) {
         return (0, 0);
     }
@@ -64,7 +67,23 @@ pub(super) fn beyond_range<C: Coordinate>(positions: &[[C; 3]]) -> (u64, usize) 
     (positions.iter().filter(is_beyond).count() as u64, first)
 }
 
-/// The places of the first [`PLACES`] items.
+/// Sorts items along a space-filling curve through their centres.
+pub(super) fn sort_along_curve(items: &mut [u32], centre: impl Fn(u32) -> [f64; 3] + Sync) {
+    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    for c in items.iter().map(|&item| centre(item)) {
+        for axis in 0..3 {
+            low[axis] = low[axis].min(c[axis]);
+            high[axis] = high[axis].max(c[axis]);
+        }
+    }
+    let size = (0..3).map(|axis| high[axis] - low[axis]).fold(f64::MIN_POSITIVE, f64::max);
+    items.par_sort_by_cached_key(|&item| {
+        let c = centre(item);
+        (morton([0, 1, 2].map(|axis| ((c[axis] - low[axis]) / size) as f32)), item)
+    });
+}
+
+/// Places of the first [`PLACES`] items.
 pub(super) fn few<T>(items: impl IntoIterator<Item = T>, place: impl FnMut(T) -> Place) -> Vec<Place> {
     items.into_iter().take(PLACES).map(place).collect()
 }
@@ -77,8 +96,8 @@ pub(super) struct Tally {
 }
 
 impl Tally {
-    /// Adds faults. Of the places the first are kept, in the order of their triangles; those without triangles, in the order
-    /// in which they are added.
+    /// Adds faults. Keeps the first places in the order of their triangles; places without
+    /// triangles keep the order in which they are added.
     pub(super) fn add(&mut self, count: u64, places: Vec<Place>) {
         self.count += count;
         self.places.extend(places);
@@ -86,7 +105,7 @@ impl Tally {
         self.places.truncate(PLACES);
     }
 
-    /// Reports the faults, if any; `what` follows on their number.
+    /// Adds a failure if there are faults. Its detail is their number followed by `what`.
     pub(super) fn report(&self, kind: FailureKind, what: &str, failures: &mut Failures) {
         failures.add(kind, self.count, format!("{} {what}", self.count), self.places.clone());
     }

@@ -7,7 +7,7 @@ use crate::model::Ring;
 use proptest::prelude::*;
 
 fn judge(soup: &Soup) -> Certificate {
-    certify_soup(&soup.0, &soup.1)
+    check_surface(&soup.0, &soup.1, &CheckOptions::default())
 }
 
 #[track_caller]
@@ -79,7 +79,7 @@ fn separate_and_nested_bodies() {
 
 #[test]
 fn many_components_take_time_for_each_and_not_for_each_pair() {
-    // 200,000 bodies apart from each other, and one cavity within one of them.
+    // 200,000 separate bodies, and one cavity in one of them.
     let at = |i: u32| [i % 60, i / 60 % 60, i / 3_600].map(|x| 2.0 * f64::from(x));
     let bodies =
         (0..200_000).map(|i| tetrahedron(1.0, at(i))).chain([flipped(tetrahedron(0.1, at(7).map(|x| x + 0.1)))]);
@@ -91,7 +91,7 @@ fn many_components_take_time_for_each_and_not_for_each_pair() {
 fn crossing_and_touching_bodies_are_found() {
     let pierced = together([tetrahedron(2.0, [0.0; 3]), tetrahedron(2.0, [0.3, 0.2, 0.1])]);
     assert!(judge(&pierced).triangle_intersections > 2);
-    // A corner that just touches a face from outside.
+    // A corner that touches a face from outside.
     let touching = together([cube(2.0, [0.0; 3]), tetrahedron(1.0, [0.5, 0.25, 2.0])]);
     assert!(judge(&touching).triangle_intersections > 0);
     let tip = |x: f64| {
@@ -140,7 +140,7 @@ fn contacts_at_vertices_and_edges_are_not_manifold() {
     let at_vertex = together([tetrahedron(1.0, [0.0; 3]), tetrahedron(1.0, [1.0, 0.0, 0.0])]);
     let c = assert_fails(&at_vertex, FailureKind::NonManifoldVertices, 1);
     assert_eq!(c.failures[0].places[0].position_um, [1e6, 0.0, 0.0]);
-    // Two cubes along an edge.
+    // Two cubes that share an edge.
     let at_edge = together([cube(1.0, [0.0; 3]), cube(1.0, [1.0, 1.0, 0.0])]);
     assert_fails(&at_edge, FailureKind::NonManifoldEdges, 1);
 }
@@ -201,14 +201,14 @@ fn many_copies_take_time_for_each_and_not_for_each_pair() {
         assert_eq!(duplicates.places.len(), 16);
         assert_eq!((found.triangle_intersections, found.components), (0, 1));
     }
-    // Triangles without area are not compared at all.
+    // Triangles without area are not tested for intersections.
     let line = vec![[0.0; 3], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]];
     assert_fails(&(line, vec![[0, 1, 2]; n as usize]), FailureKind::DegenerateTriangles, n);
 }
 
 #[test]
 fn the_search_for_meetings_stops_when_it_found_enough_with_any_number_of_threads() {
-    // Triangles that all cross each other: 5 million pairs.
+    // Triangles that all intersect each other: 5 million pairs.
     let n = 3_200u32;
     let corner = |i: u32, k: u32| {
         let angle = std::f64::consts::TAU * (f64::from(i) / f64::from(n) + f64::from(k)) / 3.0;
@@ -333,7 +333,7 @@ fn sections_are_judged() {
     assert_eq!(judge_section(&square[..2], &WALL).1, [FailureKind::SectionRing]);
 }
 
-/// Contacts of all pairs of triangles.
+/// Intersections of all pairs of triangles.
 fn brute_force((positions, triangles): &Soup) -> u64 {
     let corners = |t: [u32; 3]| Triangle::new(t.map(|v| positions[v as usize]));
     let mut count = 0;
@@ -391,7 +391,7 @@ proptest! {
                 0 => moved(1e-6),
                 1 => moved(1e-4),
                 2 => moved(1e-3),
-                // Into the plane of another, onto a neighbour, and onto any vertex.
+                // Into the plane of another triangle, onto a neighbour, and onto any vertex.
                 3 => [to[0], mesh.positions[at][1], mesh.positions[at][2]],
                 4 => neighbour,
                 _ => to,
@@ -399,7 +399,7 @@ proptest! {
         }
         let soup: Soup = (mesh.positions.iter().map(|p| p.map(f64::from)).collect(), mesh.triangles.clone());
         let expected = brute_force(&soup);
-        // As vertices of a mesh: a soup would weld those in one place.
+        // Keeps vertices at one place separate, which a certificate of a soup would weld.
         prop_assert_eq!(certify_body(&mesh, LengthUnit::Metre).triangle_intersections, expected);
     }
 
@@ -409,7 +409,7 @@ proptest! {
         triangles in prop::collection::vec(prop::array::uniform3(0u32..12), 0..60),
     ) {
         let positions: Vec<_> = positions.iter().map(|p| p.map(f64::from)).collect();
-        let certificate = certify_soup(&positions, &triangles);
+        let certificate = check_surface(&positions, &triangles, &CheckOptions::default());
         prop_assert_eq!(certificate.passed, certificate.failures.is_empty());
     }
 }
@@ -424,7 +424,7 @@ fn at_most_vertices_of_a_tube_triangles_are_seen_to_be_apart() {
 
 #[test]
 fn a_corner_with_many_triangles_takes_time_for_each() {
-    // Two cones over a wave, of 200,000 triangles at each tip.
+    // Two cones over a wave, with 200,000 triangles at each tip.
     let n = 200_000u32;
     let rim = (0..n).map(|i| {
         let angle = std::f64::consts::TAU * f64::from(i) / f64::from(n);
@@ -432,7 +432,7 @@ fn a_corner_with_many_triangles_takes_time_for_each() {
     });
     let positions = rim.chain([[0.0, 0.0, 2.0], [0.0, 0.0, -2.0]]).collect();
     let triangles = (0..n).flat_map(|i| [[i, (i + 1) % n, n], [(i + 1) % n, i, n + 1]]).collect();
-    // Their bounds all overlap at the tips, so that pairs are not searched here.
+    // All bounds overlap at the tips, so pairs are not searched here.
     let surface: Soup = (positions, triangles);
     let surface = Surface { positions: &surface.0, triangles: &surface.1, unit_um: 1.0 };
     assert!(topology::examine_alone(&surface, &mut Failures::default()).crowded.is_empty());
@@ -446,7 +446,7 @@ fn triangles_are_counted_by_their_angles_and_edge_ratios() {
         let height = (legs * legs - 0.25).sqrt();
         let apex = [0.5, height, 0.0];
         let positions = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], apex];
-        let quality = certify_soup(&positions, &[[0, 1, 2]]).quality;
+        let quality = check_surface(&positions, &[[0, 1, 2]], &CheckOptions::default()).quality;
         let (mut angles, mut ratios) = ([0; 12], [0; 11]);
         (angles[angle_bin], ratios[ratio_bin]) = (1, 1);
         assert_eq!((quality.least_angles, quality.edge_ratios), (angles, ratios), "{degrees}");

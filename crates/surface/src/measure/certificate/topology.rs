@@ -1,16 +1,16 @@
-//! The topology of the triangles: edges, fans around vertices, components and their Euler numbers.
+//! Topology of the triangles: edges, fans around vertices, components and their Euler numbers.
 //!
-//! Edges are not stored. A counting sort lists the triangles at each vertex, and each edge is examined at the lesser of its
-//! two vertices. The triangles at a vertex are also where triangles that share a vertex may meet elsewhere: mostly they are
-//! seen not to, see `Fan::is_spread`.
+//! Edges are not stored. A counting sort lists the triangles at each vertex, and each edge is
+//! examined at the smaller of its two vertices. Triangles that share a vertex may intersect
+//! elsewhere. For nearly all vertices `Fan::is_spread` proves that they do not.
 
-use super::components::{Body, components, number, root};
-use super::shape::{Shape, Turns};
+use super::components::{ComponentCounts, components, number, root};
+use super::shape::{TriangleMeasures, Turns};
 use super::surface::{Coordinate, Surface, Tally, few};
 use super::types::{FailureKind, Failures};
 use rayon::prelude::*;
 
-/// Vertices examined in one task.
+/// Number of vertices per task.
 const RUN: usize = 8192;
 
 /// Findings on the topology.
@@ -19,15 +19,15 @@ pub(super) struct Topology {
     pub(super) faults: Faults,
     /// Triangles with the same three vertices.
     pub(super) copies: Copies,
-    /// Vertices at which triangles may meet, with the triangles there.
+    /// Vertices at which triangles may intersect, with these triangles.
     pub(super) crowded: Vec<(u32, Box<[u32]>)>,
 }
 
-/// The components.
+/// Components of a surface.
 pub(super) struct Connectivity {
-    /// Components in the order of their least vertices; their edges are counted by [`examine`].
-    pub(super) bodies: Vec<Body>,
-    /// Component of each vertex; unspecified for vertices without triangles.
+    /// Components in the order of their smallest vertices. [`examine`] counts their edges.
+    pub(super) bodies: Vec<ComponentCounts>,
+    /// Component of each vertex; unspecified for a vertex without triangles.
     label: Vec<u32>,
 }
 
@@ -40,8 +40,8 @@ pub(super) struct Faults {
 }
 
 impl Faults {
-    fn of<C: Coordinate>(surface: &Surface<'_, C>, found: &[Found]) -> Self {
-        let edges = |list: fn(&Found) -> &Vec<[u32; 2]>| Tally {
+    fn of<C: Coordinate>(surface: &Surface<'_, C>, found: &[FanFindings]) -> Self {
+        let edges = |list: fn(&FanFindings) -> &Vec<[u32; 2]>| Tally {
             count: found.iter().map(|f| list(f).len() as u64).sum(),
             places: few(found.iter().flat_map(list), |edge| surface.place_of_vertex(edge[0])),
         };
@@ -66,28 +66,29 @@ impl Faults {
         self.bad_vertices.report(FailureKind::NonManifoldVertices, what, failures);
     }
 
-    /// Whether the surface encloses a volume: all edges have two triangles, of the same orientation.
+    /// True if the surface encloses a volume: every edge has two triangles of the same orientation.
     pub(super) fn has_volume(&self) -> bool {
         self.open_edges.count + self.bad_edges.count + self.disoriented_edges.count == 0
     }
 }
 
-/// Triangles that have the same three vertices as another one, in either orientation; not those of which two vertices are
-/// the same.
+/// Triangles with the same three vertices as another triangle, in either orientation. Excludes
+/// triangles with a repeated vertex.
 #[derive(Default)]
 pub(super) struct Copies {
-    /// For each such triangle the least one of its group and itself, sorted: a group is a run of equal first items.
+    /// Pairs of the smallest triangle of a group and each triangle of that group, sorted. A group
+    /// is a run of equal first items.
     pairs: Vec<[u32; 2]>,
 }
 
 impl Copies {
-    fn among(found: &[Found]) -> Self {
+    fn among(found: &[FanFindings]) -> Self {
         let mut pairs: Vec<[u32; 2]> = found.iter().flat_map(|f| &f.copies).copied().collect();
         pairs.par_sort_unstable();
         Self { pairs }
     }
 
-    /// The groups in ascending order, each as (least triangle, triangle) for all its triangles in ascending order.
+    /// Groups in ascending order, each as pairs of (smallest triangle, triangle).
     pub(super) fn groups(&self) -> impl Iterator<Item = &[[u32; 2]]> {
         self.pairs.chunk_by(|a, b| a[0] == b[0])
     }
@@ -96,7 +97,8 @@ impl Copies {
         self.pairs.is_empty()
     }
 
-    /// How many triangles have the vertices of `triangle`, which must be the least of its group or have no copies.
+    /// Number of triangles with the vertices of `triangle`, which must be the smallest of its group
+    /// or have no copies.
     pub(super) fn of(&self, triangle: u32) -> u64 {
         let begin = self.pairs.partition_point(|pair| pair[0] < triangle);
         let count = self.pairs[begin..].partition_point(|pair| pair[0] == triangle);
@@ -114,7 +116,7 @@ impl Connectivity {
         Self { bodies, label }
     }
 
-    /// Component that a triangle belongs to.
+    /// Component of a triangle.
     #[inline]
     pub(super) fn body_of(&self, triangle: [u32; 3]) -> usize {
         if self.bodies.len() == 1 { 0 } else { self.label[triangle[0] as usize] as usize }
@@ -123,19 +125,21 @@ impl Connectivity {
 
 /// Findings at a run of vertices.
 #[derive(Default)]
-struct Found {
-    /// Edges whose lesser vertex is in the run, by component.
+struct FanFindings {
+    /// Number of edges whose smaller vertex is in the run, by component.
     edges: Vec<(u32, u64)>,
     open: Vec<[u32; 2]>,
     bad: Vec<[u32; 2]>,
     disoriented: Vec<[u32; 2]>,
     bad_vertices: Vec<u32>,
     copies: Vec<[u32; 2]>,
-    /// Vertices whose triangles may have other points in common than those that they share, with these triangles.
+    /// Vertices whose triangles may intersect outside their shared vertices and edges, with these
+    /// triangles.
     crowded: Vec<(u32, Box<[u32]>)>,
 }
 
-/// Examines a surface whose triangles turn so. The triangles at all vertices take much memory, which is free when it is done.
+/// Examines a surface whose triangles have the orientations `turns`. `stars` takes much memory,
+/// which is freed as early as possible.
 pub(super) fn examine<C: Coordinate>(
     surface: &Surface<'_, C>,
     stars: Stars,
@@ -154,26 +158,26 @@ pub(super) fn examine<C: Coordinate>(
     Topology { connectivity, faults, copies: Copies::among(&found), crowded }
 }
 
-/// The same for a surface whose measures are not wanted.
+/// Examines a surface whose measures are not needed.
 pub(super) fn examine_alone<C: Coordinate>(surface: &Surface<'_, C>, failures: &mut Failures) -> Topology {
     let mut turns = vec![Turns::ANY; surface.triangles.len()];
-    Shape::of(surface, [0.0; 3], |_| 0, &mut turns);
+    TriangleMeasures::of(surface, [0.0; 3], |_| 0, &mut turns);
     let stars = Stars::of(surface);
     let connectivity = Connectivity::of(surface, &stars);
     examine(surface, stars, connectivity, &turns, failures)
 }
 
-/// Examines all vertices, and the edges from each to greater ones; `turns` tells how each triangle turns.
+/// Examines all vertices and the edges from each vertex to larger ones.
 fn fans<C: Coordinate>(
     surface: &Surface<'_, C>,
     stars: &Stars,
     connectivity: &Connectivity,
     turns: &[Turns],
-) -> Vec<Found> {
+) -> Vec<FanFindings> {
     let vertices = surface.positions.len() as u32;
     let starts: Vec<u32> = (0..vertices).step_by(RUN).collect();
     let examine = |&start: &u32| {
-        let (mut found, mut fan) = (Found::default(), Fan::default());
+        let (mut found, mut fan) = (FanFindings::default(), Fan::default());
         for vertex in start..vertices.min(start + RUN as u32) {
             let edges = fan.examine(surface, vertex, stars.at(vertex), turns, &mut found);
             let body = connectivity.label[vertex as usize];
@@ -187,9 +191,9 @@ fn fans<C: Coordinate>(
     starts.par_iter().map(examine).collect()
 }
 
-/// The triangles at each vertex.
+/// Triangles at each vertex.
 pub(super) struct Stars {
-    /// Where the list of each vertex begins; one more at the end.
+    /// Start of the list of each vertex, and the end.
     begin: Vec<u32>,
     triangles: Vec<u32>,
 }
@@ -205,7 +209,8 @@ impl Stars {
             sum += *b;
             *b = sum;
         }
-        // Each list is filled from its end, which leaves `begin` at the beginnings and the lists in order.
+        // Each list is filled from its end. Afterwards `begin` contains the starts, and the lists
+        // are sorted.
         let mut triangles = vec![0; sum as usize];
         for (t, corners) in surface.triangles.iter().enumerate().rev() {
             for &v in corners {
@@ -224,30 +229,30 @@ impl Stars {
     }
 }
 
-/// Buffers for the examination of vertices, one after the other.
+/// Buffers for examining one vertex after the other.
 #[derive(Default)]
 struct Fan {
-    /// For each triangle at the vertex, its next and its last corner after it.
+    /// The two other corners of each triangle at the vertex, in the order of the triangle.
     spokes: Vec<[u32; 2]>,
-    /// These in order, of a vertex that has many.
+    /// Sorted spokes of a vertex that has many.
     sorted: Vec<[u32; 2]>,
-    /// The other ends of the edges at the vertex, in turn, if its triangles are a cycle.
+    /// Other ends of the edges at the vertex, in order, if its triangles form a cycle.
     ring: Vec<u32>,
-    /// The other two corners of each triangle, the lesser first, and the triangle.
+    /// The two other corners of each triangle, the smaller first, and the triangle.
     others: Vec<([u32; 2], u32)>,
     ends: Vec<(u32, u32, bool)>,
     group: Vec<u32>,
 }
 
 impl Fan {
-    /// Examines a vertex and the edges to greater vertices; returns the number of these edges.
+    /// Examines a vertex and the edges to larger vertices. Returns the number of these edges.
     fn examine<C: Coordinate>(
         &mut self,
         surface: &Surface<'_, C>,
         vertex: u32,
         star: &[u32],
         turns: &[Turns],
-        found: &mut Found,
+        found: &mut FanFindings,
     ) -> u64 {
         let spoke = |&t: &u32| {
             let [a, b, c] = surface.triangles[t as usize];
@@ -262,7 +267,7 @@ impl Fan {
         self.spokes.clear();
         self.spokes.extend(star.iter().map(spoke));
         let all = star.iter().fold(Turns::ANY, |all, &t| all.and(turns[t as usize]));
-        // In a cycle of three and more triangles no two have the same vertices.
+        // In a cycle of three or more triangles, no two have the same vertices.
         let is_cycle = self.is_cycle();
         if !is_cycle || star.len() == 2 {
             self.find_copies(vertex, star, &mut found.copies);
@@ -276,14 +281,15 @@ impl Fan {
         self.examine_closely(vertex, found)
     }
 
-    /// Whether the fan is one closed cycle of triangles with the same orientation. Its ring is then in order.
+    /// True if the fan is one closed cycle of triangles with the same orientation. `ring` is then
+    /// in order.
     fn is_cycle(&mut self) -> bool {
         let Self { spokes, sorted, ring, .. } = self;
         ring.clear();
         if spokes.len() < 2 {
             return false;
         }
-        // A few spokes are searched as they come.
+        // Few spokes are searched linearly.
         let are_many = spokes.len() > 24;
         if are_many {
             sorted.clone_from(spokes);
@@ -298,7 +304,7 @@ impl Fan {
                 spokes.iter().find(|spoke| spoke[0] == at)
             };
             match next {
-                // Back at the first triangle too early: there is another cycle.
+                // The first triangle comes too early, so there is another cycle.
                 None => return false,
                 Some(_) if at == begin => return false,
                 Some(spoke) => {
@@ -310,9 +316,9 @@ impl Fan {
         at == begin
     }
 
-    /// Whether the triangles of a cycle are seen to have no points in common but the vertex and their common edges: along
-    /// one of the axes all turn the same way, and together they go around the vertex once. Where walls are smooth this holds
-    /// for nearly every vertex.
+    /// True if the triangles of a cycle provably have no common points except the vertex and their
+    /// common edges: seen along some axis, all turn the same way, and together they go around the
+    /// vertex once. This holds for nearly every vertex of smooth walls.
     fn is_spread<C: Coordinate>(&self, surface: &Surface<'_, C>, vertex: u32, turns: Turns) -> bool {
         let centre = surface.point(vertex);
         (0..3).filter(|&axis| turns.agree(axis)).any(|axis| {
@@ -321,7 +327,8 @@ impl Fan {
                 let p = surface.point(v);
                 p[y] > centre[y] || (p[y] == centre[y] && p[x] > centre[x])
             };
-            // From each edge to the next it is less than half a turn: each time around enters this half of the plane once.
+            // From each edge to the next is less than half a turn, so every revolution enters this
+            // half-plane once.
             let mut entered = 0;
             let mut was_upper = self.ring.last().is_some_and(is_upper);
             for v in &self.ring {
@@ -333,7 +340,7 @@ impl Fan {
         })
     }
 
-    /// Finds triangles with the same vertices, the least of which is `vertex`.
+    /// Finds triangles with the same vertices, of which `vertex` is the smallest.
     fn find_copies(&mut self, vertex: u32, star: &[u32], copies: &mut Vec<[u32; 2]>) {
         let Self { spokes, others, .. } = self;
         others.clear();
@@ -345,7 +352,7 @@ impl Fan {
         }
     }
 
-    fn examine_closely(&mut self, vertex: u32, found: &mut Found) -> u64 {
+    fn examine_closely(&mut self, vertex: u32, found: &mut FanFindings) -> u64 {
         let Self { spokes, ends, group, .. } = self;
         ends.clear();
         for (i, spoke) in (0u32..).zip(spokes.iter()) {

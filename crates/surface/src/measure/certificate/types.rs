@@ -1,4 +1,4 @@
-//! The contents of a certificate.
+//! Contents of a certificate.
 
 use crate::geometry::bvh::WIDTH as LANES;
 use serde::Serialize;
@@ -6,10 +6,10 @@ use serde::Serialize;
 /// Micrometres in a metre.
 pub(super) const METRE_UM: f64 = 1e6;
 
-/// Places listed per kind of failure.
+/// Maximum number of places per kind of failure.
 pub(super) const PLACES: usize = 16;
 
-/// Components listed one by one.
+/// Maximum number of components in a certificate.
 pub(super) const BODIES: usize = 256;
 
 /// The findings on one surface and, for a generated model, the sections it was made from.
@@ -103,8 +103,8 @@ pub struct TriangleQuality {
 }
 
 impl TriangleQuality {
-    /// Counts the triangles of the first `count` lanes: the squares of the tangents of their least angles, and of the ratios of
-    /// their edges.
+    /// Counts the triangles of the first `count` lanes, given the squared tangents of their
+    /// smallest angles and the squared ratios of their edges.
     #[inline(always)]
     pub(super) fn count(&mut self, tan_squared: &[f64; LANES], ratio_squared: &[f64; LANES], count: usize) {
         let (angles, ratios) = (passed(&TAN_SQUARED, tan_squared), passed(&RATIO_SQUARED, ratio_squared));
@@ -120,7 +120,7 @@ impl TriangleQuality {
         self.edge_ratios.iter_mut().zip(other.edge_ratios).for_each(|(sum, count)| *sum += count);
     }
 
-    /// Sets the shares from the counts.
+    /// Computes the shares from the counts.
     pub(super) fn shared(mut self) -> Self {
         let all = self.least_angles.iter().sum::<u64>().max(1) as f64;
         self.least_angles_from_20 = self.least_angles[4..].iter().sum::<u64>() as f64 / all;
@@ -146,7 +146,7 @@ const TAN_SQUARED: [f64; 11] = [
 /// Squares of 1.5, 2, up to 6.
 const RATIO_SQUARED: [f64; 10] = [2.25, 4.0, 6.25, 9.0, 12.25, 16.0, 20.25, 25.0, 30.25, 36.0];
 
-/// How many of the limits each value has reached.
+/// Number of limits that each value has reached.
 #[inline(always)]
 fn passed(limits: &[f64], values: &[f64; LANES]) -> [u64; LANES] {
     let mut passed = [0; LANES];
@@ -264,12 +264,12 @@ impl Place {
     }
 }
 
-/// Additional requirements of `oviduct check`.
+/// Requirements and units of [`check_surface`](super::check_surface).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CheckOptions {
-    /// The Euler number that each component must have.
+    /// Euler number that each component must have; `None` for any.
     pub euler: Option<i64>,
-    /// Metres per unit of the positions; used for measures only, not for decisions.
+    /// Metres per unit of the positions. Affects measures only, not decisions.
     pub unit_metres: f64,
 }
 
@@ -279,7 +279,7 @@ impl Default for CheckOptions {
     }
 }
 
-/// Failures found so far.
+/// Failures found so far, at most one per kind.
 #[derive(Default)]
 pub(super) struct Failures(pub(super) Vec<Failure>);
 

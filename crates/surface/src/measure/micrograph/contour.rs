@@ -1,19 +1,21 @@
-//! The border of a region through the middles of the sides of pixels, and the same without stairs.
+//! Traces the border of a region through the midpoints of pixel sides, and smooths it.
 //!
-//! The raw border is that of marching squares: it keeps 1/√8 of a pixel from the middles of all pixels, and two parts of it that do not
-//! follow each other keep twice as much apart. Smoothing moves a point by less than that, so that borders cross neither each other nor the
-//! middle of a pixel.
+//! The raw border is the one of marching squares. Its distance from the centres of all pixels is
+//! 1/√8 of a pixel, and two parts of it that do not follow each other are twice as far apart.
+//! Smoothing moves a point by less than 1/√8 of a pixel, so smoothed borders cross neither each
+//! other nor the centre of a pixel.
 
 use super::error::MicrographError;
-use super::regions::{Field, Region};
+use super::regions::{PixelRegions, Region};
 
-/// A closed border with the region to the left, in the picture as it is seen.
+/// Closed border with the region to its left, as seen in the picture.
 pub(super) struct Loop {
-    /// Middles of sides of pixels, in half pixels from the upper left corner: one coordinate is odd, the other even.
+    /// Midpoints of pixel sides, in half pixels from the upper left corner. One coordinate is odd,
+    /// the other even.
     sides: Vec<[u16; 2]>,
-    /// Pixels within, negative if it is clockwise.
+    /// Number of pixels inside, negative for a clockwise border.
     pub(super) area: i64,
-    /// A pixel of the region at the border.
+    /// One pixel of the region at the border.
     pub(super) start: usize,
 }
 
@@ -21,10 +23,10 @@ pub(super) struct Loop {
 const STEPS: [[isize; 2]; 4] = [[1, 0], [0, -1], [-1, 0], [0, 1]];
 const UP: usize = 1;
 
-/// The borders of a region, but those around less than `least` pixels of something else. `room` is how many points they may have, and
-/// becomes less.
+/// Borders of a region, except those around fewer than `least` pixels. `room` is the maximum number
+/// of points and is reduced by the points found.
 pub(super) fn trace(
-    field: &mut Field,
+    field: &mut PixelRegions,
     region: Region,
     least: f64,
     room: &mut usize,
@@ -42,10 +44,10 @@ pub(super) fn trace(
     Ok(loops)
 }
 
-/// The border along the right side of a pixel, upward.
-fn follow(field: &mut Field, region: Region, start: usize, room: usize) -> Result<Loop, MicrographError> {
+/// Follows the border upward from the right side of a pixel.
+fn follow(field: &mut PixelRegions, region: Region, start: usize, room: usize) -> Result<Loop, MicrographError> {
     let stride = field.size()[0];
-    // A corner of pixels, and the direction in which the next side is passed.
+    // Corner of pixels, and the direction in which the next side is passed.
     let (first, mut towards) = ([start % stride + 1, start / stride + 1], UP);
     let mut at = first;
     let mut ring = Loop { sides: Vec::new(), area: 0, start };
@@ -60,7 +62,7 @@ fn follow(field: &mut Field, region: Region, start: usize, room: usize) -> Resul
             field.mark((at[1] - 1) * stride + at[0] - 1);
         }
         at = [at[0].wrapping_add_signed(dx), at[1].wrapping_add_signed(dy)];
-        // The two pixels ahead, of the four around the corner.
+        // The two pixels ahead, among the four around the corner.
         let (left, right) = match towards {
             0 => ([0, 1], [0, 0]),
             1 => ([1, 1], [0, 1]),
@@ -68,7 +70,8 @@ fn follow(field: &mut Field, region: Region, start: usize, room: usize) -> Resul
             _ => ([0, 0], [1, 0]),
         };
         let is = |[x, y]: [usize; 2]| field.is(region, (at[1] - y) * stride + at[0] - x);
-        // The region is connected by corners: to the right even if there is none of it ahead to the left.
+        // The region is connected across corners, so the border turns right if the pixel to the
+        // right belongs to the region, even if the one to the left does not.
         towards = if is(right) {
             (towards + 3) % 4
         } else if is(left) {
@@ -82,14 +85,14 @@ fn follow(field: &mut Field, region: Region, start: usize, room: usize) -> Resul
     }
 }
 
-/// Weights of a point and its neighbours on both sides: the value of the parabola that fits eleven points best (Savitzky and Golay
-/// 1964). Straight and evenly bent borders stay where they are.
+/// Weights of a point and of its neighbours on both sides: the value of the parabola that fits
+/// eleven points best (Savitzky and Golay 1964). Straight and evenly bent borders stay in place.
 const WEIGHTS: [f64; 6] = [89.0 / 429.0, 84.0 / 429.0, 69.0 / 429.0, 44.0 / 429.0, 9.0 / 429.0, -36.0 / 429.0];
-/// Farthest that a point is moved, pixels; less than 1/√8.
+/// Maximum motion of a point, pixels; less than 1/√8.
 const REACH: f64 = 0.35;
 
 impl Loop {
-    /// The smooth border, in pixels from the upper left corner.
+    /// Smooth border, in pixels from the upper left corner.
     pub(super) fn smooth(&self) -> impl Iterator<Item = [f64; 2]> {
         let n = self.sides.len();
         let at = move |i: usize| self.sides[i % n].map(|half| f64::from(half) / 2.0);

@@ -1,14 +1,14 @@
-//! Why an image is refused.
+//! Reasons to refuse an image.
 
 use super::limits::{EXTENT_MM, LEAST_AREA_UM2, MAX_POINTS, MAX_SIDE, PIXEL_UM};
 
-/// Why a section cannot be traced in an image.
+/// Errors of tracing a section in an image.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MicrographError {
-    /// The file does not begin as a PNG does.
+    /// The file has no PNG signature.
     #[error("not a PNG image")]
     NotPng,
-    /// Truncated or changed since it was written.
+    /// The file is truncated or was changed.
     #[error("the PNG is damaged: {0}")]
     Damaged(String),
     /// Too many pixels.
@@ -19,10 +19,10 @@ pub enum MicrographError {
         /// Rows.
         height: u32,
     },
-    /// More than eight bits a pixel.
+    /// More than eight bits per pixel.
     #[error("the image has 16 bits a pixel; at most 8 are read")]
     Depth,
-    /// Neither grey nor with a palette.
+    /// The image is neither grey nor indexed.
     #[error("the image is in colour; a mask is grey, or has a palette whose indices are the labels")]
     Colour,
     /// Some pixels may be transparent.
@@ -40,7 +40,7 @@ pub enum MicrographError {
     /// No pixel is tissue.
     #[error("no pixel is tissue: check which values are tissue")]
     NoTissue,
-    /// The section is not whole.
+    /// The section is cut off.
     #[error("the tissue touches the border of the image: the section is cut off, or the values of tissue are wrong")]
     CutOff,
     /// The tissue has no hole.

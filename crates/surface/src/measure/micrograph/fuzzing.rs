@@ -4,10 +4,12 @@ use super::{Micrograph, Reading};
 use crate::geometry::polygon::{check_contour, check_simple};
 use crate::measure::morphometry::QUANTITIES;
 
-/// Larger images are left out, because they take long; how much memory they take does not depend on what is in them.
+/// Maximum number of pixels. Larger images take long; their memory does not depend on their
+/// content.
 const MOST_PIXELS: u64 = 1 << 20;
 
-/// Reads the bytes as they are, and with the checksums made right, so that damage behind them is found too.
+/// Reads the bytes unchanged, and again with correct checksums, so that the fuzzer also reaches the
+/// code behind the checks.
 pub fn micrograph(bytes: &[u8]) {
     image(bytes);
     let mut sealed = bytes.to_vec();
@@ -15,7 +17,8 @@ pub fn micrograph(bytes: &[u8]) {
     image(&sealed);
 }
 
-/// Contours are simple and turn as they should, and their measures are finite. A refusal is short.
+/// Asserts that contours are simple and correctly oriented, that measures are finite, and that the
+/// message of a refusal is short.
 fn image(bytes: &[u8]) {
     let side = |at: usize| bytes.get(at..at + 4).and_then(|side| side.try_into().ok()).map_or(0, u32::from_be_bytes);
     if u64::from(side(16)) * u64::from(side(20)) > MOST_PIXELS {
@@ -40,7 +43,7 @@ fn image(bytes: &[u8]) {
     }
 }
 
-/// Makes the checksums of all chunks right.
+/// Corrects the checksums of all chunks.
 fn seal(bytes: &mut [u8]) {
     let mut at = 8;
     while let Some(length) = bytes.get(at..at + 4).and_then(|length| length.try_into().ok()).map(u32::from_be_bytes) {

@@ -1,15 +1,17 @@
-//! Images of sections: a mask or a label image is traced into contours, which are measured as those of models are.
+//! Images of sections: traces a mask or a label image into contours, which are measured like those
+//! of models.
 //!
-//! The contours are simple and do not meet. `docs/morphometry.md` ("Measuring an image") has the rules and the accuracy.
+//! The contours are simple and do not intersect each other. `docs/morphometry.md` ("Measuring an
+//! image") describes the rules and the accuracy.
 //!
 //! | file | subject |
 //! |---|---|
-//! | `error` | why an image is refused |
-//! | `limits` | what is accepted |
+//! | `error` | reasons to refuse an image |
+//! | `limits` | accepted images |
 //! | `read` | PNG to values, within limits |
-//! | `regions` | which pixels are the outside, the tissue and the lumen |
-//! | `contour` | the border of a region, without stairs |
-//! | `spacing` | points at even distances |
+//! | `regions` | pixels of the outside, the tissue and the lumen |
+//! | `contour` | border of a region, smoothed |
+//! | `spacing` | points at equal distances |
 
 mod contour;
 mod error;
@@ -27,24 +29,26 @@ pub use limits::{EXTENT_MM, LEAST_AREA_UM2, MAX_BYTES, MAX_SIDE, PIXEL_UM};
 use super::morphometry::{Measures, Shape, measure};
 use contour::{Loop, trace};
 use limits::MAX_POINTS;
-use regions::{Field, Region};
+use regions::{PixelRegions, Region};
 use spacing::spaced;
 
-/// How to read an image of a section.
+/// Meaning of an image of a section.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reading {
     /// Side of a pixel, µm.
     pub pixel_um: f64,
-    /// Values that are tissue; without them, all but 0.
+    /// Values that are tissue; `None` for all values except 0.
     pub tissue: Option<Vec<u8>>,
 }
 
-/// The contours of a section that were traced in an image, in micrometres: x to the right, y up, from the middle of the image.
+/// Contours of a section, traced in an image. Coordinates are micrometres from the centre of the
+/// image, x to the right and y up.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Micrograph {
-    /// Outside of the tissue, counter-clockwise.
+    /// Outer contour of the tissue, counter-clockwise.
     outer: Vec<[f32; 2]>,
-    /// Counter-clockwise contours of the lumen, the largest first; then clockwise ones of islands in it.
+    /// Contours of the lumen: counter-clockwise ones, the largest first, then clockwise ones of
+    /// islands.
     lumen: Vec<Vec<[f32; 2]>>,
 }
 
@@ -52,7 +56,8 @@ impl Micrograph {
     /// Traces the section in a PNG image.
     ///
     /// # Errors
-    /// [`MicrographError`].
+    /// Returns [`MicrographError`] if the file is not an accepted mask or the mask does not show
+    /// one whole section.
     pub fn read(png: &[u8], reading: &Reading) -> Result<Self, MicrographError> {
         let pixel = reading.pixel_um;
         if !PIXEL_UM.contains(&pixel) {
@@ -62,14 +67,14 @@ impl Micrograph {
             Some(values) => values.iter().any(|&tissue| usize::from(tissue) == value),
             None => value != 0,
         });
-        let mut field = Field::new(&read::read(png)?, &is_tissue);
+        let mut field = PixelRegions::new(&read::read(png)?, &is_tissue);
         field.keep_the_largest_piece()?;
         let mut room = MAX_POINTS;
         let least = LEAST_AREA_UM2 / (pixel * pixel);
         let outside = trace(&mut field, Region::Outside, 0.0, &mut room)?;
         field.find_the_lumen(least)?;
         let mut lumen = trace(&mut field, Region::Lumen, least, &mut room)?;
-        // Larger ones first; islands have negative areas.
+        // Larger contours first; islands have negative areas.
         lumen.sort_by_key(|border| std::cmp::Reverse(border.area));
 
         let middle = field.size().map(|side| side as f64 / 2.0);
@@ -83,7 +88,8 @@ impl Micrograph {
             return Err(MicrographError::Extent(extent_mm));
         }
         let mut contours: Vec<_> = std::iter::once(outer).chain(lumen.iter().map(placed)).collect();
-        // Holes beyond the base ellipse of the largest are in the wall: vessels and cracks. Islands in them go with them.
+        // Holes beyond the base ellipse of the largest hole are vessels or cracks in the wall.
+        // Islands in them are removed with them.
         let is_lumen = Shape { outer: &contours[0], lumen: vec![&contours[1]] }.within_base();
         for (hole, contour) in lumen.iter().zip(&contours[1..]).skip(1) {
             if hole.area > 0 && !is_lumen(contour) {
@@ -96,20 +102,20 @@ impl Micrograph {
         Ok(Self { outer: contours.next().unwrap_or_default(), lumen: contours.collect() })
     }
 
-    /// The section as the measures see it.
+    /// Returns the contours as the measures need them.
     #[must_use]
     pub fn shape(&self) -> Shape<'_> {
         Shape { outer: &self.outer, lumen: self.lumen.iter().map(Vec::as_slice).collect() }
     }
 
-    /// All measures, the shape tree included.
+    /// Computes all measures, including the shape tree.
     #[must_use]
     pub fn measure(&self) -> Measures {
         measure(&self.shape(), true)
     }
 }
 
-/// The longer side of a contour.
+/// Longer side of the bounding box of a contour.
 fn extent(contour: &[[f32; 2]]) -> f64 {
     let side = |axis: usize| {
         let along = contour.iter().map(|point| point[axis]);

@@ -1,25 +1,26 @@
-//! Reads the values of a grey or palette PNG. Memory is bounded by [`MAX_SIDE`], whatever the file says.
+//! Reads the values of a grey or palette PNG. [`MAX_SIDE`] bounds the memory, whatever the file
+//! declares.
 
 use super::error::MicrographError;
 use super::limits::MAX_SIDE;
 use png::{BitDepth, ColorType, Decoder, DecodingError, Info, Limits};
 use std::io::Cursor;
 
-/// Most bytes that the decoder may take for chunks beside the pixels.
+/// Maximum memory of the decoder for chunks other than pixels, bytes.
 const MAX_CHUNKS: usize = 8 << 20;
 
 const SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
 
-/// The pixels of an image, row by row from the top.
+/// Pixels of an image, row by row from the top.
 pub(super) struct Image {
     pub(super) width: usize,
-    /// Bits of a pixel; rows begin at whole bytes.
+    /// Bits per pixel; rows begin at whole bytes.
     bits: usize,
     packed: Vec<u8>,
 }
 
 impl Image {
-    /// The values of each row: grey values as stored, or indices of the palette.
+    /// Values of each row: stored grey values, or indices of the palette.
     pub(super) fn rows(&self) -> impl ExactSizeIterator<Item = impl Iterator<Item = u8>> {
         let (bits, width) = (self.bits, self.width);
         let mask = u8::MAX >> (8 - bits);
@@ -37,7 +38,7 @@ pub(super) fn read(png: &[u8]) -> Result<Image, MicrographError> {
         return Err(MicrographError::NotPng);
     }
     let mut decoder = Decoder::new_with_limits(Cursor::new(png), Limits { bytes: MAX_CHUNKS });
-    // What inflates without bound and says nothing about pixels.
+    // These chunks inflate without bound and do not affect pixels.
     decoder.set_ignore_text_chunk(true);
     decoder.set_ignore_iccp_chunk(true);
     accepted(decoder.read_header_info().map_err(damaged)?)?;
@@ -45,13 +46,13 @@ pub(super) fn read(png: &[u8]) -> Result<Image, MicrographError> {
     accepted(reader.info())?;
     let mut packed = vec![0; reader.output_buffer_size().ok_or_else(|| MicrographError::Damaged("its size".into()))?];
     reader.next_frame(&mut packed).map_err(damaged)?;
-    // To the last chunk, so that a file that is cut off behind the pixels is noticed too.
+    // Reads up to the last chunk, so that a file truncated behind the pixels is refused, too.
     reader.finish().map_err(damaged)?;
     let info = reader.info();
     Ok(Image { width: info.width as usize, bits: usize::from(info.bit_depth as u8), packed })
 }
 
-/// Refuses what is not a mask, by what is known of it so far.
+/// Refuses images that are not masks, by the information read so far.
 fn accepted(info: &Info<'_>) -> Result<(), MicrographError> {
     let (width, height) = (info.width, info.height);
     if width > MAX_SIDE || height > MAX_SIDE {

@@ -1,29 +1,30 @@
 //! Divides an image into the outside, the tissue and the lumen.
 //!
-//! Tissue is connected by sides of pixels; what is not tissue, by sides and corners. So where four pixels meet crosswise, the open ones
-//! belong together: a narrow cleft between folds stays open.
+//! Tissue is connected across pixel sides, everything else across sides and corners. Where four
+//! pixels meet crosswise, the two open ones are therefore connected, and a narrow cleft between
+//! folds stays open.
 
 use super::error::MicrographError;
 use super::read::Image;
 
-/// Not tissue, and in no region yet.
+/// Not tissue, and not in a region yet.
 const OPEN: u8 = 0;
 /// Tissue.
 const TISSUE: u8 = 1;
-/// Tissue whose piece was measured.
+/// Tissue whose piece has been counted.
 const SEEN: u8 = 2;
 /// The largest piece of tissue.
 const SECTION: u8 = 3;
-/// Around the section; pieces of tissue there are debris.
+/// Around the section, including debris: other pieces of tissue.
 const OUTSIDE: u8 = 4;
 /// Lumen.
 const LUMEN: u8 = 5;
-/// A hole that is not lumen: too small, or in the wall.
+/// Hole that is not lumen: too small, or in the wall.
 const CLOSED: u8 = 6;
-/// Set in a pixel of the outside or the lumen whose right side was traced.
+/// Flag of a pixel of the outside or the lumen whose right side was traced.
 const TRACED: u8 = 0x80;
 
-/// A region whose border is traced.
+/// Region whose border is traced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub(super) enum Region {
@@ -31,13 +32,13 @@ pub(super) enum Region {
     Lumen = LUMEN,
 }
 
-/// What every pixel is, with a margin of one pixel that is not tissue.
-pub(super) struct Field {
+/// Classes of all pixels, with a margin of one pixel that is not tissue.
+pub(super) struct PixelRegions {
     stride: usize,
     pixels: Vec<u8>,
 }
 
-impl Field {
+impl PixelRegions {
     pub(super) fn new(image: &Image, is_tissue: &[bool; 256]) -> Self {
         let stride = image.width + 2;
         let rows = image.rows();
@@ -50,18 +51,18 @@ impl Field {
         Self { stride, pixels }
     }
 
-    /// Columns and rows, with the margin.
+    /// Numbers of columns and rows, including the margin.
     pub(super) fn size(&self) -> [usize; 2] {
         [self.stride, self.pixels.len() / self.stride]
     }
 
-    /// Marks the largest piece of tissue as the section, and all around it as the outside.
+    /// Marks the largest piece of tissue as the section, and everything around it as the outside.
     pub(super) fn keep_the_largest_piece(&mut self) -> Result<(), MicrographError> {
         let mut largest = (0, 0);
         for i in 0..self.pixels.len() {
             if self.pixels[i] == TISSUE {
                 let count = self.fill(i, false, SEEN, |pixel| pixel == TISSUE);
-                // The first of several.
+                // Of several largest pieces, the first wins.
                 if count > largest.0 {
                     largest = (count, i);
                 }
@@ -79,11 +80,13 @@ impl Field {
         if beside || above { Err(MicrographError::CutOff) } else { Ok(()) }
     }
 
-    /// Marks the holes of at least `least` pixels as lumen. Pieces of tissue in them are islands; holes in islands are filled.
+    /// Marks the holes of at least `least` pixels as lumen. Pieces of tissue in them are islands;
+    /// holes in islands become tissue.
     pub(super) fn find_the_lumen(&mut self, least: f64) -> Result<(), MicrographError> {
         let mut found = false;
         for i in 1..self.pixels.len() {
-            // Every hole has a side at the right of the section; those of islands have none.
+            // Every hole of the section has a pixel to the right of the section; holes of islands
+            // have none.
             if self.pixels[i] == OPEN && self.pixels[i - 1] == SECTION {
                 let count = self.fill(i, true, LUMEN, |pixel| pixel == OPEN);
                 if (count as f64) < least {
@@ -96,16 +99,16 @@ impl Field {
         if found { Ok(()) } else { Err(MicrographError::NoLumen) }
     }
 
-    /// Makes a hole that was marked as lumen part of the tissue.
+    /// Turns a hole that was marked as lumen into tissue.
     pub(super) fn close(&mut self, at: usize) {
         self.fill(at, true, CLOSED, |pixel| pixel & !TRACED == LUMEN);
     }
 
-    /// Marks the pixels that are connected with one by pixels for which `belongs` holds, which must not hold for the mark; returns
-    /// their number.
+    /// Marks the pixels that are connected to `start` through pixels for which `belongs` is true.
+    /// `belongs` must be false for the mark. Returns the number of marked pixels.
     fn fill(&mut self, start: usize, corners: bool, mark: u8, belongs: impl Fn(u8) -> bool) -> usize {
         let (stride, reach) = (self.stride, usize::from(corners));
-        // First pixels of runs in a row, already marked: each is listed once.
+        // First pixels of runs within rows. Runs are marked already, so each is listed once.
         let mut runs = Vec::new();
         let mut count = 0;
         let mut enter = |pixels: &mut [u8], at: usize, runs: &mut Vec<u32>| {
@@ -142,17 +145,17 @@ impl Field {
         count
     }
 
-    /// Whether a pixel belongs to a region.
+    /// True if a pixel belongs to a region.
     pub(super) fn is(&self, region: Region, at: usize) -> bool {
         self.pixels[at] & !TRACED == region as u8
     }
 
-    /// Marks that the right side of a pixel was traced.
+    /// Records that the right side of a pixel was traced.
     pub(super) fn mark(&mut self, at: usize) {
         self.pixels[at] |= TRACED;
     }
 
-    /// The next pixel, from `at`, of a region whose right side is on its border and was not traced.
+    /// Next pixel, from `at` on, of a region whose right side is on its border and was not traced.
     pub(super) fn next(&self, region: Region, at: usize) -> Option<usize> {
         let last = self.pixels.len() - 1;
         (at..last).find(|&i| self.pixels[i] == region as u8 && !self.is(region, i + 1))

@@ -1,15 +1,17 @@
-//! Points at even distances, so that measures of which every point has a share favour no direction: the middles of the sides of pixels are
-//! closer along a diagonal.
+//! Resamples contours at equal distances. Midpoints of pixel sides are closer along a diagonal;
+//! without resampling, diagonal borders would weigh more in measures that count points.
 
 use crate::geometry::blocks::{Blocks, Rect};
 use crate::geometry::predicates::widen2;
 use crate::geometry::segment::{on_segment, segments_meet};
+use crate::geometry::vector::{distance, lerp};
+use crate::measure::morphometry::edges;
 
-/// Contours with fewer points than this are left as they are.
+/// Contours with fewer points are not resampled.
 const FEWEST: usize = 12;
 
-/// The contours with points about `step` apart. Those that would cut a corner so that it meets another edge are left as they are; as
-/// given, none meet.
+/// Resamples contours at distances of about `step`. A contour whose resampled edges would cut a
+/// corner and meet another edge stays as given; the given contours do not intersect.
 pub(super) fn spaced(contours: Vec<Vec<[f32; 2]>>, step: f64) -> Vec<Vec<[f32; 2]>> {
     let mut even: Vec<Option<Vec<[f32; 2]>>> = contours.iter().map(|contour| along(contour, step)).collect();
     loop {
@@ -26,35 +28,32 @@ pub(super) fn spaced(contours: Vec<Vec<[f32; 2]>>, step: f64) -> Vec<Vec<[f32; 2
     }
 }
 
-/// Points on a contour at even distances along it.
+/// Points at equal distances along a contour; `None` if there are too few.
 fn along(contour: &[[f32; 2]], step: f64) -> Option<Vec<[f32; 2]>> {
-    let ends = contour.iter().cycle().skip(1);
-    let edges = || contour.iter().zip(ends.clone()).map(|(&a, &b)| (widen2(a), widen2(b)));
-    let length = |(a, b): ([f64; 2], [f64; 2])| ((b[0] - a[0]).powi(2) + (b[1] - a[1]).powi(2)).sqrt();
-    let whole: f64 = edges().map(length).sum();
+    let whole: f64 = edges(contour).map(|(a, b)| distance(a, b)).sum();
     let count = (whole / step).round() as usize;
     if count < FEWEST || contour.len() < FEWEST {
         return None;
     }
     let mut points = Vec::with_capacity(count);
     let mut passed = 0.0;
-    for (a, b) in edges() {
-        let edge = length((a, b));
+    for (a, b) in edges(contour) {
+        let edge = distance(a, b);
         while points.len() < count {
             let share = (points.len() as f64 * whole / count as f64 - passed) / edge;
             if share >= 1.0 || !share.is_finite() {
                 break;
             }
-            points.push([0, 1].map(|axis| (a[axis] + share * (b[axis] - a[axis])) as f32));
+            points.push(lerp(a, b, share).map(|x| x as f32));
         }
         passed += edge;
     }
     Some(points)
 }
 
-/// The contours of which an edge meets another edge, other than a neighbour at their common point.
+/// Contours with an edge that meets another edge, except a neighbour at their common point.
 fn meeting(contours: &[&[[f32; 2]]]) -> Vec<usize> {
-    // Ends of every edge, its contour, and the number of the next edge.
+    // Ends of every edge, its contour, and the index of the next edge.
     let mut edges = Vec::with_capacity(contours.iter().map(|contour| contour.len()).sum());
     for (number, contour) in contours.iter().enumerate() {
         let (n, base) = (contour.len(), edges.len());

@@ -1,21 +1,24 @@
-//! How the mucosa is spread around the tube.
+//! Distribution of the mucosa around the tube.
 
-use super::shape::{Ellipse, Shape, distance, edges};
+use super::shape::{Ellipse, Shape, edges};
+use crate::geometry::vector::distance;
 
-/// Greatest number of maxima around the tube that is looked at.
+/// Maximum order of the Fourier series around the tube.
 const ORDERS: usize = 6;
 
 /// Differences between the sides of a section.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Around {
-    /// Length of the sum of the directions of all parts of the mucosa, as seen from the centre of the tube, by the length of the mucosa.
+    /// Length of the vector sum of the directions of all parts of the mucosa, seen from the centre
+    /// of the tube, relative to the length of the mucosa.
     pub asymmetry: f64,
-    /// Coefficient of variation of the length of mucosa by direction, of its Fourier series with up to six maxima.
+    /// Coefficient of variation of the length of mucosa by direction, from its Fourier series up to
+    /// order six.
     pub angular_cv: f64,
 }
 
-/// Measures where the boundary of the lumen lies; angles are those of the plane in which the base ellipse is a circle. None if there
-/// is no lumen.
+/// Measures the distribution of the boundary of the lumen. Angles are taken in the plane in which
+/// the base ellipse is a circle. `None` without a lumen.
 pub(super) fn around(shape: &Shape<'_>, base: &Ellipse) -> Option<Around> {
     let (mut sums, mut total) = ([[0.0; 2]; ORDERS], 0.0);
     for (a, b) in shape.lumen.iter().flat_map(|ring| edges(ring)) {
@@ -43,12 +46,13 @@ pub(super) fn around(shape: &Shape<'_>, base: &Ellipse) -> Option<Around> {
 mod tests {
     use super::*;
 
-    /// The outside of a tube that is a little wider along x than along y, so that its axes are known.
+    /// Outer contour of a tube that is slightly wider along x than along y, so that its axes are
+    /// known.
     fn outside() -> Vec<[f32; 2]> {
         circle(1000.0, 0.0).into_iter().map(|[x, y]| [1.001 * x, y]).collect()
     }
 
-    /// A circle of this radius around a place on the x axis.
+    /// Circle around a point on the x axis.
     fn circle(radius: f32, x: f32) -> Vec<[f32; 2]> {
         (0..7200)
             .map(|i| {
@@ -73,17 +77,19 @@ mod tests {
     #[test]
     fn a_lumen_to_the_side_is_seen_as_far_from_the_centre_as_it_is() {
         let Around { asymmetry, angular_cv } = measured(&circle(100.0, 700.0));
-        // Directions differ by up to asin(1/7) from that of the centre of the lumen: their mean is its mean cosine.
+        // Directions differ by up to asin(1/7) from the direction of the centre of the lumen. Their
+        // mean is their mean cosine.
         let expected = 1.0 - (1.0 / 7.0_f64).powi(2) / 4.0;
         assert!((asymmetry - expected).abs() < 1e-3, "{asymmetry} {expected}");
-        // All of it in about one direction: six terms of 2·1², a little less as directions differ.
+        // All mucosa in about one direction: six terms of 2·1², slightly less because directions
+        // differ.
         let most = 12.0_f64.sqrt();
         assert!(angular_cv < most && angular_cv > 0.9 * most, "{angular_cv}");
     }
 
     #[test]
     fn more_mucosa_in_some_directions_is_unevenness_without_asymmetry() {
-        // The radius r = 300 + 60·cos(2θ) differs by a fifth, and the length with it.
+        // The radius r = 300 + 60·cos(2θ) varies by a fifth, and the length with it.
         let lumen: Vec<[f32; 2]> = (0..7200)
             .map(|i| {
                 let angle = std::f32::consts::TAU * i as f32 / 7200.0;

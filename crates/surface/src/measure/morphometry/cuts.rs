@@ -1,4 +1,4 @@
-//! Planar cuts across a surface: how often islands appear in them, and how thick tissue and gaps are there.
+//! Planar cuts across a surface: frequency of islands, tissue thickness and gaps.
 
 use super::rays::{Distances, distances};
 use super::shape::Shape;
@@ -9,9 +9,9 @@ use crate::model::{Cut, CutRing, RingKind};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Cuts that are made, evenly spread over the ampulla.
+/// Number of cuts, evenly spread over the ampulla.
 const COUNT: usize = 40;
-/// Area from which an island counts, µm²: smaller ones are tips that a plane just touches.
+/// Minimum area of an island, µm². Smaller ones are tips that a plane barely touches.
 const LEAST_ISLAND_UM2: f64 = 500.0;
 
 /// What planar cuts across the ampulla show.
@@ -52,7 +52,7 @@ pub struct AmongCuts {
     pub p50: f64,
 }
 
-/// Measures cuts across the ampulla of a tissue; none if the model has no part of it.
+/// Measures cuts across the ampulla of a tissue; `None` if the model has no part of the ampulla.
 #[must_use]
 pub fn cuts(tissue: &Body<'_>, regions: &Regions) -> Option<Cuts> {
     let [from_mm, to_mm] = regions.ampulla_mm()?;
@@ -87,9 +87,9 @@ impl AmongCuts {
     }
 }
 
-/// Distances in a cut; none if it is not that of a tube.
+/// Distances in a cut; `None` if the cut is empty.
 fn measured(cut: &Cut) -> Option<Distances> {
-    // The lumen lies to the left of its rings: the other way than around tissue.
+    // The lumen lies to the left of its rings, opposite to the rings of tissue.
     let rings: Vec<Vec<[f32; 2]>> =
         cut.rings.iter().map(|ring| ring.points.iter().rev().map(|p| p.map(|x| x as f32)).collect()).collect();
     let (outer, lumen) = rings.split_first()?;

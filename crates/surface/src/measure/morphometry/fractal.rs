@@ -15,12 +15,13 @@ pub struct Dimension {
 
 /// Sides of the boxes are 2 to 2^`LEVELS` pixels.
 pub(super) const LEVELS: u32 = 7;
-/// Sizes that a fit needs at least.
+/// Minimum number of sizes in a fit.
 const LEAST_SIZES: usize = 4;
 
-/// Box-counting dimension of the set bits: boxes of 2, 4, … 128 pixels, as far as they are no larger than half of the extent.
+/// Box-counting dimension of the set bits, from boxes of 2, 4, … 128 pixels that are at most half
+/// as large as the extent.
 ///
-/// The number of boxes is the least of four grids, shifted by half a box in each direction.
+/// The number of boxes is the minimum of four grids, shifted by half a box in each direction.
 pub(super) fn dimension(bits: &Bits) -> Option<Dimension> {
     let largest = bits.extent[0].max(bits.extent[1]) / 2;
     let mut counts = Vec::new();
@@ -45,13 +46,13 @@ pub(super) fn dimension(bits: &Bits) -> Option<Dimension> {
     Some(Dimension { value: -slope, error: (rest / (n - 2.0) / xx).sqrt() })
 }
 
-/// Boxes of two by two bits with a set bit, by the best of the four grids.
+/// Number of boxes of two by two bits with a set bit, minimum over the four grids.
 fn least_boxes(bits: &Bits) -> u64 {
     let mut counts = [0_u64; 4];
     for shift_y in 0..2 {
         let mut row = 0;
         while row < bits.rows() {
-            // With a shift the first row is alone in its boxes.
+            // In a shifted grid the first row is alone in its boxes.
             let pair = row..(row + if row == 0 && shift_y == 1 { 1 } else { 2 }).min(bits.rows());
             let mut carry = 0;
             for w in 0..bits.words {
@@ -69,13 +70,14 @@ fn least_boxes(bits: &Bits) -> u64 {
     counts.into_iter().min().unwrap_or(0)
 }
 
-/// Sides of the boxes of the lacunarity in pixels.
+/// Sides of the boxes for the lacunarity, pixels.
 const LACUNARITY_BOXES: [usize; 4] = [8, 16, 32, 64];
-/// Boxes that a mean over boxes needs at least.
+/// Minimum number of boxes in a mean.
 const LEAST_BOXES: usize = 16;
 
-/// Lacunarity of the set bits: ⟨m²⟩/⟨m⟩² of the mass of boxes, mean over boxes of 8, 16, 32 and 64 pixels that lie wholly within the
-/// extent (Allain and Cloitre 1991, with boxes side by side instead of gliding). 1 for an even distribution.
+/// Lacunarity of the set bits: ⟨m²⟩/⟨m⟩² of the mass of boxes, averaged over boxes of 8, 16, 32 and
+/// 64 pixels that lie entirely within the extent (Allain and Cloitre 1991, with adjacent instead of
+/// gliding boxes). 1 for an even distribution.
 pub(super) fn lacunarity(bits: &Bits) -> Option<f64> {
     let mut masses = bytes(bits);
     let mut found = Vec::new();
@@ -97,7 +99,7 @@ pub(super) fn lacunarity(bits: &Bits) -> Option<f64> {
     (!found.is_empty()).then(|| found.iter().sum::<f64>() / found.len() as f64)
 }
 
-/// Set bits by boxes side by side.
+/// Number of set bits in adjacent boxes.
 struct Masses {
     columns: usize,
     data: Vec<u32>,

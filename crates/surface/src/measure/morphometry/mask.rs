@@ -1,4 +1,4 @@
-//! The lumen as a bit mask, and its boundary.
+//! The lumen as a bit mask, and its outline.
 
 use super::shape::Shape;
 use crate::geometry::predicates::widen2;
@@ -6,17 +6,17 @@ use crate::geometry::predicates::widen2;
 /// Bits in rows of whole words. The last bit of each row is clear.
 #[derive(Clone, Debug)]
 pub(super) struct Bits {
-    /// Words of a row.
+    /// Words per row.
     pub(super) words: usize,
     pub(super) data: Vec<u64>,
     /// Width and height of the part in which bits may be set.
     pub(super) extent: [usize; 2],
 }
 
-/// Most pixels along a side of a mask.
+/// Maximum number of pixels along a side of a mask.
 const MAX_SIDE: f64 = 8192.0;
 
-/// Side of the pixels for a section: `wanted`, or more if the lumen is very large, µm.
+/// Side of the pixels of a section, µm: `wanted`, or more if the lumen is very large.
 pub(super) fn pixel(shape: &Shape<'_>, wanted: f64) -> f64 {
     let [low, high] = bounds(shape);
     let side = (high[0] - low[0]).max(high[1] - low[1]);
@@ -34,7 +34,7 @@ fn bounds(shape: &Shape<'_>) -> [[f64; 2]; 2] {
     bounds
 }
 
-/// The pixels whose centres lie in the lumen; pixel (0, 0) is the corner of its bounds.
+/// Pixels whose centres lie in the lumen. Pixel (0, 0) is at the corner of the bounds of the lumen.
 pub(super) fn lumen(shape: &Shape<'_>, pixel: f64) -> Bits {
     let [low, high] = bounds(shape);
     if !(low[0] < high[0] && low[1] < high[1]) {
@@ -42,7 +42,7 @@ pub(super) fn lumen(shape: &Shape<'_>, pixel: f64) -> Bits {
     }
     let extent = [0, 1].map(|k| (((high[k] - low[k]) / pixel).ceil() as usize).max(1));
     let (words, height) = (extent[0] / 64 + 1, extent[1]);
-    // Places in units of pixels at which edges pass the centre line of each row.
+    // Visits the places (pixels) at which edges cross the centre line of each row.
     let crossings = |visit: &mut dyn FnMut(usize, f32)| {
         for ring in &shape.lumen {
             for (a, b) in super::shape::edges(ring) {
@@ -78,7 +78,7 @@ pub(super) fn lumen(shape: &Shape<'_>, pixel: f64) -> Bits {
     Bits { words, data, extent }
 }
 
-/// Sets the bits from `from` to before `to`.
+/// Sets the bits from `from` up to but excluding `to`.
 fn fill(row: &mut [u64], from: usize, to: usize) {
     if from >= to {
         return;
@@ -103,7 +103,7 @@ impl Bits {
         &self.data[row * self.words..(row + 1) * self.words]
     }
 
-    /// The set pixels that touch a clear one by a side.
+    /// Set pixels that share a side with a clear pixel.
     pub(super) fn outline(&self) -> Self {
         let empty = vec![0; self.words];
         let rows = self.rows();
@@ -121,7 +121,7 @@ impl Bits {
         Self { data, ..*self }
     }
 
-    /// Each bit of the result covers two by two bits.
+    /// Halves the resolution: each bit of the result covers two by two bits.
     pub(super) fn halved(&self) -> Self {
         let words = self.words.div_ceil(2);
         let rows = self.rows();
@@ -136,7 +136,7 @@ impl Bits {
     }
 }
 
-/// The even bits of a word, next to each other.
+/// Packs the even bits of a word.
 fn packed(word: u64) -> u64 {
     let mut x = word & 0x5555_5555_5555_5555;
     x = (x | x >> 1) & 0x3333_3333_3333_3333;

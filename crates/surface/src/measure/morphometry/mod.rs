@@ -1,20 +1,22 @@
-//! Morphometry: what a section or a tube measures, to be compared with anatomy (paper, section 4.1).
+//! Morphometry: measures of sections and tubes for comparison with anatomy (paper, section 4.1).
 //!
-//! Every measure is of contours in micrometres, whether a simulation made them or a micrograph was traced. The result depends neither
-//! on the number of threads nor on timing. `docs/morphometry.md` has the definitions.
+//! All measures are computed from contours in micrometres, from a simulation or a micrograph.
+//! Results depend neither on the number of threads nor on timing. `docs/morphometry.md` defines the
+//! measures.
 //!
 //! | file | subject |
 //! |---|---|
 //! | `shape` | contours of a section, its base ellipse |
-//! | `section` | the measures of one section |
-//! | `quantity` | their names, titles and units |
-//! | `rays` | tissue thickness, lumen gap |
+//! | `section` | all measures of one section |
+//! | `quantity` | names, titles and units of the measures |
+//! | `rays`, `walls` | tissue thickness, lumen gap |
 //! | `ring` | folds on a ring, their continuity and twist |
 //! | `tree` | folds, their heights and branches by the shape tree |
-//! | `around` | how the mucosa is spread around the tube |
+//! | `around` | distribution of the mucosa around the tube |
 //! | `mask`, `fractal` | fractal dimension and lacunarity |
 //! | `cuts` | planar cuts across the ampulla |
-//! | `tube` | along the tube, by region, and of the whole |
+//! | `tube` | measures along the tube, by region, and of the whole tube |
+//! | `spread` | percentiles and variation of a sample |
 
 mod around;
 mod cuts;
@@ -36,6 +38,7 @@ pub use fractal::Dimension;
 pub use quantity::{QUANTITIES, Quantity};
 pub use section::{Measures, measure};
 pub use shape::Shape;
+pub(in crate::measure) use shape::edges;
 pub use spread::Spread;
 pub use tree::Folds;
 pub use tube::{Along, Morphometry, Region, Regions, Settings, Tube, morphometry};

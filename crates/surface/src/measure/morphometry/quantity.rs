@@ -1,27 +1,27 @@
-//! The quantities of a section by name: the single list that reports, comparisons and plots use.
+//! Quantities of a section by name: the only list, used by reports, comparisons and plots.
 
 use super::section::Measures;
 use super::tree::GENERATIONS;
 
-/// A quantity that has a value in each section.
+/// Quantity that has a value in each section.
 pub struct Quantity {
     /// Name in reports.
     pub name: &'static str,
-    /// Name for people.
+    /// Title for readers.
     pub title: &'static str,
-    /// Unit; empty for a number without one.
+    /// Unit; empty for a plain number.
     pub unit: &'static str,
     of: fn(&Measures) -> Option<f64>,
 }
 
 impl Quantity {
-    /// The value in a section.
+    /// Returns the value in a section; `None` if the section has none or it is not finite.
     #[must_use]
     pub fn of(&self, measures: &Measures) -> Option<f64> {
         (self.of)(measures).filter(|value| value.is_finite())
     }
 
-    /// The quantity of a name.
+    /// Finds a quantity by name.
     #[must_use]
     pub fn named(name: &str) -> Option<&'static Self> {
         QUANTITIES.iter().find(|quantity| quantity.name == name)

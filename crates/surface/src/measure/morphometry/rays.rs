@@ -1,28 +1,35 @@
-//! Distances along the normals of the lumen's boundary to the first wall met: tissue thickness and lumen gap. Rays start at even
-//! distances along the boundary and normals are those of chords, so that the distributions do not depend on how a contour is divided.
+//! Tissue thickness and lumen gap: distances along the normals of the boundary of the lumen to the
+//! first wall.
+//!
+//! Rays start at equal distances along the boundary, and normals are perpendicular to chords. The
+//! distributions therefore do not depend on how a contour is divided.
 
-use super::shape::{Shape, distance, edges};
+use super::shape::{Shape, edges};
 use super::spread::Spread;
 use super::walls::Walls;
 use crate::geometry::predicates::widen2;
+use crate::geometry::vector::{distance, dot};
 
 type P2 = [f64; 2];
 
-/// Rays start at most this far apart, µm …
+/// Maximum distance between the starts of rays, µm.
 const SPACING_UM: f64 = 5.0;
-/// … and a section has at least so many, since the ends of distributions need them, and at most so many, for images of any scale.
+/// Minimum number of rays of a section, because the tails of distributions need them, and maximum
+/// number, for images of any scale.
 const RAYS: [f64; 2] = [4096.0, 1_048_576.0];
-/// A normal is that of the chord between the points this far along the boundary on both sides, µm. The direction of a single edge depends
-/// on how a contour was sampled, and a few degrees decide which wall is met.
+/// Distance along the boundary, on both sides, of the ends of the chord that defines the normal,
+/// µm. The direction of a single edge depends on the sampling of the contour, and a few degrees
+/// decide which wall is hit.
 const REACH_UM: f64 = 15.0;
-/// Least cosine between a chord and the edge in its middle; around a sharper corner the direction is that of the edge.
+/// Minimum cosine between a chord and the edge in its middle. At a sharper corner the edge defines
+/// the normal.
 const LEAST_COSINE: f64 = 0.2;
 
-/// From points along the boundary of the lumen, along its normals.
+/// Distances from points along the boundary of the lumen, along its normals.
 pub(super) struct Distances {
-    /// Into the tissue.
+    /// Distances through the tissue.
     pub(super) thickness: Option<Spread>,
-    /// Into the lumen.
+    /// Distances through the lumen.
     pub(super) gap: Option<Spread>,
 }
 
@@ -30,7 +37,8 @@ pub(super) fn distances(shape: &Shape<'_>) -> Distances {
     pulp::Arch::new().dispatch(Rays(shape))
 }
 
-/// Compiled for the widest vectors of the processor. No operation is reordered or fused, so the results are the same on all.
+/// Compiled for the widest vectors of the processor. No operation is reordered or fused, so results
+/// are the same on all processors.
 struct Rays<'a, 'b>(&'a Shape<'b>);
 
 impl pulp::WithSimd for Rays<'_, '_> {
@@ -44,7 +52,7 @@ impl pulp::WithSimd for Rays<'_, '_> {
         let spacing = perimeter / count;
         let (mut thickness, mut gap) = (Vec::with_capacity(count as usize + 1), Vec::with_capacity(count as usize + 1));
         let walls = Walls::new(shape);
-        // Distance along a contour to the next start.
+        // Distance along the contour to the next start.
         let mut next = 0.5 * spacing;
         for ring in &shape.lumen {
             let length: f64 = edges(ring).map(|(a, b)| distance(a, b)).sum();
@@ -56,7 +64,7 @@ impl pulp::WithSimd for Rays<'_, '_> {
             while next < length {
                 let from = here.at(next);
                 let (chord, _) = direction([behind.at(next + length - reach), ahead.at(next + reach)]);
-                let cosine = chord[0] * here.along[0] + chord[1] * here.along[1];
+                let cosine = dot(chord, here.along);
                 let [x, y] = (if cosine < LEAST_COSINE { here.along } else { chord }).map(|x| x as f32);
                 gap.extend(walls.first(from, [-y, x]));
                 thickness.extend(walls.first(from, [y, -x]));
@@ -68,15 +76,15 @@ impl pulp::WithSimd for Rays<'_, '_> {
     }
 }
 
-/// A point that moves forward along a closed contour.
+/// Point that moves forward along a closed contour.
 struct Walker<'a> {
     ring: &'a [[f32; 2]],
-    /// The edge: its number, beginning, unit vector and length.
+    /// Edge: its index, start, unit vector and length.
     edge: usize,
     start: P2,
     along: P2,
     length: f64,
-    /// Distance along the contour to the beginning of the edge.
+    /// Distance along the contour to the start of the edge.
     passed: f64,
 }
 
@@ -96,7 +104,7 @@ impl<'a> Walker<'a> {
         (self.along, self.length) = direction(ends);
     }
 
-    /// The point at a distance along the contour, no less than that before.
+    /// Point at a distance along the contour. The distance must not decrease between calls.
     #[inline(always)]
     fn at(&mut self, along: f64) -> P2 {
         while along > self.passed + self.length {
@@ -108,7 +116,7 @@ impl<'a> Walker<'a> {
     }
 }
 
-/// Unit vector from a point to another, zero if they are the same; and their distance.
+/// Unit vector from one point to another (zero if they are equal), and their distance.
 #[inline(always)]
 fn direction([a, b]: [P2; 2]) -> (P2, f64) {
     let length = distance(a, b);

@@ -1,12 +1,14 @@
-//! Folds on a ring: where the boundary of the lumen crosses an ellipse, and how folds continue along the tube.
+//! Folds on a ring: where the boundary of the lumen crosses an ellipse, and how folds continue
+//! along the tube.
 
-use super::shape::{Ellipse, Shape, distance};
+use super::shape::{Ellipse, Shape};
+use crate::geometry::vector::{cross2, dot, norm};
 use crate::model::Section;
 
-/// The ring: this part of the base ellipse.
+/// The ring, as a fraction of the base ellipse.
 pub(super) const SHARE: f64 = 0.75;
 
-/// Folds that cross the ring: the runs of the boundary of the lumen within it.
+/// Number of folds that cross the ring: runs of the boundary of the lumen inside the ring.
 pub(super) fn count(shape: &Shape<'_>, base: &Ellipse) -> u32 {
     let reach = SHARE * base.semi_major;
     let crossings = |ring: &&[[f32; 2]]| {
@@ -16,18 +18,19 @@ pub(super) fn count(shape: &Shape<'_>, base: &Ellipse) -> u32 {
     shape.lumen.iter().map(|ring| crossings(ring) as u32).sum()
 }
 
-/// How the inner contour of one section continues in the next.
+/// Change of the inner contour from one section to the next.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Step {
-    /// Part of the folds that continue as one fold each; none without folds.
+    /// Fraction of the folds that continue as one fold each; `None` without folds.
     pub(super) continued: Option<f64>,
-    /// Mean angle by which the points turn around the centre, in the sense from x to y, radians.
+    /// Mean angle by which the points turn around the centre, from x towards y positive, radians.
     pub(super) turn: f64,
 }
 
-/// The inner contour of a section, prepared to be compared with the next.
+/// Inner contour of a section, prepared for the comparison with the next section.
 pub(super) struct Marked {
-    /// Id, fold on the ring (or [`NO_FOLD`]), and position in the flattened plane of each point, in the order of ids.
+    /// Id, fold on the ring (or [`NO_FOLD`]) and position in the flattened plane of each point,
+    /// sorted by id.
     points: Vec<(u32, u32, [f64; 2])>,
     folds: u32,
 }
@@ -39,8 +42,8 @@ impl Marked {
         let reach = SHARE * base.semi_major;
         let places: Vec<[f64; 2]> = section.inner.points.iter().map(|&p| base.flattened(p)).collect();
         let n = places.len();
-        let inside = |i: usize| distance(places[i % n], [0.0; 2]) < reach;
-        // Begins outside of the ring, so that no fold is divided.
+        let inside = |i: usize| norm(places[i % n]) < reach;
+        // Starts outside of the ring, so that no fold is divided.
         let start = (0..n).find(|&i| !inside(i)).unwrap_or(0);
         let (mut folds, mut points) = (0, Vec::with_capacity(n));
         for i in start..start + n {
@@ -55,16 +58,16 @@ impl Marked {
         Self { points, folds }
     }
 
-    /// A fold continues in another if most of its points that lie in any fold of the next section lie in that one, and
-    /// the other way round.
+    /// Compares with the next section. A fold continues in another fold if most of its points that
+    /// lie in any fold of the next section lie in that one, and vice versa.
     pub(super) fn step(&self, next: &Self) -> Step {
         let (mut pairs, mut turn, mut weight) = (Vec::new(), 0.0, 0.0);
         let mut others = next.points.iter().peekable();
         for &(id, fold, at) in &self.points {
             while others.next_if(|other| other.0 < id).is_some() {}
             let Some(&&(_, other, to)) = others.peek().filter(|other| other.0 == id) else { continue };
-            let angle = (at[0] * to[1] - at[1] * to[0]).atan2(at[0] * to[0] + at[1] * to[1]);
-            let mass = at[0] * at[0] + at[1] * at[1];
+            let angle = cross2(at, to).atan2(dot(at, to));
+            let mass = dot(at, at);
             turn += mass * angle;
             weight += mass;
             if fold != NO_FOLD && other != NO_FOLD {
@@ -83,7 +86,7 @@ impl Marked {
     }
 }
 
-/// For each first member its most frequent second one, or [`NO_FOLD`].
+/// Returns for each first member its most frequent second member, or [`NO_FOLD`].
 fn most(pairs: &mut [(u32, u32)], firsts: u32) -> Vec<u32> {
     pairs.sort_unstable();
     let mut best = vec![(0, NO_FOLD); firsts as usize];

@@ -1,4 +1,4 @@
-//! The measures of one section.
+//! Measures of one section.
 
 use super::around::{Around, around};
 use super::fractal::{Dimension, dimension, lacunarity};
@@ -9,13 +9,14 @@ use super::shape::{Ellipse, Shape};
 use super::spread::Spread;
 use super::tree::{self, Folds};
 
-/// Side of the pixels of masks, µm; larger if the lumen is wider than 8192 of them.
+/// Side of the pixels of masks, µm. Larger if the lumen is wider than 8192 of them.
 pub(super) const PIXEL_UM: f64 = 4.0;
 
 /// Square micrometres in a square millimetre.
 const MM2_UM2: f64 = 1e6;
 
-/// Measures of a section. Those that do not exist for it, such as the height of folds if there are none, are none.
+/// Measures of a section. A measure that does not exist for the section is `None`, such as the
+/// height of folds if there are none.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measures {
     /// Area of the lumen.
@@ -24,13 +25,13 @@ pub struct Measures {
     pub tissue_area_mm2: f64,
     /// Diameter of the circle with the area within the outer contour.
     pub outer_diameter_mm: f64,
-    /// Part of the area within the outer contour that lies outside the base ellipse.
+    /// Fraction of the area within the outer contour that lies outside the base ellipse.
     pub wall_share: f64,
-    /// Part of the area of the base ellipse that is tissue.
+    /// Fraction of the area of the base ellipse that is tissue.
     pub fill: f64,
     /// Length of the boundary of the lumen.
     pub lumen_perimeter_mm: f64,
-    /// The same over the circumference of the base ellipse.
+    /// That length relative to the circumference of the base ellipse.
     pub perimeter_ratio: f64,
     /// Four times the area of the lumen over its perimeter.
     pub hydraulic_diameter_um: f64,
@@ -38,9 +39,9 @@ pub struct Measures {
     pub islands: u32,
     /// Folds that cross the ring, 0.75 of the base ellipse.
     pub folds_on_ring: u32,
-    /// Folds by the shape tree; none if it was not made for this section.
+    /// Folds by the shape tree; `None` if the tree was not built for this section.
     pub folds: Option<Folds>,
-    /// How the boundary of the lumen is spread around the tube.
+    /// Distribution of the boundary of the lumen around the tube.
     pub around: Option<Around>,
     /// Distances from the boundary of the lumen along its normals through tissue to the next wall, µm.
     pub thickness_um: Option<Spread>,
@@ -54,7 +55,8 @@ pub struct Measures {
     pub lacunarity: Option<f64>,
 }
 
-/// Measures a section; its shape tree only if `trees`, as it takes longer than all the rest.
+/// Measures a section. `trees` also builds its shape tree, which takes longer than all other
+/// measures.
 #[must_use]
 pub fn measure(shape: &Shape<'_>, trees: bool) -> Measures {
     measure_with(shape, &shape.base_ellipse(), trees)

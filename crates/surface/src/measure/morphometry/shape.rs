@@ -1,19 +1,21 @@
-//! A section as the measures see it, and its base ellipse.
+//! Contours of a section, and its base ellipse.
 
 use crate::geometry::polygon::signed_area;
 use crate::geometry::predicates::widen2;
+use crate::geometry::vector::{cross2, distance, norm, sub};
 use crate::model::Section;
 use std::f64::consts::{PI, TAU};
 
 type P2 = [f64; 2];
 
-/// A section of a tube, in micrometres: tissue within `outer` and outside of the lumen.
+/// Contours of a section, µm: the tissue is inside `outer` and outside of the lumen.
 ///
-/// All contours are simple and do not meet. Contours of the lumen lie within `outer` and are counter-clockwise; those of islands
-/// in it are clockwise, so that the lumen is always to the left.
+/// All contours are simple and do not intersect. Contours of the lumen lie within `outer` and are
+/// counter-clockwise. Contours of islands in the lumen are clockwise, so the lumen is always to the
+/// left.
 #[derive(Clone, Debug)]
 pub struct Shape<'a> {
-    /// Outside of the tissue, counter-clockwise.
+    /// Outer contour of the tissue, counter-clockwise.
     pub outer: &'a [[f32; 2]],
     /// Boundary of the lumen.
     pub lumen: Vec<&'a [[f32; 2]]>,
@@ -46,13 +48,13 @@ impl Shape<'_> {
         self.lumen.iter().map(length).sum()
     }
 
-    /// Tells which contours lie within the base ellipse.
+    /// Returns a function that tells whether a contour lies within the base ellipse.
     pub(in crate::measure) fn within_base(&self) -> impl Fn(&[[f32; 2]]) -> bool + use<> {
         let base = self.base_ellipse();
         move |contour| contour.iter().all(|&p| base.radius(p) <= base.semi_major)
     }
 
-    /// The least ellipse around the lumen that has the centre, the axes and the ratio of axes of the outer contour.
+    /// Smallest ellipse around the lumen with the centre, axes and axis ratio of the outer contour.
     pub(super) fn base_ellipse(&self) -> Ellipse {
         let unit = Ellipse::of_moments(self.outer);
         let radius = self.lumen.iter().copied().flatten().map(|&p| unit.radius(p)).fold(0.0, f64::max);
@@ -60,17 +62,10 @@ impl Shape<'_> {
     }
 }
 
-/// The edges of a closed contour.
-pub(super) fn edges(ring: &[[f32; 2]]) -> impl Iterator<Item = (P2, P2)> {
+/// Edges of a closed contour.
+pub(in crate::measure) fn edges(ring: &[[f32; 2]]) -> impl Iterator<Item = (P2, P2)> {
     let ends = ring.iter().cycle().skip(1);
     ring.iter().zip(ends).map(|(&a, &b)| (widen2(a), widen2(b)))
-}
-
-/// Distance of two points; coordinates are micrometres, so that squares neither overflow nor vanish.
-#[inline]
-pub(super) fn distance(a: P2, b: P2) -> f64 {
-    let [x, y] = [b[0] - a[0], b[1] - a[1]];
-    (x * x + y * y).sqrt()
 }
 
 /// An ellipse.
@@ -79,19 +74,19 @@ pub(super) struct Ellipse {
     centre: P2,
     /// Direction of the major axis.
     axis: P2,
-    /// Minor over major axis.
+    /// Ratio of the minor to the major axis.
     pub(super) ratio: f64,
     pub(super) semi_major: f64,
 }
 
 impl Ellipse {
-    /// The ellipse with the second moments of the area within a contour, of semi-major axis 1.
+    /// Ellipse with the second moments of the area within a contour and a semi-major axis of 1.
     fn of_moments(ring: &[[f32; 2]]) -> Self {
         let origin = ring.first().map_or([0.0; 2], |&p| widen2(p));
         let (mut area, mut first, mut second) = (0.0, [0.0; 2], [0.0; 3]);
         for (a, b) in edges(ring) {
-            let [a, b] = [a, b].map(|p| [p[0] - origin[0], p[1] - origin[1]]);
-            let cross = a[0] * b[1] - a[1] * b[0];
+            let [a, b] = [a, b].map(|p| sub(p, origin));
+            let cross = cross2(a, b);
             area += cross / 2.0;
             for k in 0..2 {
                 first[k] += cross * (a[k] + b[k]) / 6.0;
@@ -117,18 +112,17 @@ impl Ellipse {
         }
     }
 
-    /// Elliptic radius of a point: the semi-major axis of the ellipse of this centre, axes and ratio through it.
+    /// Elliptic radius of a point: semi-major axis of the ellipse through the point with this
+    /// centre, axes and ratio.
     #[inline]
     pub(super) fn radius(&self, point: [f32; 2]) -> f64 {
-        let [u, v] = self.flattened(point);
-        (u * u + v * v).sqrt()
+        norm(self.flattened(point))
     }
 
-    /// The point in the plane in which the ellipse is a circle around the origin.
+    /// Image of a point in the plane in which the ellipse is a circle around the origin.
     #[inline]
     pub(super) fn flattened(&self, point: [f32; 2]) -> P2 {
-        let p = widen2(point);
-        let [x, y] = [p[0] - self.centre[0], p[1] - self.centre[1]];
+        let [x, y] = sub(widen2(point), self.centre);
         let [c, s] = self.axis;
         [x * c + y * s, (y * c - x * s) / self.ratio]
     }
@@ -137,7 +131,7 @@ impl Ellipse {
         PI * self.semi_major * self.semi_major * self.ratio
     }
 
-    /// Circumference by the arithmetic–geometric mean, to rounding.
+    /// Circumference by the arithmetic–geometric mean, exact to rounding.
     pub(super) fn circumference(&self) -> f64 {
         let (mut a, mut b) = (1.0, self.ratio);
         let (mut sum, mut power) = (0.5 * (a * a + b * b), 0.5);

@@ -17,7 +17,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of a sample; none if it is empty. Percentiles are of the nearest rank.
+    /// Distribution of a sample; `None` for an empty sample. Percentiles use the nearest rank.
     pub(super) fn of(mut values: Vec<f32>) -> Option<Self> {
         let last = values.len().checked_sub(1)?;
         let n = values.len() as f64;
@@ -26,7 +26,7 @@ impl Spread {
         let mut from = 0;
         let [p5, p50, p95] = [0.05, 0.5, 0.95].map(|share: f64| {
             let rank = ((n * share).ceil() as usize).saturating_sub(1).min(last);
-            // Nothing before the last rank is greater.
+            // No value before the last rank is larger.
             let value = *values[from..].select_nth_unstable_by(rank - from, f32::total_cmp).1;
             from = rank;
             f64::from(value)

@@ -10,7 +10,7 @@ fn circle(radius: f32, n: usize) -> Points {
     (0..n).map(|i| TAU * i as f32 / n as f32).map(|t| [radius * t.cos(), radius * t.sin()]).collect()
 }
 
-/// The corners joined by points at most `step` apart.
+/// Joins the corners by points at most `step` apart.
 fn dense(corners: &[[f32; 2]], step: f32) -> Points {
     let mut points = Vec::new();
     for (i, a) in corners.iter().enumerate() {
@@ -24,18 +24,18 @@ fn dense(corners: &[[f32; 2]], step: f32) -> Points {
     points
 }
 
-/// Radius of the bottoms of the valleys of [`comb`].
+/// Radius at the bottoms of the valleys of [`comb`].
 const BOTTOM: f32 = 800.0;
 
-/// A lumen of radius 800 µm with `n` equal folds; its corners are given with x toward the centre
-/// of the tube and y along its wall, from one side of its base to the other.
+/// A lumen of radius 800 µm with `n` equal folds. The corners of a fold are given from one side of
+/// its base to the other, with x towards the centre of the tube and y along its wall.
 fn comb(n: usize, fold: &[[f32; 2]]) -> Points {
     let mut corners = Vec::new();
     for k in 0..n {
         let (sin, cos) = (TAU * k as f32 / n as f32).sin_cos();
         let place = |[x, y]: [f32; 2]| [(BOTTOM - x) * cos - y * sin, (BOTTOM - x) * sin + y * cos];
         corners.extend(fold.iter().map(|&corner| place(corner)));
-        // The bottom of the valley, an arc to the next fold.
+        // Bottom of the valley: an arc to the next fold.
         let half = fold[0][1].abs() / BOTTOM;
         let pitch = TAU / n as f32;
         let arc = (1..32).map(|i| k as f32 * pitch + half + (pitch - 2.0 * half) * i as f32 / 32.0);
@@ -44,7 +44,8 @@ fn comb(n: usize, fold: &[[f32; 2]]) -> Points {
     dense(&corners, 6.0)
 }
 
-/// A fold 80 µm wide and 400 µm high with a round tip, between the corners of its base; `branch` comes last but one.
+/// A fold 80 µm wide and 400 µm high with a round tip, between the corners of its base. The corners
+/// of `branch` come before the last corner.
 fn finger(branch: &[[f32; 2]]) -> Points {
     let tip =
         (0..=16).map(|i| std::f32::consts::PI * i as f32 / 16.0).map(|t| [360.0 + 40.0 * t.sin(), -40.0 * t.cos()]);
@@ -55,12 +56,12 @@ fn plain() -> Points {
     finger(&[])
 }
 
-/// With a branch 100 µm long and 40 µm wide on one side.
+/// A fold with a branch 100 µm long and 40 µm wide on one side.
 fn branched() -> Points {
     finger(&[[240.0, 40.0], [240.0, 140.0], [200.0, 140.0], [200.0, 40.0]])
 }
 
-/// Area of a plain fold, mm², and the length that it adds to the perimeter, mm.
+/// Area of a plain fold, mm², and length that it adds to the perimeter, mm.
 const AREA: f64 = 0.08 * 0.36 + std::f64::consts::PI * 0.04 * 0.04 / 2.0;
 const LENGTH: f64 = 2.0 * 0.36 + std::f64::consts::PI * 0.04 - 0.08;
 
@@ -115,14 +116,15 @@ fn an_ellipse_has_its_ratio_whatever_its_direction() {
 fn a_comb_of_plain_folds() {
     let lumen = comb(12, &plain());
     let measures = of(&lumen, &circle(1200.0, 240));
-    // The base of a fold is the chord of its corners, which lie 1 µm off the circle.
+    // The base of a fold is the chord of its corners, which are 1 µm off the circle.
     let area = std::f64::consts::PI * 0.64 - 12.0 * AREA;
     within_one_percent(measures.lumen_area_mm2, area);
     within_one_percent(measures.lumen_perimeter_mm, std::f64::consts::TAU * 0.8 + 12.0 * LENGTH);
     let folds = measures.folds.clone().unwrap();
     assert_eq!((measures.folds_on_ring, folds.branches, folds.orders), (12, [12, 0, 0, 0], [12, 0, 0, 0]));
     within_one_percent(folds.height_um.unwrap().p50, 400.0);
-    // From the sides of the folds, more than half of the points, to the opposite side.
+    // Most rays go from the sides of the folds, which have more than half of the points, to the
+    // opposite side.
     within_one_percent(measures.thickness_um.unwrap().p50, 80.0);
     within_one_percent(measures.fill, 1.0 - area / (std::f64::consts::PI * 0.64));
 }
@@ -140,7 +142,7 @@ fn a_comb_of_branched_folds() {
 
 #[test]
 fn low_bumps_are_not_folds() {
-    // 35 µm high on a base of 200 µm; and 60 µm high, less than its base is wide.
+    // 35 µm high on a base of 200 µm; and 60 µm high, less than the width of its base.
     for height in [35.0, 60.0] {
         let bump = [[0.0, -100.0], [height, 0.0], [0.0, 100.0]];
         let folds = of(&comb(8, &bump), &circle(1200.0, 240)).folds.unwrap();
@@ -148,7 +150,7 @@ fn low_bumps_are_not_folds() {
     }
 }
 
-/// A strip 40 µm wide along an Archimedean spiral with 120 µm from turn to turn.
+/// A strip 40 µm wide along an Archimedean spiral with a pitch of 120 µm.
 fn spiral() -> Points {
     let side = |offset: f32| {
         (0..1600).map(move |i| {
@@ -172,7 +174,7 @@ fn a_spiral_has_its_gap_and_its_thickness() {
 #[test]
 fn distances_do_not_depend_on_how_a_contour_is_divided() {
     let outer = circle(1200.0, 240);
-    // A hand's folds and clefts of changing width, with points 9 µm apart.
+    // Folds and clefts of varying width, with points 9 µm apart.
     let radius = |t: f32| 600.0 + 250.0 * (9.0 * t).sin().powi(3) + 40.0 * (31.0 * t).cos();
     let star: Points = (0..700)
         .map(|i| TAU * i as f32 / 700.0)
@@ -221,7 +223,7 @@ fn fractal_dimensions() {
     is_dimension(line.area_dimension, 1.0);
 }
 
-/// A square of which one quarter is left out, again and again; the parts left out are islands.
+/// A square without one quarter, recursively; the removed parts are islands.
 #[test]
 fn the_dimension_of_a_gasket() {
     let side = 2048.0;
@@ -259,7 +261,7 @@ fn a_turning_tube() {
         comb(12, &plain()).iter().map(|[x, y]| [x * cos - y * sin, x * sin + y * cos]).collect()
     };
     let mut sections: Vec<Section> = (0..11).map(|k| section(turned(k), 1000.0 * k as f64)).collect();
-    // Sections that mend a slab are not measured.
+    // Sections added to mend a slab are not measured.
     sections.insert(4, Section { added: true, ..section(circle(100.0, 50), 3500.0) });
     let gaps: Vec<Option<f64>> = (0..sections.len()).map(|k| Some(k as f64)).collect();
     let found = morphometry(&sections, &gaps, &Regions { length_mm: 10.0, junction: [0.25, 0.45], piece: [0.0, 1.0] });
@@ -288,7 +290,7 @@ fn a_turning_tube() {
 
 #[test]
 fn a_fold_that_divides_does_not_continue() {
-    // Every second fold is missing in the next section: half of them continue.
+    // Every second fold is missing in the next section, so half of the folds continue.
     let (many, few) = (comb(12, &plain()), comb(6, &plain()));
     let n = few.len();
     let nearest = |p: &[f32; 2]| {
@@ -296,7 +298,8 @@ fn a_fold_that_divides_does_not_continue() {
         (0..n).min_by(|&a, &b| distance(&few[a]).total_cmp(&distance(&few[b]))).unwrap()
     };
     let mut next = section(few.clone(), 1000.0);
-    // The points of the folds that stay have the ids of the nearest points before; all others are new.
+    // The points of the remaining folds have the ids of the nearest earlier points; all other
+    // points are new.
     let mut ids: Vec<u32> = (10_000..10_000 + n as u32).collect();
     for (id, p) in many.iter().enumerate() {
         let k = nearest(p);

@@ -1,27 +1,31 @@
 //! Folds by the shape tree of the tissue: its chordal axis (Prasad 1997).
 //!
-//! The tissue is triangulated with the points of its contours. Triangles that share an edge are neighbours; around the lumen they form
-//! a cycle, the wall, from which trees of triangles branch off, the folds. The edge by which a tree joins the wall is
-//! the *base* of its fold, from the bottom of the valley on one side to that on the other. The axis runs through the middles of
-//! the edges between neighbours.
+//! The tissue is triangulated with the points of its contours. Triangles that share an edge are
+//! neighbours. Around the lumen they form a cycle, the wall, from which trees of triangles branch
+//! off, the folds. The edge by which a tree joins the wall is the *base* of the fold, from the
+//! bottom of the valley on one side to the bottom on the other side. The axis runs through the
+//! midpoints of the edges between neighbours.
 
-use super::shape::{Shape, distance};
+use super::shape::Shape;
 use super::spread::Spread;
 use crate::geometry::polygon::signed_area;
 use crate::geometry::predicates::widen2;
 use crate::geometry::triangulate::{Linked, NO_NEIGHBOUR, perforated};
+use crate::geometry::vector::distance;
 use serde::Serialize;
 
 type P2 = [f64; 2];
 
-/// A branch counts if it is at least this high, µm …
+/// Minimum height of a branch that counts, µm.
 pub(super) const LEAST_HEIGHT_UM: f64 = 40.0;
-/// … and at least this part of the width of its base: a half circle has 0.5.
+/// Minimum height of a branch that counts, relative to the width of its base; a half circle has
+/// 0.5.
 pub(super) const LEAST_SLENDERNESS: f64 = 1.0;
-/// Tips are this high at most, in widths of their base. They have no axis of their own, since the triangles of a round tip may lie in
-/// any direction; their height is the distance to their farthest point.
+/// Maximum height of a tip, in widths of its base. A tip has no axis, because the triangles of a
+/// round tip may have any direction. Its height is the distance to its farthest point.
 const TIP: f64 = 0.75;
-/// Generations that are counted apart; the last has all further ones.
+/// Number of generations that are counted separately. The last one contains all further
+/// generations.
 pub(super) const GENERATIONS: usize = 4;
 
 /// Folds of a section by the shape tree.
@@ -37,7 +41,7 @@ pub struct Folds {
 }
 
 impl Folds {
-    /// Median branching order of the primary folds, the lower one of two.
+    /// Median branching order of the primary folds; the lower of two medians.
     pub(super) fn median_order(&self) -> Option<f64> {
         let folds: u32 = self.orders.iter().sum();
         let mut passed = 0;
@@ -56,13 +60,14 @@ impl Folds {
     }
 }
 
-/// A tree of triangles as seen from the edge by which it is joined.
+/// Tree of triangles, seen from the edge by which it is attached.
 #[derive(Clone, Copy, Default)]
 struct Branch {
     height: f64,
-    /// Branches by generation, this one included.
+    /// Branches by generation, including this one.
     branches: [u32; GENERATIONS],
-    /// Whether it is no more than a tip: all of it lies within [`TIP`] widths of its base from the middle of that.
+    /// True if the branch is only a tip: all of it lies within [`TIP`] widths of its base from the
+    /// midpoint of the base.
     tip: bool,
 }
 
@@ -72,7 +77,7 @@ impl Branch {
     }
 }
 
-/// The folds of a section; none if its tissue cannot be triangulated. Islands have none.
+/// Folds of a section; `None` if its tissue cannot be triangulated. Islands have no folds.
 pub(super) fn folds(shape: &Shape<'_>) -> Option<Folds> {
     let holes: Vec<&[[f32; 2]]> = shape.lumen.iter().copied().filter(|ring| signed_area(ring) > 0.0).collect();
     let tissue = perforated(&holes, shape.outer).ok()?;
@@ -110,12 +115,13 @@ struct Trees<'a> {
     points: &'a [P2],
     /// First point of each contour, and the end.
     rings: &'a [u32],
-    /// The tree that hangs on each triangle, seen from its edge toward the wall; none for those of the wall.
+    /// Tree attached to each triangle, seen from its edge towards the wall; `None` for triangles of
+    /// the wall.
     branch: Vec<Option<Branch>>,
 }
 
 impl Trees<'_> {
-    /// Removes triangles with one neighbour left until none has: what remains are the cycles around the lumen.
+    /// Removes triangles with one neighbour until none is left. The cycles around the lumen remain.
     fn peel(&mut self) {
         let mut left: Vec<u8> =
             self.tissue.neighbours.iter().map(|n| n.iter().filter(|&&n| n != NO_NEIGHBOUR).count() as u8).collect();
@@ -133,7 +139,7 @@ impl Trees<'_> {
         }
     }
 
-    /// The tree of a triangle whose other neighbours are removed.
+    /// Tree of a triangle whose other neighbours have been removed.
     fn join(&self, t: usize, toward: usize) -> Branch {
         let base = self.middle(t, toward);
         let mut above: Vec<(usize, Branch)> = Vec::with_capacity(2);
@@ -173,7 +179,8 @@ impl Trees<'_> {
         branch
     }
 
-    /// The points of a contour from one to another, in its order; those of a tree, if the two are the ends of its base.
+    /// Points of a contour from one to another, in its order. Between the ends of a base these are
+    /// the points of its tree.
     fn arc(&self, from: u32, to: u32) -> impl Iterator<Item = u32> + use<'_> {
         let ring = self.rings.partition_point(|&start| start <= from);
         let (start, end) = (self.rings[ring - 1], self.rings[ring]);
@@ -181,7 +188,7 @@ impl Trees<'_> {
         (0..=count).map(move |k| if from + k < end { from + k } else { from + k - end + start })
     }
 
-    /// Whether a tree on a side of a triangle is high enough to count.
+    /// True if a tree on a side of a triangle is high enough to count.
     fn counts(&self, t: usize, side: usize, branch: &Branch) -> bool {
         let [a, b] = self.side(t, side).map(|p| self.points[p as usize]);
         branch.height >= LEAST_HEIGHT_UM.max(LEAST_SLENDERNESS * distance(a, b))

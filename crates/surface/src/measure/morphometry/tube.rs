@@ -1,4 +1,4 @@
-//! Measures along the tube: of every section, by region, and of the whole.
+//! Measures along the tube: of every section, by region, and of the whole tube.
 
 use super::quantity::QUANTITIES;
 use super::ring::{Marked, Step};
@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Sections whose shape tree is made, at most, evenly spread.
+/// Maximum number of sections whose shape tree is built; they are evenly spread.
 const TREES: usize = 31;
 
 /// The measures of a model. `docs/morphometry.md` defines them.
@@ -105,7 +105,7 @@ pub struct Settings {
 }
 
 impl Morphometry {
-    /// Mean of a quantity over a region, or the measure of the tube of this name if the region is `tube`.
+    /// Mean of a quantity over a region. The region `tube` contains the measures of the whole tube.
     #[must_use]
     pub fn mean(&self, quantity: &str, region: &str) -> Option<f64> {
         if region == "tube" {
@@ -114,7 +114,8 @@ impl Morphometry {
         Some(self.regions.get(region)?.quantities.get(quantity)?.mean)
     }
 
-    /// The means by region and quantity, and the measures of the tube as the member `tube`, as JSON.
+    /// Means by region and quantity as JSON; the member `tube` contains the measures of the whole
+    /// tube.
     #[must_use]
     pub fn means(&self) -> serde_json::Value {
         let means = |region: &Region| -> serde_json::Map<_, _> {
@@ -127,19 +128,19 @@ impl Morphometry {
     }
 }
 
-/// Where the regions of a tube lie.
+/// Places of the regions of a tube.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Regions {
     /// Length of the tube.
     pub length_mm: f64,
-    /// Where the junction of isthmus and ampulla begins and ends, as parts of the length.
+    /// Start and end of the junction of isthmus and ampulla, as fractions of the length.
     pub junction: [f64; 2],
-    /// Where the measured piece of the tube begins and ends, as parts of the length.
+    /// Start and end of the measured piece of the tube, as fractions of the length.
     pub piece: [f64; 2],
 }
 
 impl Regions {
-    /// The part of the ampulla that is measured; none if there is none.
+    /// Measured part of the ampulla, mm; `None` if there is none.
     pub(super) fn ampulla_mm(&self) -> Option<[f64; 2]> {
         let [from, to] = [self.junction[1].max(self.piece[0]), self.piece[1]].map(|part| part * self.length_mm);
         (from < to).then_some([from, to])
@@ -152,12 +153,13 @@ impl Regions {
     }
 }
 
-/// Measures a model. `gaps_um` has the least distance of walls in each section, as the certificate found it.
+/// Measures a model. `gaps_um` contains the minimum gap between walls of each section, from its
+/// certificate.
 #[must_use]
 #[inline(never)] // counted by scripts/counts
 pub fn morphometry(sections: &[Section], gaps_um: &[Option<f64>], regions: &Regions) -> Morphometry {
     let recorded: Vec<(usize, &Section)> = sections.iter().enumerate().filter(|(_, section)| !section.added).collect();
-    // Every how many recorded sections the shape tree is made.
+    // Interval of recorded sections at which the shape tree is built.
     let every = recorded.len().saturating_sub(1).div_ceil(TREES - 1).max(1);
     let measured: Vec<(Measures, Marked)> = recorded
         .par_iter()
@@ -190,7 +192,7 @@ pub fn morphometry(sections: &[Section], gaps_um: &[Option<f64>], regions: &Regi
     let regions_found: BTreeMap<String, Region> = regions_found.collect();
     let folds = |name: &str| Some(regions_found.get(name)?.quantities.get("folds_on_ring")?.mean);
     let tube = tube(regions, &z_mm, &measured, &steps);
-    // After the regions, which have no summary of places and steps.
+    // Inserted after the regions, which do not summarize places and steps.
     along.insert("z_mm".into(), z_mm.into_iter().map(Some).collect());
     along.insert("step".into(), recorded.iter().map(|(_, section)| Some(section.step)).collect());
     Morphometry {
@@ -211,7 +213,8 @@ pub fn morphometry(sections: &[Section], gaps_um: &[Option<f64>], regions: &Regi
     }
 }
 
-/// The measures of the sections from one place to before another, or to the end of the tube.
+/// Measures of the sections from one place up to but excluding another, or up to the end of the
+/// tube.
 fn region(
     [from_mm, to_mm]: [f64; 2],
     last: bool,
@@ -231,7 +234,8 @@ fn region(
     Some(Region { from_mm, to_mm, sections: sections.len(), quantities: quantities.collect() })
 }
 
-/// A summary of values at places in ascending order; each counts by half of the distance between its neighbours.
+/// Summarizes values at places in ascending order. Each value weighs half the distance between its
+/// neighbours.
 fn summary(known: &[(f64, f64)]) -> Option<Along> {
     let (first, last) = (known.first()?, known.last()?);
     let weight = |i: usize| match known.len() {
@@ -252,14 +256,14 @@ fn summary(known: &[(f64, f64)]) -> Option<Along> {
     })
 }
 
-/// The least value up to which lies half of the length.
+/// Smallest value up to which half of the length lies.
 fn median(known: &[(f64, f64)], weight: impl Fn(usize) -> f64, total: f64) -> f64 {
     let mut values: Vec<(f64, f64)> = known.iter().enumerate().map(|(i, &(_, value))| (value, weight(i))).collect();
     values.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
     let mut passed = 0.0;
     let middle = values.iter().find(|(_, weight)| {
         passed += weight;
-        // Half, but for the rounding of the sum.
+        // Half, except for the rounding of the sum.
         passed >= total * (0.5 - 1e-12)
     });
     middle.map_or(f64::NAN, |(value, _)| *value)

@@ -1,19 +1,21 @@
-//! The walls of a section, and where rays meet them.
+//! Walls of a section in a grid, and where rays hit them.
 
 use super::shape::{Shape, edges};
 
 type P2 = [f64; 2];
 
-/// Edges that are tested together.
+/// Number of edges that are tested together.
 const LANES: usize = 8;
-/// Side of a cell, in sides of the squares that have one edge each on average. Most cells are empty, the others have some edges.
+/// Side of a cell, relative to squares with one edge each on average. Most cells are empty; the
+/// others have several edges.
 const CELL: f64 = 2.0;
-/// Part of the extent of a section below which a ray has met the edge on which it starts.
+/// Fraction of the extent of a section below which a hit is the edge on which the ray starts.
 const OWN: f64 = 4e-6;
-/// Part of an edge by which it is longer at both ends, for rays through a common point of two edges.
+/// Fraction of an edge by which it is extended at both ends, for rays through a common point of two
+/// edges.
 const SLACK: f32 = 1e-5;
 
-/// Some edges of a cell: where they begin, and where they lead. Places without an edge have no beginning.
+/// Edges of a cell: starts and vectors. Unused lanes have NaN as start.
 #[derive(Clone)]
 struct Block {
     start: [[f32; LANES]; 2],
@@ -64,7 +66,7 @@ impl Walls {
         let mut starts = vec![0; places.len() + 1];
         for (cell, place) in places.iter_mut().enumerate() {
             starts[cell + 1] = starts[cell] + place.div_ceil(LANES as u32);
-            // From now on that of the next edge.
+            // From here on, place of the next edge.
             *place = starts[cell] * LANES as u32;
         }
         let mut blocks = vec![EMPTY; starts[places.len()] as usize];
@@ -85,14 +87,14 @@ impl Walls {
         (self.starts, self.blocks) = (starts, blocks);
     }
 
-    /// The column or row of a coordinate.
+    /// Column or row of a coordinate.
     #[inline(always)]
     fn index(&self, axis: usize, x: f64) -> usize {
         let most = [self.columns, self.rows][axis] - 1;
         (((x - self.corner[axis]) / self.cell) as usize).min(most)
     }
 
-    /// The cells that the bounds of an edge meet.
+    /// Visits the cells that the bounds of an edge overlap.
     #[inline(always)]
     fn cells(&self, [a, b]: &[P2; 2], mut visit: impl FnMut(usize)) {
         let range = |axis: usize| self.index(axis, a[axis].min(b[axis]))..=self.index(axis, a[axis].max(b[axis]));
@@ -103,14 +105,15 @@ impl Walls {
         }
     }
 
-    /// Distance from a point on an edge along a unit vector to the first other edge. Inlined, so that it is compiled for the vectors of
-    /// its caller.
+    /// Distance from a point on an edge along a unit vector to the first other edge. Inlined, so
+    /// that it is compiled for the vectors of its caller.
     #[inline(always)]
     pub(super) fn first(&self, from: P2, along: [f32; 2]) -> Option<f32> {
         let mut at = [self.index(0, from[0]), self.index(1, from[1])];
         let from = [0, 1].map(|k| (from[k] - self.corner[k]) as f32);
         let side = self.cell as f32;
-        // Distance along the ray to the next border of a cell, and between two such borders, on each axis.
+        // On each axis, distance along the ray to the next border of a cell, and between two such
+        // borders.
         let mut border = [f32::INFINITY; 2];
         for k in 0..2 {
             if along[k] != 0.0 {
@@ -149,7 +152,8 @@ impl Walls {
     }
 }
 
-/// Lowers `nearest` to the distances along a ray to the edges of a block, if they are more than `own`.
+/// Lowers `nearest` to the distances along a ray to the edges of a block, if they are larger than
+/// `own`.
 #[inline(always)]
 fn meet([x, y]: [f32; 2], [dx, dy]: [f32; 2], block: &Block, own: f32, nearest: &mut [f32; LANES]) {
     let Block { start: [sx, sy], edge: [ex, ey] } = block;
@@ -158,7 +162,8 @@ fn meet([x, y]: [f32; 2], [dx, dy]: [f32; 2], block: &Block, own: f32, nearest: 
         let [tx, ty] = [sx[i] - x, sy[i] - y];
         let distance = (tx * ey[i] - ty * ex[i]) * scale;
         let place = (tx * dy - ty * dx) * scale;
-        // Without short cuts, so that all lanes do the same. Comparisons with NaN are false.
+        // No short-circuit evaluation, so that all lanes do the same. Comparisons with NaN are
+        // false.
         let hit = (distance > own) & ((place - 0.5).abs() <= 0.5 + SLACK) & (distance < nearest[i]);
         nearest[i] = if hit { distance } else { nearest[i] };
     }

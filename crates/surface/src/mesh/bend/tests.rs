@@ -1,8 +1,8 @@
-//! Tests of bent surfaces: what bending keeps, and that mended ones do not meet themselves.
+//! Bent surfaces: what bending preserves, and that mended surfaces do not intersect themselves.
 
 use super::*;
 use crate::mesh::lean::tests::{leaning, pressed};
-use crate::mesh::{meeting, regions};
+use crate::mesh::{intersection, regions};
 use crate::model::sample::tube;
 use std::collections::HashSet;
 use std::f64::consts::PI;
@@ -39,20 +39,22 @@ fn a_bent_tube_keeps_its_volume_and_its_sections() {
 #[test]
 fn a_surface_that_would_meet_itself_is_refined_until_it_does_not() {
     let (before, lean, z) = leaning();
-    // Twice as tight as allowed for the widest section here would be 1.25 radii; this is near that.
+    // The curve has about 1.25 radii of the widest section, which is twice as tight as allowed.
     let course = Course::arc(6.0, 12_000.0, 512, 0.5);
-    let met = meeting::pairs(&bend(&before, &course)).len();
+    let met = intersection::all_pairs(&bend(&before, &course)).len();
     assert!(met > 0, "too mild to test");
     let mut mesh = before.clone();
     let (bent, done, split) = bend_apart(&mut mesh, Some(Leaning { lean: &lean, z }), &course, &|| false);
     assert!((1..=met).contains(&done.met), "{done:?} of {met}");
-    // The lean was damped until triangles just did not meet, so in some places only rounding keeps them apart.
+    // The lean was damped until triangles barely separated, so only rounding keeps some of them
+    // apart.
     assert!(done.damped < met / 100, "{done:?}");
     assert!(done.split > 0 && mesh.positions.len() == before.positions.len() + done.split, "{done:?}");
-    assert!(meeting::pairs(&bent).is_empty(), "{done:?}");
+    assert!(intersection::all_pairs(&bent).is_empty(), "{done:?}");
     assert!(bent == bend(&mesh, &course));
     assert!(is_closed(&bent));
-    // The straight surface is the same set of points, but for rounding and where its lean was damped.
+    // The straight surface is the same set of points, except for rounding and for places with
+    // damped lean.
     let pairs = || before.positions.iter().zip(&mesh.positions);
     assert!(pairs().all(|(before, after)| before[..2] == after[..2]));
     assert!(pairs().filter(|(before, after)| before[2] != after[2]).count() < before.positions.len() / 100);
@@ -62,24 +64,24 @@ fn a_surface_that_would_meet_itself_is_refined_until_it_does_not() {
     assert_eq!((split.len(), mesh.positions.len()), (done.split, before.positions.len() + done.split));
     for (m, &(v, w)) in (before.positions.len()..).zip(&split) {
         let [p, q] = [v, w].map(|v| mesh.positions[v as usize].map(f64::from));
-        // Along the tube they may have been damped apart.
+        // Along the tube, damping may have separated them.
         assert_eq!(mesh.positions[m][..2], middle(p, q).map(|x| x as f32)[..2]);
     }
-    // Rims are as before, so that lids fit.
+    // Rims are unchanged, so lids still fit.
     let regions = regions(&mesh).unwrap();
-    assert!(meeting::pairs(&bend(&regions, &course)).is_empty());
+    assert!(intersection::all_pairs(&bend(&regions, &course)).is_empty());
     assert_eq!(bend_apart(&mut before.clone(), None, &course, &|| true).1.split, 0, "stopped");
 }
 
 #[test]
 fn triangles_longer_than_the_course_is_wide_are_split_before_they_are_searched() {
-    // 400 mm in fifteen windings of 4 mm radius, and sections less than three to a winding.
+    // 400 mm in fifteen windings of 4 mm radius, with fewer than three sections per winding.
     let mut straight = tube(24, 40, 0.2);
     straight.positions.iter_mut().for_each(|p| p[2] *= 100.0);
     let course = Course::coil(15.0, 4000.0, 400_000.0, 4096, 0.0).unwrap();
     let before = volume(&straight);
     let (bent, done, _) = bend_apart(&mut straight, None, &course, &|| false);
-    assert!(meeting::pairs(&bent).is_empty() && is_closed(&bent), "{done:?}");
+    assert!(intersection::all_pairs(&bent).is_empty() && is_closed(&bent), "{done:?}");
     assert!(done.split > 0 && (volume(&bent) / before - 1.0).abs() < 0.1, "{done:?}: {}", volume(&bent) / before);
 }
 
@@ -90,12 +92,12 @@ fn where_finer_triangles_do_not_help_the_lean_is_damped() {
     let before = mesh.clone();
     let (bent, done, _) = bend_apart(&mut mesh, Some(Leaning { lean: &lean, z }), &course, &|| false);
     assert!(done.damped > 0, "too mild to test: {done:?}");
-    assert!(meeting::pairs(&bent).is_empty() && is_closed(&bent), "{done:?}");
+    assert!(intersection::all_pairs(&bent).is_empty() && is_closed(&bent), "{done:?}");
     let moved = |axis: usize| (0..before.positions.len()).any(|v| before.positions[v][axis] != mesh.positions[v][axis]);
     assert!(!moved(0) && !moved(1) && moved(2), "along the tube only");
     let (mut undamped, ..) = pressed();
     let (bent, ..) = bend_apart(&mut undamped, None, &course, &|| false);
-    assert!(!meeting::pairs(&bent).is_empty(), "needs no damping");
+    assert!(!intersection::all_pairs(&bent).is_empty(), "needs no damping");
 }
 
 #[test]

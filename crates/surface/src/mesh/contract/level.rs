@@ -1,35 +1,37 @@
 //! A section of the lofted surface, and how far its mucosa can thicken into the lumen.
 //!
-//! A point of the inner contour moves along its normal, by less than the radius of the largest disc in the lumen that touches the
-//! contour there. The ways from the points of a contour to the centres of their discs do not cross (they are the cuts to its medial
-//! axis), so a contour that moves by a part of them does not come to meet itself.
+//! A point of the inner contour moves along its normal, by less than the radius of the largest disc
+//! in the lumen that touches the contour there. The paths from the points to the centres of their
+//! discs do not cross, because they are the cuts to the medial axis of the contour. A contour whose
+//! points move along a part of these paths therefore does not intersect itself.
 
 use super::wave::Station;
 use crate::geometry::blocks::{Blocks, Rect};
+use crate::geometry::vector::{cross2, distance, dot, norm, sub};
 
 pub(super) type Point = [f64; 2];
 
-/// Greatest part of the radius of its disc by which a point moves.
+/// Maximum motion of a point as a fraction of the radius of its disc.
 const SHARE: f64 = 0.8;
-/// Most that this changes along the contour, per length.
+/// Maximum change of that motion along the contour, per length.
 const SLOPE: f64 = 0.5;
-/// First reach of the search for discs, µm, and its growth.
+/// Initial search radius for discs, µm, and its factor per step.
 const REACH: [f64; 2] = [32.0, 4.0];
-/// Greatest radius of discs, µm.
+/// Maximum radius of discs, µm.
 const MOST: f64 = 1e5;
-/// Least part of the lumen that is left free beyond what the discs need.
+/// Minimum fraction of the lumen that stays free in addition to what the discs need.
 const SPARE: f64 = 0.02;
-/// Halvings of intervals.
+/// Number of halvings in a bisection.
 const HALVINGS: u32 = 40;
 
 /// A section.
 pub(super) struct Level {
-    /// Vertices of the inner contour, counter-clockwise, and where they are, µm.
+    /// Vertices of the inner contour, counter-clockwise, and their positions, µm.
     pub(super) inner: Vec<u32>,
     pub(super) points: Vec<Point>,
-    /// Unit normals toward the lumen.
+    /// Unit normals towards the lumen.
     normals: Vec<Point>,
-    /// How far each may move.
+    /// Maximum motion of each point, µm.
     pub(super) most: Vec<f64>,
     /// Vertices of the outer contour.
     pub(super) outer: Vec<u32>,
@@ -37,32 +39,32 @@ pub(super) struct Level {
     pub(super) whole_um2: f64,
 }
 
-/// What a contraction does to a section.
+/// Effect of a contraction on a section.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Shape {
+pub(super) struct ContractedShape {
     /// Factor on the outer contour.
     pub(super) outer: f64,
-    /// Factor on the inner contour, and how far its points move before.
+    /// Factor on the inner contour. Before that, its points move by `depth`, µm.
     pub(super) inner: f64,
     pub(super) depth: f64,
-    /// Length along the tube over that at rest.
+    /// Length along the tube relative to the length at rest.
     pub(super) stretch: f64,
-    /// Part of the lumen that is closed.
+    /// Fraction of the lumen that is closed.
     pub(super) closed: f64,
 }
 
 impl Level {
-    /// A section from its contours, counter-clockwise.
+    /// Creates a section from its contours, both counter-clockwise.
     pub(super) fn new(inner: Vec<u32>, outer: Vec<u32>, place: impl Fn(u32) -> Point) -> Self {
         let points: Vec<Point> = inner.iter().map(|&v| place(v)).collect();
         let normals = normals(&points);
         let most = room(&points, &normals);
-        let lumen_um2 = area(&points);
-        let whole_um2 = area(&outer.iter().map(|&v| place(v)).collect::<Vec<_>>());
+        let lumen_um2 = area(points.iter().copied());
+        let whole_um2 = area(outer.iter().map(|&v| place(v)));
         Self { inner, points, normals, most, outer, lumen_um2, whole_um2 }
     }
 
-    /// The inner contour, moved.
+    /// Inner contour with its points moved by `depth` or as far as they may.
     pub(super) fn moved(&self, depth: f64) -> impl Iterator<Item = Point> {
         self.points.iter().zip(&self.normals).zip(&self.most).map(move |((p, n), &most)| {
             let by = most.min(depth);
@@ -70,10 +72,11 @@ impl Level {
         })
     }
 
-    /// The section where a share of the lumen is closed, and the tube stretched. The area of the tissue is that at rest, divided by
-    /// the stretch; so is the part of it outside the base of the folds, which gives the factor on the inner contour. Moving the contour
-    /// does the rest.
-    pub(super) fn shape(&self, station: &Station, closed: f64, stretch: f64) -> Shape {
+    /// Shape of the section when a fraction of the lumen is closed and the tube is stretched. The
+    /// area of the tissue is the area at rest divided by the stretch. The same holds for the tissue
+    /// outside the base of the folds, which determines the factor on the inner contour. Moving the
+    /// contour provides the rest of the closure.
+    pub(super) fn shape(&self, station: &Station, closed: f64, stretch: f64) -> ContractedShape {
         let (inner, outer) = self.factors(station, closed, stretch);
         let target = (1.0 - closed) * self.lumen_um2 / (inner * inner);
         let deepest = self.most.iter().copied().fold(0.0, f64::max);
@@ -85,10 +88,10 @@ impl Level {
             let middle = 0.5 * (bounds[0] + bounds[1]);
             bounds[usize::from(self.free(middle) <= target)] = middle;
         }
-        Shape { outer, inner, depth: bounds[1], stretch, closed }
+        ContractedShape { outer, inner, depth: bounds[1], stretch, closed }
     }
 
-    /// The greatest part, up to `most`, of what a crest does to a section here for which there is room.
+    /// Maximum fraction of a crest, up to `most`, for which the section has room.
     pub(super) fn limit(&self, station: &Station, most: f64) -> f64 {
         let floor = self.free(f64::INFINITY) + SPARE * self.lumen_um2;
         let has_room = |part: f64| {
@@ -118,38 +121,37 @@ impl Level {
         (of(base), of(self.whole_um2))
     }
 
-    /// Area of the lumen when its contour has moved.
+    /// Area of the lumen after its contour has moved.
     fn free(&self, depth: f64) -> f64 {
-        let mut moved = self.moved(depth);
-        let Some(first) = moved.next() else { return 0.0 };
-        let (mut last, mut sum) = (first, 0.0);
-        for p in moved.chain([first]) {
-            sum += last[0] * p[1] - last[1] * p[0];
-            last = p;
-        }
-        0.5 * sum
+        area(self.moved(depth))
     }
 }
 
-/// Area within a contour, positive if it is counter-clockwise.
-pub(super) fn area(points: &[Point]) -> f64 {
-    let next = points.iter().cycle().skip(1);
-    0.5 * points.iter().zip(next).map(|(a, b)| a[0] * b[1] - a[1] * b[0]).sum::<f64>()
+/// Signed area within a contour, positive if it is counter-clockwise.
+pub(super) fn area(mut points: impl Iterator<Item = Point>) -> f64 {
+    let Some(first) = points.next() else { return 0.0 };
+    let (mut last, mut sum) = (first, 0.0);
+    for p in points.chain([first]) {
+        sum += cross2(last, p);
+        last = p;
+    }
+    0.5 * sum
 }
 
-/// Normals toward the inside, perpendicular to the line between the neighbours; zero without a direction.
+/// Unit normals towards the inside, perpendicular to the line between the neighbours; zero if that
+/// line has no direction.
 fn normals(points: &[Point]) -> Vec<Point> {
     let n = points.len();
     let of = |i: usize| {
         let (a, b) = (points[(i + n - 1) % n], points[(i + 1) % n]);
-        let d = [b[0] - a[0], b[1] - a[1]];
-        let length = (d[0] * d[0] + d[1] * d[1]).sqrt();
+        let d = sub(b, a);
+        let length = norm(d);
         if length > 0.0 { [-d[1] / length, d[0] / length] } else { [0.0; 2] }
     };
     (0..n).map(of).collect()
 }
 
-/// How far each point may move.
+/// Maximum motion of each point.
 fn room(points: &[Point], normals: &[Point]) -> Vec<f64> {
     let n = points.len();
     let next = |i: usize| if i + 1 == n { 0 } else { i + 1 };
@@ -164,7 +166,7 @@ fn room(points: &[Point], normals: &[Point]) -> Vec<f64> {
             let mut reach = REACH[0];
             loop {
                 let centre = [0, 1].map(|axis| points[i][axis] + reach * normals[i][axis]);
-                // Boxes are in single precision.
+                // A margin, because the boxes have single precision.
                 let by = reach + 1.0;
                 let rect = Rect { min: centre.map(|x| (x - by) as f32), max: centre.map(|x| (x + by) as f32) };
                 let mut least = MOST;
@@ -180,11 +182,8 @@ fn room(points: &[Point], normals: &[Point]) -> Vec<f64> {
             }
         })
         .collect();
-    // Neighbours move by nearly the same.
-    let length = |i: usize| {
-        let (a, b) = (points[i], points[next(i)]);
-        ((b[0] - a[0]).powi(2) + (b[1] - a[1]).powi(2)).sqrt()
-    };
+    // Neighbours move by nearly the same distance.
+    let length = |i: usize| distance(points[i], points[next(i)]);
     for i in (0..2 * n).map(|i| i % n) {
         most[next(i)] = most[next(i)].min(most[i] + SLOPE * length(i));
     }
@@ -194,28 +193,29 @@ fn room(points: &[Point], normals: &[Point]) -> Vec<f64> {
     most
 }
 
-/// Radius of the disc that touches the contour in `p`, with its centre along the normal `n`, and a segment.
+/// Radius of the disc that touches the contour at `p`, has its centre along the normal `n` and
+/// touches a segment.
 fn radius(p: Point, n: Point, [a, b]: [Point; 2]) -> f64 {
     let at = |q: Point| {
-        let d = [q[0] - p[0], q[1] - p[1]];
-        let height = n[0] * d[0] + n[1] * d[1];
-        if height > 0.0 { (d[0] * d[0] + d[1] * d[1]) / (2.0 * height) } else { f64::INFINITY }
+        let d = sub(q, p);
+        let height = dot(n, d);
+        if height > 0.0 { dot(d, d) / (2.0 * height) } else { f64::INFINITY }
     };
     let ends = at(a).min(at(b));
-    let d = [b[0] - a[0], b[1] - a[1]];
-    let square = d[0] * d[0] + d[1] * d[1];
+    let d = sub(b, a);
+    let square = dot(d, d);
     if square == 0.0 {
         return ends;
     }
     let length = square.sqrt();
-    let side = (d[0] * (p[1] - a[1]) - d[1] * (p[0] - a[0])) / length;
+    let side = cross2(d, sub(p, a)) / length;
     let m = if side < 0.0 { [d[1] / length, -d[0] / length] } else { [-d[1] / length, d[0] / length] };
     let along = side.abs() / (1.0 - m[0] * n[0] - m[1] * n[1]);
     if !along.is_finite() {
         return ends;
     }
     let centre = [p[0] + along * n[0], p[1] + along * n[1]];
-    let t = ((centre[0] - a[0]) * d[0] + (centre[1] - a[1]) * d[1]) / square;
+    let t = dot(sub(centre, a), d) / square;
     if (0.0..=1.0).contains(&t) { along.min(ends) } else { ends }
 }
 
@@ -251,7 +251,7 @@ mod tests {
             Station { z_um: 0.0, base_um2: 2.0 * level.lumen_um2, closure: 0.9, shortening: 0.2, wavelength_um: 1e4 };
         for (closed, stretch) in [(0.5, 0.8), (0.3, 1.0), (0.0, 0.9)] {
             let shape = level.shape(&station, closed, stretch);
-            let lumen = shape.inner * shape.inner * area(&level.moved(shape.depth).collect::<Vec<_>>());
+            let lumen = shape.inner * shape.inner * area(level.moved(shape.depth));
             assert!((lumen / level.lumen_um2 - (1.0 - closed)).abs() < 1e-9);
             let tissue = shape.outer * shape.outer * level.whole_um2 - lumen;
             assert!((tissue * stretch / (level.whole_um2 - level.lumen_um2) - 1.0).abs() < 1e-9);

@@ -1,11 +1,15 @@
-//! A wave of contraction that narrows and shortens a finished tube: frames of one period, with the vertices and triangles of the
-//! surface at rest.
+//! A wave of contraction that narrows and shortens a finished tube: frames of one period, which
+//! share the vertices and triangles of the surface at rest.
 //!
-//! Tissue keeps its volume; the lumen gives way. In each section the wave closes a share of the lumen and shortens the tube, and
-//! the area of the tissue grows by as much as the tube is shortened: the wall contracts and thickens, and the mucosa thickens into the
-//! lumen (`level`). Where there is no room for that the wave is weaker. Lean (`shift`) and course are applied to the contracted tube.
-//! Triangles of a frame that meet all the same are searched exactly (`meeting`); around them the mucosa moves less, then it leans
-//! less, then the wave is weaker, until none do; with neither wave nor damping the surface is the one at rest, which does not meet itself.
+//! The tissue keeps its volume; the lumen gives way. In each section the wave closes a fraction of
+//! the lumen and shortens the tube. The cross section of the tissue grows by as much as the tube is
+//! shortened: the wall contracts and thickens, and the mucosa thickens into the lumen (`level`).
+//! Where there is no room for that, the wave is weaker. Lean (`shift`) and course are applied to
+//! the contracted tube.
+//!
+//! An exact search (`intersection`) finds triangles of a frame that still intersect. Around them, first
+//! the mucosa moves less, then the lean is damped, then the wave is weakened, until no triangles
+//! intersect. This terminates, because the surface at rest does not intersect itself.
 
 mod level;
 mod shift;
@@ -16,44 +20,42 @@ mod wave;
 pub use wave::{Contraction, Station};
 
 use super::bend;
-use super::lean::{Centre, Field, Lean};
-use super::meeting::Meeting;
+use super::intersection::{IntersectionSearch, middle_of};
+use super::lean::{Centre, Lean, LeanField, in_um, left};
 use crate::geometry::course::Course;
 use crate::model::{Mesh, PatchKind};
-use level::{Level, Shape, area};
+use level::{ContractedShape, Level, area};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use shift::Shift;
 use std::collections::{BTreeMap, BTreeSet};
 use wave::Wave;
 
-/// Rounds of damping of a frame; the first in which the lean is damped, too, in which the wave is halved around the place and the lean
-/// comes back there, in which the wave is halved everywhere, and after which there is none: the surface at rest.
+/// Maximum number of damping rounds per frame.
 const ROUNDS: u32 = 40;
-const UPRIGHT: u32 = 3;
-const WEAKER: u32 = 24;
-const EVERYWHERE: u32 = 32;
-const DROPPED: u32 = 38;
-/// Reach of damping across the tube and along it, µm; part of the motion that is left there.
+const DAMP_LEAN_FROM_ROUND: u32 = 3;
+const HALVE_WAVE_FROM_ROUND: u32 = 24;
+const HALVE_ALL_FROM_ROUND: u32 = 32;
+const GIVE_UP_ROUND: u32 = 38;
+/// Reach of damping across the tube and along it, µm.
 const REACH: [f64; 2] = [60.0, 300.0];
-const LEFT: f64 = 0.5;
-/// Share of the lean that a place loses in a round. With more, the lean changes so much around the place that triangles meet there.
+const REMAINDER: f64 = 0.5;
+/// Fraction of the lean that a place loses per round. A larger fraction changes the lean so steeply
+/// that triangles around the place intersect.
 const DAMPING: f64 = 0.15;
-/// Reaches at which damping ends.
-const FAR: f64 = 3.0;
 const UNUSED: u32 = u32::MAX;
 
-/// The surface at rest.
+/// Surface at rest.
 pub struct Rest<'a> {
-    /// The straight surface, as it leans.
+    /// Straight surface, with its lean.
     pub straight: &'a Mesh,
-    /// z of its vertices before they leaned, m; of those that the loft made, which come first.
+    /// z of the lofted vertices before the lean, m. The lofted vertices come first.
     pub z: &'a [f32],
-    /// The edges whose middles are the other vertices, in their order.
+    /// Edges whose midpoints are the other vertices, in the order of the vertices.
     pub split: &'a [(u32, u32)],
-    /// How it leans.
+    /// Lean of the surface.
     pub lean: Option<&'a Lean>,
-    /// The course along which it is bent.
+    /// Course along which the surface is bent.
     pub course: Option<&'a Course>,
 }
 
@@ -75,43 +77,43 @@ pub struct Contracted {
     pub least_factor_at_mm: f64,
 }
 
-/// A frame.
+/// Surface at one moment of the contraction.
 pub struct Frame {
-    /// The surface.
+    /// Surface of the tissue.
     pub mesh: Mesh,
-    /// Length of the tube, µm.
+    /// Length of the tube along its centre line, µm.
     pub length_um: f64,
-    /// Greatest share of the lumen of a section that is closed.
+    /// Maximum fraction of the lumen of a section that is closed.
     pub closed: f64,
-    /// Greatest share by which the outer wall of a section is narrower than at rest.
+    /// Maximum fraction by which the outer wall of a section is narrower than at rest.
     pub narrowed: f64,
 }
 
-/// A tube that contracts.
+/// Contracting tube: computes its frames.
 pub struct Contracting<'a> {
     rest: Rest<'a>,
     levels: Vec<Level>,
-    /// Place of each section at rest, µm.
+    /// z of each section at rest, µm.
     places: Vec<f64>,
-    /// The lean, and what it does to each section.
-    field: Option<Field<'a>>,
+    /// Field of the lean, and the lean of each section.
+    field: Option<LeanField<'a>>,
     shifts: Vec<Shift>,
     wave: Wave,
-    /// Factor on the wave by section.
+    /// Factor on the wave in each section.
     factors: Vec<f64>,
     ends_um: f64,
     done: Contracted,
 }
 
 impl<'a> Contracting<'a> {
-    /// Looks how much room there is in each section.
+    /// Prepares the contraction: computes for each section which part of the wave it has room for.
     #[must_use]
     pub fn new(rest: Rest<'a>, by: &Contraction) -> Self {
         let levels = levels(&rest);
         let places: Vec<f64> = levels.iter().map(|level| in_um(rest.z[level.inner[0] as usize])).collect();
         let wave = Wave::new(by, &places);
         let factors = levels.par_iter().zip(&wave.at).map(|(level, (station, _))| level.limit(station, 1.0)).collect();
-        let field = rest.lean.map(Field::new);
+        let field = rest.lean.map(LeanField::new);
         let shift = |field| {
             let leaned = |v: u32| in_um(rest.straight.positions[v as usize][2]);
             levels.par_iter().zip(&places).map(|(level, &z)| Shift::new(level, z, field, leaned)).collect()
@@ -124,26 +126,27 @@ impl<'a> Contracting<'a> {
         of
     }
 
-    /// What has been done so far.
+    /// Statistics of the frames computed so far.
     #[must_use]
     pub fn done(&self) -> Contracted {
         let [first, last] = [self.places[0], self.places[self.places.len() - 1]];
         let rises = |z: f64| ((z - first).min(last - z) / self.ends_um).min(1.0);
         let parts = self.places.iter().zip(&self.factors).map(|(&z, &factor)| {
             let full = rises(z);
-            // Rises are sums and have their rounding.
+            // Factors are sums, so they differ from the rise by rounding errors.
             (if factor < full - 1e-9 { factor / full } else { 1.0 }, z)
         });
         let (least, at) = parts.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((1.0, 0.0));
         Contracted { least_factor: least, least_factor_at_mm: at / 1000.0, ..self.done }
     }
 
-    /// The frame of a time in periods, whose triangles do not meet; damping holds for later frames, too. `stop` is asked between rounds; if
-    /// it says so, the frame is left as it is then.
+    /// Frame at a time, in periods, without intersecting triangles. Damping stays in effect for
+    /// later frames. `stop` is called between rounds; if it returns true, the frame is returned as
+    /// it is.
     pub fn frame(&mut self, time: f64, stop: &dyn Fn() -> bool) -> Frame {
         let mut frame = self.place(time);
-        let mut meeting = Meeting::new(&frame.mesh);
-        let mut pairs = meeting.pairs(&frame.mesh);
+        let mut search = IntersectionSearch::new(&frame.mesh);
+        let mut pairs = search.all_pairs(&frame.mesh);
         self.done.met += pairs.len();
         for round in 0..ROUNDS {
             if pairs.is_empty() || stop() {
@@ -156,18 +159,17 @@ impl<'a> Contracting<'a> {
             let triangles = &frame.mesh.triangles;
             let mut is_changed: Vec<bool> = triangles.par_iter().map(|t| t.iter().any(has_moved)).collect();
             pairs.as_flattened().iter().for_each(|&t| is_changed[t as usize] = true);
-            let changed: Vec<u32> = (0u32..).zip(&is_changed).filter(|(_, is)| **is).map(|(t, _)| t).collect();
-            meeting.update(&moved.mesh, &changed);
-            // Most of a surface is searched faster as a whole.
-            let is_part = changed.len() < triangles.len() / 4;
+            search.update(&moved.mesh, &is_changed);
+            // If most triangles changed, a search of the whole surface is faster.
+            let is_part = is_changed.iter().filter(|is| **is).count() < triangles.len() / 4;
             pairs =
-                if is_part { meeting.pairs_of(&moved.mesh, &changed, &is_changed) } else { meeting.pairs(&moved.mesh) };
+                if is_part { search.pairs_touching(&moved.mesh, &is_changed) } else { search.all_pairs(&moved.mesh) };
             frame = moved;
         }
         frame
     }
 
-    /// Lets the wave rise from the ends, and become weaker gradually where there is less room.
+    /// Limits how steeply the factors change along the tube, from zero at both ends.
     fn ease(&mut self) {
         let n = self.factors.len();
         self.factors[0] = 0.0;
@@ -182,10 +184,10 @@ impl<'a> Contracting<'a> {
         }
     }
 
-    /// The frame of a time as it is after the damping so far; triangles may meet.
+    /// Frame at a time with the damping so far. Its triangles may intersect.
     #[must_use]
     pub fn place(&self, time: f64) -> Frame {
-        let moved: Vec<(Shape, Vec<[f64; 3]>)> =
+        let moved: Vec<(ContractedShape, Vec<[f64; 3]>)> =
             (0..self.levels.len()).into_par_iter().map(|k| self.section(k, time)).collect();
         let mut along = vec![self.places[0]];
         for k in 1..self.places.len() {
@@ -194,7 +196,7 @@ impl<'a> Contracting<'a> {
         }
         let straight = self.rest.straight;
         let mut positions = straight.positions.clone();
-        // Before the tube is shortened, µm.
+        // z before the tube is shortened, µm.
         let mut z: Vec<f64> = positions.iter().map(|p| in_um(p[2])).collect();
         for (level, (shape, points)) in self.levels.iter().zip(&moved) {
             for (&v, &[x, y, at]) in level.inner.iter().zip(points) {
@@ -224,8 +226,9 @@ impl<'a> Contracting<'a> {
         }
     }
 
-    /// A section at a time, and where its inner contour is before the tube is shortened, µm.
-    fn section(&self, k: usize, time: f64) -> (Shape, Vec<[f64; 3]>) {
+    /// Shape of section `k` at a time, and the points of its inner contour before the tube is
+    /// shortened, µm.
+    fn section(&self, k: usize, time: f64) -> (ContractedShape, Vec<[f64; 3]>) {
         let (level, station) = (&self.levels[k], &self.wave.at[k].0);
         let part = self.factors[k] * self.wave.rise(k, time);
         let shape = level.shape(station, part * station.closure, 1.0 - part * station.shortening);
@@ -240,57 +243,50 @@ impl<'a> Contracting<'a> {
         (shape, points.collect())
     }
 
-    /// Where a place along the tube goes, µm.
+    /// Place along the shortened tube, µm.
     fn moved_along(&self, along: &[f64], z: f64) -> f64 {
         let after = self.places.partition_point(|&place| place <= z).clamp(1, self.places.len() - 1);
         let [a, b] = [self.places[after - 1], self.places[after]];
         along[after - 1] + (z - a) / (b - a) * (along[after] - along[after - 1])
     }
 
-    /// Lets the mucosa move less around pairs of triangles; in later rounds it leans less, too, and then the wave becomes weaker.
+    /// Reduces the motion of the mucosa around intersecting pairs. Later rounds also damp the lean,
+    /// and then weaken the wave.
     fn damp(&mut self, pairs: &[[u32; 2]], round: u32) {
         let straight = self.rest.straight;
-        let (mut centres, mut upright): (Vec<[f64; 3]>, Vec<Centre>) = (Vec::new(), Vec::new());
-        for &[a, b] in pairs {
-            let mut centre = [0.0; 3];
-            for &v in [a, b].map(|t| straight.triangles[t as usize]).as_flattened() {
+        let (mut centres, mut upright) = (Vec::new(), Vec::new());
+        for &pair in pairs {
+            let middle = middle_of(straight, pair, |v| {
                 let [x, y, _] = straight.positions[v as usize].map(in_um);
-                let place = [x, y, self.level_z(v)];
-                (0..3).for_each(|axis| centre[axis] += place[axis] / 6.0);
-            }
-            if !centres.iter().rev().any(|other| square(*other, centre) < 0.25) {
-                centres.push(centre);
-            }
-            if let Some(lean) = self.rest.lean.filter(|_| (UPRIGHT..DROPPED).contains(&round)) {
-                Centre::add(&mut upright, centre, lean);
+                [x, y, self.level_z(v)]
+            });
+            Centre::add(&mut centres, middle, REACH);
+            if let Some(lean) = self.rest.lean.filter(|_| (DAMP_LEAN_FROM_ROUND..GIVE_UP_ROUND).contains(&round)) {
+                Centre::add_to_lean(&mut upright, middle, lean);
             }
         }
         self.done.damped += centres.len();
-        if round < WEAKER {
+        if round < HALVE_WAVE_FROM_ROUND {
             self.done.lean_damped += upright.len();
         }
         let sections = self.levels.par_iter().zip(&mut self.shifts);
         sections.for_each(|(level, shift)| match round {
-            ..WEAKER => shift.damp(&level.points, &upright, DAMPING),
-            WEAKER..DROPPED => shift.restore(&level.points, &upright, LEFT),
+            ..HALVE_WAVE_FROM_ROUND => shift.damp(&level.points, &upright, DAMPING),
+            HALVE_WAVE_FROM_ROUND..GIVE_UP_ROUND => shift.restore(&level.points, &upright, REMAINDER),
             _ => shift.restore_all(),
         });
         let (places, centres) = (&self.places, &centres);
         self.levels.par_iter_mut().zip(&mut self.factors).enumerate().for_each(|(k, (level, factor))| {
-            let near = centres.iter().filter(|centre| (places[k] - centre[2]).abs() < FAR * REACH[1]);
-            let near: Vec<[f64; 3]> = near.copied().collect();
+            let near: Vec<&Centre> = centres.iter().filter(|centre| centre.is_near(places[k])).collect();
             for (p, most) in level.points.iter().zip(&mut level.most) {
-                let squares = near.iter().map(|centre| square([p[0], p[1], places[k]], *centre));
-                let least = squares.fold(f64::INFINITY, f64::min);
-                if least < FAR * FAR {
-                    *most *= 1.0 - (1.0 - LEFT) * libm::exp(-0.5 * least);
-                }
+                let squares = near.iter().map(|centre| centre.square([p[0], p[1], places[k]]));
+                *most *= left(squares.fold(f64::INFINITY, f64::min), 1.0 - REMAINDER).unwrap_or(1.0);
             }
-            let is_near = near.iter().any(|centre| (places[k] - centre[2]).abs() < REACH[1]);
-            if round >= DROPPED {
+            let is_near = near.iter().any(|centre| (places[k] - centre.place[2]).abs() < REACH[1]);
+            if round >= GIVE_UP_ROUND {
                 *factor = 0.0;
-            } else if round >= EVERYWHERE || (round >= WEAKER && is_near) {
-                *factor *= LEFT;
+            } else if round >= HALVE_ALL_FROM_ROUND || (round >= HALVE_WAVE_FROM_ROUND && is_near) {
+                *factor *= REMAINDER;
             }
         });
         let limits = self.levels.par_iter().zip(&self.wave.at).zip(&self.factors);
@@ -298,7 +294,7 @@ impl<'a> Contracting<'a> {
         self.ease();
     }
 
-    /// z of a vertex before it leaned, µm.
+    /// z of a vertex before the lean, µm.
     fn level_z(&self, v: u32) -> f64 {
         match (v as usize).checked_sub(self.rest.z.len()) {
             None => in_um(self.rest.z[v as usize]),
@@ -310,7 +306,7 @@ impl<'a> Contracting<'a> {
     }
 }
 
-/// Volume of the lumen of a tissue whose ends are plane, mm³.
+/// Volume of the lumen of a tissue with plane ends, mm³.
 #[must_use]
 pub fn lumen_mm3(tissue: &Mesh) -> f64 {
     let corner = |v: u32| tissue.positions[v as usize].map(|x| f64::from(x) * 1e3);
@@ -328,7 +324,8 @@ pub fn lumen_mm3(tissue: &Mesh) -> f64 {
             }
         }
     }
-    // Each rim is closed by triangles from a point of it; in its plane they need not lie within it.
+    // Each rim is closed by a fan from one of its points. The fan may leave the rim, because it
+    // lies in the rim's plane.
     let mut next: BTreeMap<u32, u32> = rims.into_iter().collect();
     let mut sum: f64 = inner.iter().map(|t| volume(corner(t[0]), corner(t[1]), corner(t[2]))).sum();
     while let Some((start, mut at)) = next.pop_first() {
@@ -340,25 +337,16 @@ pub fn lumen_mm3(tissue: &Mesh) -> f64 {
     sum.abs()
 }
 
-/// Squared distance in reaches.
-fn square(a: [f64; 3], b: [f64; 3]) -> f64 {
-    let d = [0, 1, 2].map(|axis| a[axis] - b[axis]);
-    (d[0] * d[0] + d[1] * d[1]) / (REACH[0] * REACH[0]) + d[2] * d[2] / (REACH[1] * REACH[1])
-}
-
 fn put(positions: &mut [[f32; 3]], v: u32, [x, y]: [f64; 2]) {
     let p = &mut positions[v as usize];
     (p[0], p[1]) = ((x * 1e-6) as f32, (y * 1e-6) as f32);
 }
 
-fn in_um(metres: f32) -> f64 {
-    f64::from(metres) * 1e6
-}
-
-/// The sections of a lofted surface, by ascending z.
+/// Sections of a lofted surface, by ascending z.
 fn levels(rest: &Rest<'_>) -> Vec<Level> {
     let n = rest.z.len();
-    // Neighbours of a vertex within its section. Edges of sections that lean can be split.
+    // Neighbours of a vertex in its section. In a leaning surface the edges of a section may be
+    // split.
     let mut beside = vec![[UNUSED; 2]; n];
     let mut is_inner = vec![false; n];
     for kind in [PatchKind::InnerWall, PatchKind::OuterWall] {
@@ -391,10 +379,10 @@ fn levels(rest: &Rest<'_>) -> Vec<Level> {
             (before, at) = (at, if a == before { b } else { a });
         }
         ring.iter().for_each(|&v| is_seen[v as usize] = true);
-        if area(&ring.iter().map(|&v| place(v)).collect::<Vec<_>>()) < 0.0 {
+        if area(ring.iter().map(|&v| place(v))) < 0.0 {
             ring.reverse();
         }
-        // Bits of floats that are not negative are in their order.
+        // The bits of non-negative floats are ordered like the floats.
         let rings = by_place.entry(rest.z[v as usize].max(0.0).to_bits()).or_default();
         rings[usize::from(!is_inner[v as usize])] = ring;
     }
@@ -402,7 +390,7 @@ fn levels(rest: &Rest<'_>) -> Vec<Level> {
     rings.into_par_iter().map(|[inner, outer]| Level::new(inner, outer, place)).collect()
 }
 
-/// Makes the ends of an edge neighbours if they are of one section.
+/// Makes the ends of an edge neighbours if both belong to one section.
 fn join(beside: &mut [[u32; 2]], z: &[f32], (v, w): (u32, u32)) {
     if z.get(v as usize).is_none_or(|at| z.get(w as usize) != Some(at)) {
         return;

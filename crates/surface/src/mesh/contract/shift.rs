@@ -1,13 +1,14 @@
 //! The lean of a section of a frame: the displacement along the tube, by the same field as at rest.
 //!
-//! The field is a map of space, one to one at rest. It is looked up where a point of the contour has moved, without the factor
-//! on the contour, so that in a frame it remains one to one but for that factor, which changes little along the tube. A lean that stayed with the
-//! points would shear the two walls of a gap apart wherever they move toward each other.
+//! The field is an injective map of space at rest. It is evaluated at the moved points of the
+//! contour, without the factor on the contour, so the map of a frame stays injective except for
+//! that factor, which changes little along the tube. If the lean stayed with the points, the walls
+//! of a gap that move towards each other would be sheared apart.
 
 use super::level::{Level, Point};
-use crate::mesh::lean::{Centre, Field};
+use crate::mesh::lean::{Centre, LeanField};
 
-/// Full displacement below which nothing can be said about the part of it that was left at rest, µm.
+/// Minimum full displacement from which the remaining fraction at rest can be computed, µm.
 const LEAST_UM: f64 = 1.0;
 
 /// Displacements of the inner contour of a section.
@@ -15,16 +16,17 @@ pub(super) struct Shift {
     z_um: f64,
     /// Displacement at rest, µm.
     rest: Vec<f64>,
-    /// That of the field there, and the part of it that was left.
+    /// Full displacement by the field at rest, µm, and the fraction of it that remained.
     full: Vec<f64>,
     share: Vec<f64>,
-    /// Part of all displacement that is left in frames.
+    /// Fraction of the displacement that remains in frames.
     left: Vec<f64>,
 }
 
 impl Shift {
-    /// Of a section at a place, whose points lean to `leaned`, µm.
-    pub(super) fn new(level: &Level, z_um: f64, field: &Field<'_>, leaned: impl Fn(u32) -> f64) -> Self {
+    /// Creates the displacements of a section at `z_um`. `leaned` returns the z of a vertex after
+    /// the lean, µm.
+    pub(super) fn new(level: &Level, z_um: f64, field: &LeanField<'_>, leaned: impl Fn(u32) -> f64) -> Self {
         let rest: Vec<f64> = level.inner.iter().map(|&v| leaned(v) - z_um).collect();
         let full: Vec<f64> = level.points.iter().map(|&[x, y]| field.at([x, y, z_um])).collect();
         let share =
@@ -34,12 +36,12 @@ impl Shift {
         Self { z_um, rest, full, share, left }
     }
 
-    /// The displacement of a point of the contour that has moved.
-    pub(super) fn at(&self, i: usize, [x, y]: Point, field: &Field<'_>) -> f64 {
+    /// Displacement of a point of the contour that has moved to a place.
+    pub(super) fn at(&self, i: usize, [x, y]: Point, field: &LeanField<'_>) -> f64 {
         self.left[i] * (self.rest[i] + self.share[i] * (field.at([x, y, self.z_um]) - self.full[i]))
     }
 
-    /// Takes a share of the displacement away around places.
+    /// Removes a fraction of the displacement around the centres.
     pub(super) fn damp(&mut self, points: &[Point], centres: &[Centre], share: f64) {
         self.change(points, centres, |left, centre, p| {
             if let Some(remains) = centre.left(p, share) {
@@ -48,7 +50,7 @@ impl Shift {
         });
     }
 
-    /// Gives a share of what was taken away back around places.
+    /// Restores a fraction of the removed displacement around the centres.
     pub(super) fn restore(&mut self, points: &[Point], centres: &[Centre], share: f64) {
         self.change(points, centres, |left, centre, p| {
             if let Some(remains) = centre.left(p, share) {
@@ -57,7 +59,7 @@ impl Shift {
         });
     }
 
-    /// Gives all back.
+    /// Restores all displacement.
     pub(super) fn restore_all(&mut self) {
         self.left.fill(1.0);
     }

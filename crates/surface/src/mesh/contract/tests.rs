@@ -1,8 +1,8 @@
-//! Tubes with folds that contract.
+//! Contractions of folded tubes.
 
 use super::*;
 use crate::mesh::lean::tests::leaning;
-use crate::mesh::{Lofter, meeting};
+use crate::mesh::{Lofter, intersection};
 use crate::model::Section;
 use crate::model::sample;
 
@@ -43,7 +43,7 @@ fn tissue_keeps_its_volume_while_the_lumen_closes_and_the_tube_shortens() {
     for k in 0..8 {
         let frame = tube.frame(f64::from(k) / 8.0, &|| false);
         assert_eq!(frame.mesh.triangles, mesh.triangles);
-        assert!(meeting::pairs(&frame.mesh).is_empty());
+        assert!(intersection::all_pairs(&frame.mesh).is_empty());
         assert!((volume(&frame.mesh) / tissue - 1.0).abs() < 0.01, "{} of {tissue}", volume(&frame.mesh));
         assert!(lumen_mm3(&frame.mesh) < 0.9 * lumen && frame.closed > 0.3 && frame.narrowed > 0.0);
         assert!(frame.length_um < 9_700.0);
@@ -55,7 +55,7 @@ fn tissue_keeps_its_volume_while_the_lumen_closes_and_the_tube_shortens() {
     let falls = crests.windows(2).filter(|pair| pair[1] < pair[0]).count();
     assert!(falls >= 6, "toward the uterus: {crests:?}");
     assert_eq!(tube.done().met, 0);
-    // After a period it is as it was.
+    // After one period the surface is unchanged.
     let [first, last] = [0.0, 1.0].map(|time| tube.place(time).mesh);
     let apart = first.positions.iter().flatten().zip(last.positions.iter().flatten()).map(|(a, b)| (a - b).abs());
     assert!(apart.fold(0.0, f32::max) < 1e-9);
@@ -72,7 +72,7 @@ fn nothing_moves_without_a_wave() {
     assert!(apart.fold(0.0, f32::max) < 2e-9);
 }
 
-/// The contraction of the tube that leans.
+/// Contraction of the leaning tube.
 fn by_of(closure: f64) -> Contraction {
     let station = |z_um: f64| Station {
         z_um,
@@ -84,14 +84,15 @@ fn by_of(closure: f64) -> Contraction {
     Contraction { stations: vec![station(0.0), station(12_000.0)], phase: 0.0, to_uterus: false, ends_um: 1000.0 }
 }
 
-/// That four frames of a surface at rest do not meet, keep the tissue and close more than a share of the lumen somewhere.
+/// Asserts that four frames do not intersect themselves, keep the tissue, and close more than
+/// `share` of the lumen somewhere.
 fn contracts(rest: Rest<'_>, tissue: f64, closed: f64) -> Contracted {
     let triangles = rest.straight.triangles.clone();
     let mut tube = Contracting::new(rest, &by_of(0.4));
     for k in 0..4 {
         let frame = tube.frame(f64::from(k) / 4.0, &|| false);
         assert_eq!(frame.mesh.triangles, triangles);
-        assert!(meeting::pairs(&frame.mesh).is_empty());
+        assert!(intersection::all_pairs(&frame.mesh).is_empty());
         assert!((volume(&frame.mesh) / tissue - 1.0).abs() < 0.01, "{} of {tissue}", volume(&frame.mesh));
         assert!(frame.closed > closed, "{}", frame.closed);
     }
@@ -113,7 +114,7 @@ fn a_bent_tube_contracts_without_contact() {
     let course = Course::arc(3.0, 12_000.0, 512, 0.5);
     let leaning = bend::Leaning { lean: &lean, z: z.clone() };
     let (bent, _, split) = bend::bend_apart(&mut mesh, Some(leaning), &course, &|| false);
-    assert!(!split.is_empty() && meeting::pairs(&bent).is_empty(), "too mild to test");
+    assert!(!split.is_empty() && intersection::all_pairs(&bent).is_empty(), "too mild to test");
     let rest = || Rest { straight: &mesh, z: &z, split: &split, lean: Some(&lean), course: Some(&course) };
     let is_across = |&&(v, w): &&(u32, u32)| (v.max(w) as usize) < z.len() && z[v as usize] == z[w as usize];
     assert!(split.iter().filter(is_across).count() > 0, "too mild to test");
@@ -121,7 +122,7 @@ fn a_bent_tube_contracts_without_contact() {
         levels(&rest()).into_iter().flat_map(|level| [level.inner, level.outer].concat()).collect();
     of_levels.sort_unstable();
     assert!(of_levels.into_iter().eq(0..z.len() as u32), "each vertex is in one contour");
-    // Its few long triangles leave less room for the wave than a model of full size does.
+    // Its few long triangles leave less room for the wave than a full-size model does.
     contracts(rest(), volume(&bent), 0.1);
     let still = Contracting::new(rest(), &by_of(0.0)).place(0.3).mesh;
     let apart = still.positions.iter().flatten().zip(bent.positions.iter().flatten()).map(|(a, b)| (a - b).abs());
@@ -134,7 +135,7 @@ fn a_surface_whose_wave_is_dropped_is_the_one_at_rest() {
     let rest = Rest { straight: &mesh, z: &z, split: &[], lean: Some(&lean), course: None };
     let mut tube = Contracting::new(rest, &by_of(0.4));
     let pairs = [[0, 1], [5000, 5001]];
-    (0..=DROPPED).for_each(|round| tube.damp(&pairs, round));
+    (0..=GIVE_UP_ROUND).for_each(|round| tube.damp(&pairs, round));
     assert_eq!(tube.done().least_factor, 0.0);
     assert_eq!(tube.place(0.3).mesh.positions, mesh.positions);
 }

@@ -1,45 +1,46 @@
-//! The wave: how much of the lumen it closes, and by how much it shortens the tube, at a place and a time.
+//! The wave: how much of the lumen it closes and how much it shortens the tube, by place and time.
 
 use std::f64::consts::TAU;
 
-/// A wave that travels along the tube.
+/// Wave that travels along the tube.
 #[derive(Clone, Debug)]
 pub struct Contraction {
     /// Sections along the tube, two or more, by ascending z.
     pub stations: Vec<Station>,
     /// Place of the first crest, in wavelengths.
     pub phase: f64,
-    /// Whether it travels toward the uterus, to lower z.
+    /// True if the wave travels towards the uterus, to lower z.
     pub to_uterus: bool,
-    /// Distance from either end of the model over which the contraction rises from zero, µm.
+    /// Distance from both ends of the model over which the contraction rises from zero, µm.
     pub ends_um: f64,
 }
 
-/// A place along the tube.
+/// Values of the wave at a place along the tube.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Station {
     /// Place, µm.
     pub z_um: f64,
-    /// Area of the ellipse that holds the folds, µm²; the muscle lies around it.
+    /// Area of the ellipse that contains the folds, µm²; the muscle lies around it.
     pub base_um2: f64,
-    /// Share of the lumen that the crest closes.
+    /// Fraction of the lumen that a crest closes.
     pub closure: f64,
-    /// Share of the length that the crest takes away.
+    /// Fraction of the length that a crest takes away.
     pub shortening: f64,
     /// Wavelength, µm.
     pub wavelength_um: f64,
 }
 
-/// The wave at the places of sections.
+/// The wave at the places of the sections.
 pub(super) struct Wave {
-    /// By section: values of the station there, and wavelengths from the first one.
+    /// Values of the station of each section, and its distance from the first section in
+    /// wavelengths.
     pub(super) at: Vec<(Station, f64)>,
     phase: f64,
     sign: f64,
 }
 
 impl Wave {
-    /// The wave at places in ascending order, µm.
+    /// Evaluates the wave at places in ascending order, µm.
     pub(super) fn new(by: &Contraction, places: &[f64]) -> Self {
         let mut turns = 0.0;
         let mut before: Option<Station> = None;
@@ -54,7 +55,7 @@ impl Wave {
         Self { at: at.collect(), phase: by.phase, sign: if by.to_uterus { 1.0 } else { -1.0 } }
     }
 
-    /// Between 0 and 1 at a crest, by section and time in periods.
+    /// Height of the wave, from 0 to 1 at a crest, by section and time in periods.
     pub(super) fn rise(&self, section: usize, time: f64) -> f64 {
         let turns = self.at[section].1 - self.phase + self.sign * time;
         0.5 + 0.5 * libm::cos(TAU * turns)
@@ -62,7 +63,7 @@ impl Wave {
 }
 
 impl Contraction {
-    /// Between two stations.
+    /// Interpolates between the two stations around a place.
     fn station(&self, z_um: f64) -> Station {
         let after = self.stations.partition_point(|s| s.z_um <= z_um).clamp(1, self.stations.len() - 1);
         let (a, b) = (&self.stations[after - 1], &self.stations[after]);

@@ -1,16 +1,76 @@
-//! The displacement: a smooth random field within the folds, zero at the wall and at both ends.
+//! The displacement field of a lean: smooth and random within the folds, zero at the wall and at
+//! both ends.
 
-use super::stations::{CUT, Lean, Station};
 use crate::random::{self, Stream};
 use std::f64::consts::{PI, TAU};
 
 /// Number of cosines.
 const WAVES: u32 = 24;
-/// Elliptic radius, in units of `R_in`, up to which the displacement is full; at `R_in` it is zero.
+/// Elliptic radius, in units of `R_in`, up to which the displacement is full. At `R_in` it is zero.
 const FULL: f64 = 0.9;
+/// Limit of the field, in standard deviations.
+const CUT: f64 = 2.0;
 
-/// The displacement along z as a function of the place.
-pub(in crate::mesh) struct Field<'a> {
+/// Parameters of a lean.
+#[derive(Clone, Debug)]
+pub struct Lean {
+    /// Seed of the field.
+    pub seed: u64,
+    /// Mean wavelength across the tube, µm.
+    pub wavelength_um: f64,
+    /// Wavelength along the tube, µm.
+    pub along_um: f64,
+    /// Distance from both ends over which the displacement rises from zero, µm.
+    pub ends_um: f64,
+    /// Sections along the tube, two or more, by ascending z.
+    pub stations: Vec<Station>,
+}
+
+/// Parameters at a place along the tube.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Station {
+    /// Place, µm.
+    pub z_um: f64,
+    /// Radius of the region that contains the folds along the x axis, µm.
+    pub r_in_um: f64,
+    /// Ratio of the y radius of that region to its x radius.
+    pub squash: f64,
+    /// Root mean square displacement, µm.
+    pub strength_um: f64,
+}
+
+impl Lean {
+    /// Estimate of the maximum derivative of the displacement along z. It adds the changes of
+    /// strength, of the rise near an end, and of the field, which may change four times as fast as
+    /// its root mean square.
+    pub(super) fn steepness(&self) -> f64 {
+        let [first, .., last] = &self.stations[..] else { return 0.0 };
+        let of = |pair: &[Station]| {
+            let [a, b] = pair else { return 0.0 };
+            let strength = a.strength_um.max(b.strength_um);
+            let near_end = (a.z_um - first.z_um).min(last.z_um - b.z_um) < self.ends_um;
+            let ends = if near_end { 1.5 * CUT / self.ends_um } else { 0.0 };
+            let along = 4.0 * std::f64::consts::TAU / (3.0_f64.sqrt() * self.along_um);
+            CUT * (b.strength_um - a.strength_um).abs() / (b.z_um - a.z_um) + strength * (ends + along)
+        };
+        self.stations.windows(2).map(of).fold(0.0, f64::max)
+    }
+
+    /// Distance between the stations around a place.
+    pub(super) fn spacing_um(&self, z_um: f64) -> f64 {
+        let [a, b] = self.around(z_um);
+        b.z_um - a.z_um
+    }
+
+    /// The two stations around a place.
+    fn around(&self, z_um: f64) -> [&Station; 2] {
+        let after = self.stations.partition_point(|s| s.z_um <= z_um).clamp(1, self.stations.len() - 1);
+        [&self.stations[after - 1], &self.stations[after]]
+    }
+}
+
+/// Displacement along z as a function of the place.
+pub(in crate::mesh) struct LeanField<'a> {
     lean: &'a Lean,
     waves: Vec<Wave>,
 }
@@ -21,12 +81,13 @@ struct Wave {
     phase: f64,
 }
 
-impl<'a> Field<'a> {
+impl<'a> LeanField<'a> {
     pub(in crate::mesh) fn new(lean: &'a Lean) -> Self {
         let wave = |i: u32| {
             let w = random::words(lean.seed, Stream::Lean, i, 0);
             let unit = |j: usize| f64::from(random::unit(w[j]));
-            // Directions are stratified over the half circle; wave numbers across the tube vary by ±30 %.
+            // Directions are stratified over the half circle. Wave numbers across the tube vary by
+            // ±30 %.
             let direction = PI * (f64::from(i) + unit(0)) / f64::from(WAVES);
             let across = (0.7 + 0.6 * unit(1)) / lean.wavelength_um;
             let along = (2.0 * unit(3) - 1.0) / lean.along_um;
@@ -35,7 +96,7 @@ impl<'a> Field<'a> {
         Self { lean, waves: (0..WAVES).map(wave).collect() }
     }
 
-    /// The displacement at a place, micrometres.
+    /// Displacement at a place, µm.
     pub(in crate::mesh) fn at(&self, p_um: [f64; 3]) -> f64 {
         let station = self.station(p_um[2]);
         if station.strength_um <= 0.0 {
@@ -53,18 +114,16 @@ impl<'a> Field<'a> {
         station.strength_um * within * self.ends(p_um[2]) * field
     }
 
-    /// Rises from 0 at either end to 1.
+    /// Rises from 0 at both ends to 1.
     fn ends(&self, z_um: f64) -> f64 {
         let stations = &self.lean.stations;
         let [first, last] = [stations[0].z_um, stations[stations.len() - 1].z_um];
         smooth((z_um - first).min(last - z_um) / self.lean.ends_um)
     }
 
-    /// Between two stations.
+    /// Interpolates between the two stations around a place.
     fn station(&self, z_um: f64) -> Station {
-        let stations = &self.lean.stations;
-        let after = stations.partition_point(|s| s.z_um <= z_um).clamp(1, stations.len() - 1);
-        let (a, b) = (&stations[after - 1], &stations[after]);
+        let [a, b] = self.lean.around(z_um);
         let t = ((z_um - a.z_um) / (b.z_um - a.z_um)).clamp(0.0, 1.0);
         let mix = |a: f64, b: f64| a + t * (b - a);
         Station {

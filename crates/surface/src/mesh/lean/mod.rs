@@ -1,40 +1,43 @@
-//! The lean: displaces a finished surface along the tube, more in one place of a section than in another.
+//! The lean: displaces a finished surface along the tube, by different amounts at different places
+//! of a section.
 //!
-//! The displacement is a continuous map of space. It is one to one if it changes by less than 1 along z, so a surface without
-//! triangles, which it would move exactly, could not come to meet itself; strengths that could be too steep are reduced before.
-//! Triangles are flat and can meet: where they do, the displacement is damped around the place, until none meet (`meeting`, exact).
-//! Without displacement the surface is the lofted one, which does not meet itself, so this ends.
+//! The displacement is a continuous map of space. The map is injective while its derivative along z
+//! stays below 1, so strengths that could be steeper are reduced first. A smooth surface then
+//! cannot intersect itself, but flat triangles can. An exact search (`intersection`) finds intersecting
+//! triangles, and the displacement is damped around them until none intersect. This terminates,
+//! because the lofted surface does not intersect itself.
 
 mod field;
-mod stations;
 #[cfg(test)]
 pub(super) mod tests;
 
-pub(super) use field::Field;
-pub use stations::{Lean, Station};
+pub(super) use field::LeanField;
+pub use field::{Lean, Station};
 
-use super::meeting::Meeting;
+use super::intersection::{IntersectionSearch, middle_of};
 use crate::model::Mesh;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Share of the displacement that a place loses in each of the first rounds, and in later ones, when only stubborn places are left.
+/// Fraction of the displacement that a place loses per round: in the first rounds, and later, when
+/// few places are left.
 const DAMPING: [f64; 2] = [0.15, 0.5];
-/// First rounds.
+/// Number of first rounds.
 const GENTLE: u32 = 8;
-/// Reach of damping across the tube, as a part of the wavelength, and along it in units of the distance of sections.
+/// Reach of damping across the tube, as a fraction of the wavelength, and along it, as a multiple
+/// of the distance of sections.
 const ACROSS: f64 = 0.225;
 const ALONG: f64 = 1.5;
-/// Reaches at which damping ends.
+/// Distance at which damping ends, in reaches.
 const FAR: f64 = 3.0;
-/// Rounds of damping before all displacement is scaled down, and the factor.
+/// Rounds of damping before the whole displacement is scaled down, and the factor.
 const ROUNDS: u32 = 24;
 const SCALE: f64 = 0.7;
-/// With more pairs that meet, the displacement is scaled down at once.
+/// With more intersecting pairs than this, the displacement is scaled down immediately.
 const MOST_PAIRS: usize = 10_000;
-/// Most that the displacement may change along z, by the estimate of [`Lean::steepness`].
+/// Maximum derivative of the displacement along z, by the estimate of [`Lean::steepness`].
 const STEEPEST: f64 = 0.9;
-/// Times that it is scaled down; after that nothing is displaced.
+/// Maximum number of times that the displacement is scaled down; after that it is zero.
 const SCALINGS: u32 = 6;
 
 /// What was done.
@@ -51,36 +54,37 @@ pub struct Leaned {
     pub scale: f64,
 }
 
-/// The surface while it is displaced.
-struct Surface<'a> {
+/// Surface during its displacement.
+struct LeaningSurface<'a> {
     mesh: &'a mut Mesh,
-    /// z before, m.
+    /// z before the displacement, m.
     z: Vec<f32>,
     /// Full displacement, µm.
     full: Vec<f64>,
-    /// Part of it that is left.
+    /// Fraction of the displacement that remains.
     left: Vec<f64>,
     /// Vertices by ascending z.
     order: Vec<u32>,
 }
 
-/// Displaces a surface. `stop` is asked between rounds; if it says so, the surface is left as it is then.
+/// Displaces a surface along the tube. `stop` is called between rounds; if it returns true, the
+/// surface stays as it is.
 pub fn lean(mesh: &mut Mesh, lean: &Lean, stop: &dyn Fn() -> bool) -> Leaned {
-    let field = Field::new(lean);
+    let field = LeanField::new(lean);
     let full: Vec<f64> = mesh.positions.par_iter().map(|p| field.at(p.map(in_um))).collect();
     let z: Vec<f32> = mesh.positions.iter().map(|p| p[2]).collect();
     let mut order: Vec<u32> = (0..z.len() as u32).collect();
     order.sort_by(|&a, &b| z[a as usize].total_cmp(&z[b as usize]));
     let left = vec![1.0; z.len()];
-    let mut surface = Surface { mesh, z, full, left, order };
+    let mut surface = LeaningSurface { mesh, z, full, left, order };
     let mut done = Leaned::default();
     let at_first = (STEEPEST / lean.steepness()).min(1.0);
     for scaling in 0..=SCALINGS {
         done.scale = if scaling == SCALINGS { 0.0 } else { at_first * SCALE.powi(scaling as i32) };
         surface.left.fill(done.scale);
         (0..surface.z.len()).for_each(|v| surface.displace(v));
-        let mut meeting = Meeting::new(surface.mesh);
-        let mut pairs = meeting.pairs(surface.mesh);
+        let mut search = IntersectionSearch::new(surface.mesh);
+        let mut pairs = search.all_pairs(surface.mesh);
         done.met = done.met.max(pairs.len());
         for round in 0..ROUNDS {
             if pairs.is_empty() || stop() {
@@ -92,7 +96,7 @@ pub fn lean(mesh: &mut Mesh, lean: &Lean, stop: &dyn Fn() -> bool) -> Leaned {
             let centres = surface.centres(&pairs, lean);
             done.damped += centres.len();
             done.rounds += 1;
-            pairs = surface.damp(&centres, DAMPING[usize::from(round >= GENTLE)], &mut meeting);
+            pairs = surface.damp(&centres, DAMPING[usize::from(round >= GENTLE)], &mut search);
         }
         if pairs.is_empty() {
             return done;
@@ -101,77 +105,79 @@ pub fn lean(mesh: &mut Mesh, lean: &Lean, stop: &dyn Fn() -> bool) -> Leaned {
     done
 }
 
-fn in_um(metres: f32) -> f64 {
+pub(super) fn in_um(metres: f32) -> f64 {
     f64::from(metres) * 1e6
 }
 
-/// Where displacement is damped, and how far around, µm.
+/// Place around which a displacement is damped, and the reach of damping across and along the tube,
+/// µm.
 pub(super) struct Centre {
-    place: [f64; 3],
+    pub(super) place: [f64; 3],
     reach: [f64; 2],
 }
 
 impl Centre {
-    /// Adds a place, unless another one is near.
-    pub(super) fn add(centres: &mut Vec<Self>, place: [f64; 3], lean: &Lean) {
+    /// Adds a place unless another one is near.
+    pub(super) fn add(centres: &mut Vec<Self>, place: [f64; 3], reach: [f64; 2]) {
         if !centres.iter().rev().any(|centre| centre.square(place) < 0.25) {
-            let along = ALONG * lean.spacing_um(place[2]);
-            centres.push(Self { place, reach: [ACROSS * lean.wavelength_um, along] });
+            centres.push(Self { place, reach });
         }
     }
 
-    /// The part of the displacement that is left at a place; none if the place is too far away.
-    pub(super) fn left(&self, p: [f64; 3], damping: f64) -> Option<f64> {
-        let square = self.square(p);
-        (square < FAR * FAR).then(|| 1.0 - damping * libm::exp(-square / 2.0))
+    /// Adds a place around which the lean is damped, unless another one is near.
+    pub(super) fn add_to_lean(centres: &mut Vec<Self>, place: [f64; 3], lean: &Lean) {
+        Self::add(centres, place, [ACROSS * lean.wavelength_um, ALONG * lean.spacing_um(place[2])]);
     }
 
-    /// Whether damping reaches a section.
+    /// Fraction of the displacement that remains at a place; `None` beyond the reach.
+    pub(super) fn left(&self, p: [f64; 3], damping: f64) -> Option<f64> {
+        left(self.square(p), damping)
+    }
+
+    /// True if damping reaches the section at `z_um`.
     pub(super) fn is_near(&self, z_um: f64) -> bool {
         (z_um - self.place[2]).abs() < FAR * self.reach[1]
     }
 
-    /// Squared distance in reaches.
-    fn square(&self, p: [f64; 3]) -> f64 {
+    /// Squared distance of a point, in reaches.
+    pub(super) fn square(&self, p: [f64; 3]) -> f64 {
         let d = [0, 1, 2].map(|axis| p[axis] - self.place[axis]);
         (d[0] * d[0] + d[1] * d[1]) / (self.reach[0] * self.reach[0]) + d[2] * d[2] / (self.reach[1] * self.reach[1])
     }
 }
 
-impl Surface<'_> {
-    /// Place of a vertex before, µm.
+/// Fraction of a displacement that remains at a squared distance in reaches; `None` beyond the
+/// reach.
+pub(super) fn left(square: f64, damping: f64) -> Option<f64> {
+    (square < FAR * FAR).then(|| 1.0 - damping * libm::exp(-square / 2.0))
+}
+
+impl LeaningSurface<'_> {
+    /// Position of a vertex before the displacement, µm.
     fn place(&self, v: usize) -> [f64; 3] {
         let [x, y, _] = self.mesh.positions[v];
         [x, y, self.z[v]].map(in_um)
     }
 
-    /// Puts a vertex where it belongs now.
+    /// Moves a vertex to its displaced position.
     fn displace(&mut self, v: usize) {
         if self.full[v] != 0.0 {
             self.mesh.positions[v][2] = ((in_um(self.z[v]) + self.left[v] * self.full[v]) * 1e-6) as f32;
         }
     }
 
-    /// The middles of triangles that meet, as they were before they were displaced, without those that are near to another.
+    /// Midpoints of intersecting pairs before the displacement, thinned out.
     fn centres(&self, pairs: &[[u32; 2]], lean: &Lean) -> Vec<Centre> {
         let mut centres: Vec<Centre> = Vec::new();
-        for &[a, b] in pairs {
-            let corners = [a, b].map(|t| self.mesh.triangles[t as usize]);
-            let places = corners.as_flattened().iter().map(|&v| self.place(v as usize));
-            let mut place = [0.0; 3];
-            for p in places {
-                for axis in 0..3 {
-                    place[axis] += p[axis] / 6.0;
-                }
-            }
-            Centre::add(&mut centres, place, lean);
+        for &pair in pairs {
+            Centre::add_to_lean(&mut centres, middle_of(self.mesh, pair, |v| self.place(v as usize)), lean);
         }
         centres
     }
 
-    /// Takes a share of the displacement away around places, and returns the pairs of triangles that meet afterwards; all that met before
-    /// lie there.
-    fn damp(&mut self, centres: &[Centre], damping: f64, meeting: &mut Meeting) -> Vec<[u32; 2]> {
+    /// Damps the displacement around the centres and returns the pairs that intersect afterwards.
+    /// All earlier pairs lie near a centre.
+    fn damp(&mut self, centres: &[Centre], damping: f64, search: &mut IntersectionSearch) -> Vec<[u32; 2]> {
         let mut is_moved = vec![false; self.z.len()];
         for centre in centres {
             let (z, far) = (centre.place[2], FAR * centre.reach[1]);
@@ -190,9 +196,7 @@ impl Surface<'_> {
         (0..is_moved.len()).filter(|&v| is_moved[v]).for_each(|v| self.displace(v));
         let is_changed: Vec<bool> =
             self.mesh.triangles.iter().map(|t| t.iter().any(|&v| is_moved[v as usize])).collect();
-        let changed: Vec<u32> =
-            (0u32..).zip(&is_changed).filter(|(_, is_changed)| **is_changed).map(|(t, _)| t).collect();
-        meeting.update(self.mesh, &changed);
-        meeting.pairs_of(self.mesh, &changed, &is_changed)
+        search.update(self.mesh, &is_changed);
+        search.pairs_touching(self.mesh, &is_changed)
     }
 }

@@ -1,8 +1,8 @@
-//! The displacement of a surface whose folds swirl.
+//! Displacement of a surface whose folds swirl.
 
 use super::*;
-use crate::mesh::synthetic::{Dice, Folds};
-use crate::mesh::{Lofter, meeting};
+use crate::mesh::samples::{Dice, Folds};
+use crate::mesh::{Lofter, intersection};
 use crate::model::{PatchKind, Section};
 
 /// A tube of 41 sections, 12 mm long, with folds that grow and turn.
@@ -21,7 +21,7 @@ fn surface() -> Mesh {
     lofter.finish().unwrap()
 }
 
-/// The stations of that tube.
+/// Stations of the tube.
 fn lean_of(strength_um: f64) -> Lean {
     let station = |k: u32| {
         let t = f64::from(k) / 40.0;
@@ -36,7 +36,7 @@ fn lean_of(strength_um: f64) -> Lean {
     }
 }
 
-/// That tube, leaning, how it leans, and z of its vertices before.
+/// The leaning tube, its lean, and z of its vertices before the lean.
 pub(in crate::mesh) fn leaning() -> (Mesh, Lean, Vec<f32>) {
     let mut mesh = surface();
     let z = mesh.positions.iter().map(|p| p[2]).collect();
@@ -45,12 +45,13 @@ pub(in crate::mesh) fn leaning() -> (Mesh, Lean, Vec<f32>) {
     (mesh, by, z)
 }
 
-/// That tube with a lean so strong that it meets itself, how it leans, and z of its vertices before.
+/// The tube with a lean so strong that it intersects itself, its lean, and z of its vertices before
+/// the lean.
 pub(in crate::mesh) fn pressed() -> (Mesh, Lean, Vec<f32>) {
     let mut mesh = surface();
     let z = mesh.positions.iter().map(|p| p[2]).collect();
     let lean = lean_of(300.0);
-    let field = Field::new(&lean);
+    let field = LeanField::new(&lean);
     for p in &mut mesh.positions {
         p[2] += 1e-6 * field.at(p.map(in_um)) as f32;
     }
@@ -64,7 +65,7 @@ fn a_displaced_surface_does_not_meet_itself_and_keeps_its_ends_and_its_outside()
     let lean_by = lean_of(300.0);
     let done = lean(&mut mesh, &lean_by, &|| false);
     assert!(done.met > 0 && done.damped > 0, "too weak to test: {done:?}");
-    assert!(meeting::pairs(&mesh).is_empty());
+    assert!(intersection::all_pairs(&mesh).is_empty());
     let outer = before.patches.iter().find(|patch| patch.kind == PatchKind::OuterWall).unwrap();
     let is_outer: std::collections::HashSet<u32> =
         before.triangles[outer.triangles.clone()].iter().flatten().copied().collect();
@@ -88,7 +89,7 @@ fn a_lean_that_would_fold_the_tube_is_reduced_everywhere() {
     let steep = lean_of(5000.0);
     let done = lean(&mut mesh, &steep, &|| false);
     assert!(done.scale > 0.0 && done.scale < 0.15, "{done:?}");
-    assert!(meeting::pairs(&mesh).is_empty());
+    assert!(intersection::all_pairs(&mesh).is_empty());
     let gentle = Lean { stations: lean_of(10.0).stations, ..steep };
     assert!(gentle.steepness() < STEEPEST);
 }
@@ -98,7 +99,7 @@ fn waves_shorter_than_triangles_end_without_displacement_or_contact() {
     let mut mesh = surface();
     let wild = Lean { wavelength_um: 20.0, ..lean_of(2000.0) };
     let done = lean(&mut mesh, &wild, &|| false);
-    assert!(done.met > 0 && meeting::pairs(&mesh).is_empty(), "{done:?}");
+    assert!(done.met > 0 && intersection::all_pairs(&mesh).is_empty(), "{done:?}");
 }
 
 #[test]

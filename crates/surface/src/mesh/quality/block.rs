@@ -1,7 +1,7 @@
-//! The part of a wall between two planes, and the rows of vertices at planes.
+//! Blocks, the parts of a wall between two planes, and the rows of vertices at the planes.
 
 use super::error::RemeshError;
-use super::field::{Aims, Field, Spot};
+use super::field::{LengthField, RemeshLimits, Spot};
 use super::row::{resampled, stitched};
 use super::sheet::Sheet;
 use super::weave::Weave;
@@ -9,48 +9,49 @@ use super::web::Web;
 use crate::geometry::bvh::morton;
 use crate::model::Ring;
 
-/// Least distance between the rows at first, as a part of the mean length of edges.
+/// Minimum distance between the initial rows, as a fraction of the mean edge length.
 const ROWS: f64 = 0.7;
-/// Passes of evening out.
+/// Passes that even out the edge lengths.
 const PASSES: usize = 3;
-/// Most times that vertices are added where triangles are too far from the sheet.
+/// Maximum number of passes that add vertices where triangles are too far from the sheet.
 const APPROACHES: usize = 12;
 
-/// The vertices at a section plane.
-#[derive(Clone)]
+/// Vertices at a section plane.
+#[derive(Clone, Default)]
 pub(super) struct Row {
-    /// For each vertex the particle before it, by its index in the ring, and its place on the way to the next one.
+    /// For each vertex, the index of the particle before it in the ring and the fraction of the way
+    /// to the next particle.
     anchors: Vec<(usize, f64)>,
     /// Positions, micrometres.
     pub(super) points: Vec<[f64; 3]>,
 }
 
 impl Row {
-    /// Resamples the contour of section `k` of consecutive ones; the others let lengths change gradually along the tube.
-    pub(super) fn new(rings: &[(&Ring, f64)], k: usize, aims: Aims, spots: &[Spot]) -> Result<Self, RemeshError> {
+    /// Resamples the contour of section `k` of consecutive sections. The other sections make the
+    /// lengths change gradually along the tube.
+    pub(super) fn new(
+        rings: &[(&Ring, f64)],
+        k: usize,
+        limits: RemeshLimits,
+        spots: &[Spot],
+    ) -> Result<Self, RemeshError> {
         let sheet = Sheet::new(rings)?;
-        let field = Field::new(&sheet, aims, spots);
+        let field = LengthField::new(&sheet, limits, spots);
         let level = &sheet.levels[k];
         let row = resampled(&sheet, &field, k);
         let anchors = row
             .iter()
             .map(|&u| {
-                let i = level.find(u, sheet.period);
+                let i = level.find(u);
                 let end = level.u.get(i + 1).copied().unwrap_or(sheet.period);
                 ((i + level.turn) % level.u.len(), (u - level.u[i]) / (end - level.u[i]))
             })
             .collect();
-        let points = row
-            .iter()
-            .map(|&u| {
-                let [x, y] = level.at(u, sheet.period);
-                [x, y, level.z]
-            })
-            .collect();
+        let points = row.iter().map(|&u| level.point(u)).collect();
         Ok(Self { anchors, points })
     }
 
-    /// The vertices as numbers from `first` and values of u at a level of a sheet, by increasing u.
+    /// Vertices at a level of a sheet as pairs of number, counted from `first`, and u; sorted by u.
     fn on(&self, sheet: &Sheet, k: usize, first: u32) -> Vec<(u32, f64)> {
         let level = &sheet.levels[k];
         let n = level.u.len();
@@ -65,7 +66,9 @@ impl Row {
     }
 }
 
-/// The triangles between two rows. Their vertices are those of the lower row, of the upper row, then `points`.
+/// Triangles between two rows. Their vertices are those of the lower row, those of the upper row,
+/// and then `points`.
+#[derive(Clone, Default)]
 pub(super) struct Block {
     /// Positions, micrometres.
     pub(super) points: Vec<[f64; 3]>,
@@ -77,11 +80,11 @@ impl Block {
     pub(super) fn new(
         rings: &[(&Ring, f64)],
         rows: [&Row; 2],
-        aims: Aims,
+        limits: RemeshLimits,
         spots: &[Spot],
     ) -> Result<Self, RemeshError> {
         let sheet = Sheet::new(rings)?;
-        let field = Field::new(&sheet, aims, spots);
+        let field = LengthField::new(&sheet, limits, spots);
         let web = begin(&sheet, &field, rows);
         let mut weave = Weave::new(&sheet, &field, web);
         weave.even_out(PASSES);
@@ -98,8 +101,8 @@ impl Block {
     }
 }
 
-/// Rows at section planes, joined.
-fn begin(sheet: &Sheet, field: &Field, [lower, upper]: [&Row; 2]) -> Web {
+/// Joins rows of vertices into the initial triangles of a block.
+fn begin(sheet: &Sheet, field: &LengthField, [lower, upper]: [&Row; 2]) -> Web {
     let length = field.mean();
     let mut points = [&lower.points[..], &upper.points].concat();
     let last = sheet.levels.len() - 1;
@@ -117,7 +120,8 @@ fn begin(sheet: &Sheet, field: &Field, [lower, upper]: [&Row; 2]) -> Web {
     let top = sheet.levels[last].z;
     for (k, pair) in sheet.levels.windows(2).enumerate() {
         let (low, high) = (pair[0].z, pair[1].z);
-        // Where sections are far apart, rows between them: long triangles cannot be divided well.
+        // Between distant sections, intermediate rows are inserted, because long triangles divide
+        // badly.
         let parts = ((high - low) / length).round().max(1.0);
         let heights = (0..parts as usize).map(|part| low + (high - low) * part as f64 / parts);
         for height in heights.filter(|&height| top - height >= ROWS * length) {
@@ -138,7 +142,7 @@ fn begin(sheet: &Sheet, field: &Field, [lower, upper]: [&Row; 2]) -> Web {
     Web::new(points, places, triangles, fixed)
 }
 
-/// What is left of a web, in an order in which neighbours are near.
+/// Remaining triangles of a web, ordered so that neighbours are close to each other.
 fn packed(web: &Web, period: f64) -> Block {
     let low = web.places.iter().map(|p| p[1]).fold(f64::INFINITY, f64::min);
     let key = |t: &[u32; 3]| {

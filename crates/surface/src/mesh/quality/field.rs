@@ -1,50 +1,53 @@
-//! How long edges may be, and how far the result may be from the sheet, at every place of a sheet.
+//! Maximum edge length and tolerance at every place of a sheet.
 //!
-//! The length is the resolution, less where a chord of that length would leave the contour by more than a
-//! part of the tolerance. The tolerance is less where another part of the wall is near, so that walls cannot meet. Lengths
-//! grow gradually from place to place.
+//! The length is the resolution. It is smaller where a chord of that length would deviate from the
+//! contour by more than the tolerance. The tolerance is smaller where another part of the wall is
+//! near, so that walls cannot intersect. Lengths change gradually from place to place.
 
-use super::sheet::{Sheet, arc_lengths, norm};
+use super::sheet::{Sheet, arc_lengths};
 use crate::geometry::blocks::{Blocks, Rect};
+use crate::geometry::vector::{distance, lerp, squared_distance_to_segment};
 
-/// Width of the columns of the raster, micrometres.
+/// Width of the columns of the raster, µm.
 const COLUMN: f64 = 4.0;
-/// Growth of the length of edges per distance.
+/// Maximum increase of the edge length per distance.
 const GROWTH: f64 = 0.5;
-/// Tolerance as a part of the gap to another part of the wall: the two sides together stay below it.
+/// Tolerance as a fraction of the gap to another part of the wall. Both sides together use less
+/// than the gap.
 const OF_GAP: f64 = 0.4;
-/// Error of a chord that determines its length, as a part of the tolerance; edges may be a third longer.
+/// Error of a chord that limits its length, as a fraction of the tolerance. Edges may be a third
+/// longer than the limit.
 const OF_TOLERANCE: f64 = 1.0;
 
-/// What the lengths depend on.
+/// Limits of a wall.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Aims {
-    /// Greatest length of edges, micrometres.
+pub(super) struct RemeshLimits {
+    /// Maximum length of edges, µm.
     pub(super) length: f64,
-    /// Greatest distance between sheet and result, micrometres.
+    /// Maximum distance between sheet and result, µm.
     pub(super) tolerance: f64,
 }
 
-/// A place in space where the tolerance must be smaller than elsewhere.
+/// A ball in space with a smaller tolerance.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Spot {
-    /// Whether it was added after the last search.
+    /// True if the last search added the spot.
     pub(super) fresh: bool,
     pub(super) centre: [f64; 3],
     pub(super) radius: f64,
     pub(super) tolerance: f64,
 }
 
-/// Raster over a sheet: a row for each level, columns of equal width in u.
-pub(super) struct Field {
+/// Raster over a sheet with one row per level and columns of equal width in u.
+pub(super) struct LengthField {
     columns: usize,
     period: f64,
     length: Vec<f32>,
     tolerance: Vec<f32>,
 }
 
-impl Field {
-    pub(super) fn new(sheet: &Sheet, aims: Aims, spots: &[Spot]) -> Self {
+impl LengthField {
+    pub(super) fn new(sheet: &Sheet, limits: RemeshLimits, spots: &[Spot]) -> Self {
         let columns = ((sheet.period / COLUMN) as usize).max(16);
         let cells = columns * sheet.levels.len();
         let mut field = Self {
@@ -53,22 +56,19 @@ impl Field {
             length: Vec::with_capacity(cells),
             tolerance: Vec::with_capacity(cells),
         };
-        // The distance from each cell to the next along its row.
+        // Distance from each cell to the next cell of its row.
         let mut along = Vec::with_capacity(cells);
         for level in &sheet.levels {
             let (s, whole) = arc_lengths(&level.points);
-            let tolerance = tolerances(&level.points, &s, whole, level.z, aims, spots);
-            let length = lengths(&level.points, &tolerance, aims);
-            let place = |j: usize| {
-                let u = (j as f64 + 0.5) * sheet.period / columns as f64;
-                let i = level.find(u, sheet.period);
-                let (u1, next) = if i + 1 < s.len() { (level.u[i + 1], i + 1) } else { (sheet.period, 0) };
-                (i, next, (u - level.u[i]) / (u1 - level.u[i]))
-            };
+            let tolerance = tolerances(&level.points, &s, whole, level.z, limits, spots);
+            let length = lengths(&level.points, &tolerance, limits);
             let row = field.length.len();
             let mut last = 0.0;
             for j in 0..columns {
-                let (i, next, t) = place(j);
+                let u = (j as f64 + 0.5) * sheet.period / columns as f64;
+                let i = level.find(u);
+                let (u1, next) = if i + 1 < s.len() { (level.u[i + 1], i + 1) } else { (sheet.period, 0) };
+                let t = (u - level.u[i]) / (u1 - level.u[i]);
                 let mix = |values: &[f64]| (values[i] + (values[next] - values[i]) * t) as f32;
                 field.length.push(mix(&length));
                 field.tolerance.push(mix(&tolerance));
@@ -91,7 +91,7 @@ impl Field {
         field
     }
 
-    /// The length of edges at a place, where `level` is at or below it.
+    /// Maximum length of edges at a place.
     #[inline]
     pub(super) fn length(&self, sheet: &Sheet, place: [f64; 2]) -> f64 {
         self.mixed(&self.length, sheet, place)
@@ -102,12 +102,12 @@ impl Field {
         self.mixed(&self.tolerance, sheet, place)
     }
 
-    /// The mean length of edges.
+    /// Mean of the maximum edge lengths.
     pub(super) fn mean(&self) -> f64 {
         self.length.iter().map(|&x| f64::from(x)).sum::<f64>() / self.length.len() as f64
     }
 
-    /// The lengths in the columns of a level.
+    /// Maximum edge lengths in the columns of a level.
     pub(super) fn row(&self, level: usize) -> &[f32] {
         &self.length[level * self.columns..(level + 1) * self.columns]
     }
@@ -122,14 +122,14 @@ impl Field {
         a + (b - a) * t
     }
 
-    /// Lets lengths grow by no more than [`GROWTH`] from cell to cell.
+    /// Limits the growth of lengths from cell to cell to [`GROWTH`].
     fn grade(&mut self, along: &[f32], heights: &[f64]) {
         let (columns, rows) = (self.columns, heights.len());
         let growth = GROWTH as f32;
         for _ in 0..2 {
             for k in 0..rows {
                 let (row, along) = (&mut self.length[k * columns..][..columns], &along[k * columns..][..columns]);
-                // Twice around, since the row is closed.
+                // Two rounds, because the row is closed.
                 for j in 0..2 * columns {
                     let (here, next) = (j % columns, (j + 1) % columns);
                     row[next] = row[next].min(row[here] + growth * along[here]);
@@ -153,10 +153,10 @@ impl Field {
     }
 }
 
-/// The tolerance at each point of a contour.
-fn tolerances(points: &[[f64; 2]], s: &[f64], whole: f64, z: f64, aims: Aims, spots: &[Spot]) -> Vec<f64> {
+/// Tolerance at each point of a contour.
+fn tolerances(points: &[[f64; 2]], s: &[f64], whole: f64, z: f64, limits: RemeshLimits, spots: &[Spot]) -> Vec<f64> {
     let n = points.len();
-    let reach = aims.tolerance / OF_GAP;
+    let reach = limits.tolerance / OF_GAP;
     let rects: Vec<Rect> =
         (0..n).map(|i| Rect::around(&[points[i], points[(i + 1) % n]].map(|p| p.map(|x| x as f32)))).collect();
     let blocks = Blocks::new(&rects);
@@ -171,9 +171,9 @@ fn tolerances(points: &[[f64; 2]], s: &[f64], whole: f64, z: f64, aims: Aims, sp
                     let along = (s[end % n] - s[i]).rem_euclid(whole);
                     along.min(whole - along)
                 };
-                // What is near along the contour, too, is no other wall.
+                // A neighbour along the contour is not another wall.
                 if apart(j).min(apart(j + 1)) > 2.0 * reach {
-                    gap = gap.min(distance(p, points[j], points[(j + 1) % n]));
+                    gap = gap.min(squared_distance_to_segment(p, points[j], points[(j + 1) % n]).sqrt());
                 }
             });
             let in_spots = near.iter().filter(|spot| {
@@ -185,18 +185,19 @@ fn tolerances(points: &[[f64; 2]], s: &[f64], whole: f64, z: f64, aims: Aims, sp
         .collect()
 }
 
-/// The length of chords around each point of a contour that stay near enough to it.
-fn lengths(points: &[[f64; 2]], tolerance: &[f64], aims: Aims) -> Vec<f64> {
+/// Length of chords around each point of a contour that stay close enough to it.
+fn lengths(points: &[[f64; 2]], tolerance: &[f64], limits: RemeshLimits) -> Vec<f64> {
     let n = points.len();
     let of = |i: usize| {
         let error = tolerance[i] * OF_TOLERANCE;
-        let least = (2.0 * aims.tolerance * (tolerance[i] / aims.tolerance).sqrt()).min(aims.length);
-        let mut half = aims.length / 2.0;
+        let least = (2.0 * limits.tolerance * (tolerance[i] / limits.tolerance).sqrt()).min(limits.length);
+        let mut half = limits.length / 2.0;
         while 2.0 * half > least {
             let (to, ahead) = walk(points, i, half, |i| (i + 1) % n);
             let (from, behind) = walk(points, i, half, |i| (i + n - 1) % n);
             let first = i + n - behind;
-            if (first..=first + ahead + behind).all(|j| distance(points[j % n], from, to) <= error) {
+            let is_near = |j: usize| squared_distance_to_segment(points[j % n], from, to).sqrt() <= error;
+            if (first..=first + ahead + behind).all(is_near) {
                 return 2.0 * half;
             }
             half *= 0.8;
@@ -206,27 +207,17 @@ fn lengths(points: &[[f64; 2]], tolerance: &[f64], aims: Aims) -> Vec<f64> {
     (0..n).map(of).collect()
 }
 
-/// The point of a contour at a distance along it from point `i`, and how many points lie between.
-fn walk(points: &[[f64; 2]], i: usize, distance: f64, next: impl Fn(usize) -> usize) -> ([f64; 2], usize) {
-    let (mut at, mut left, mut passed) = (i, distance, 0);
+/// Point at a distance along a contour from point `i`, and the number of points passed.
+fn walk(points: &[[f64; 2]], i: usize, far: f64, next: impl Fn(usize) -> usize) -> ([f64; 2], usize) {
+    let (mut at, mut left, mut passed) = (i, far, 0);
     loop {
         let (a, b) = (points[at], points[next(at)]);
-        let length = norm([b[0] - a[0], b[1] - a[1]]);
+        let length = distance(a, b);
         if length >= left || 2 * passed + 2 >= points.len() {
-            let t = (left / length).min(1.0);
-            return ([a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t], passed);
+            return (lerp(a, b, (left / length).min(1.0)), passed);
         }
         left -= length;
         at = next(at);
         passed += 1;
     }
-}
-
-/// Distance of `p` from the segment from `a` to `b`.
-#[inline]
-pub(super) fn distance(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
-    let (ab, ap) = ([b[0] - a[0], b[1] - a[1]], [p[0] - a[0], p[1] - a[1]]);
-    let square = ab[0] * ab[0] + ab[1] * ab[1];
-    let t = if square > 0.0 { ((ap[0] * ab[0] + ap[1] * ab[1]) / square).clamp(0.0, 1.0) } else { 0.0 };
-    norm([ap[0] - ab[0] * t, ap[1] - ab[1] * t])
 }

@@ -1,16 +1,19 @@
-//! A surface of good triangles through the sections of every step: even, graded, and within a tolerance of the loft.
+//! Remeshes the walls into even, graded triangles within a tolerance of the lofted surface.
 //!
-//! Each wall is cut at section planes into sheets (`sheet`), which are meshed independently, so that time is shared by threads and
-//! memory is bounded. At a plane the contour is resampled once (`row`); both neighbours keep that row. Within a sheet
-//! rows are joined, and edges divided, removed, flipped and moved (`weave`) until their lengths are those of the `field`.
-//! Vertices lie on the sheet, and a triangle is changed only if it stays within the tolerance of it; hence walls can meet only where
-//! they are nearer than that. Triangles that meet are searched exactly, and their neighbourhood is meshed again with less
-//! tolerance.
+//! Each wall is cut at section planes into sheets (`sheet`). The sheets are remeshed independently,
+//! which bounds the memory and lets threads share the work. The contour at each plane is resampled
+//! once (`row`), and the sheets on both sides keep that row. Within a sheet, rows are joined; then
+//! edges are divided, collapsed and flipped and vertices are moved (`weave`) until the edges have
+//! the lengths that the `field` requires.
+//!
+//! Vertices lie on the sheet, and a triangle changes only if it stays within the tolerance of the
+//! sheet. Walls can therefore intersect only where they are closer to each other than the
+//! tolerance. An exact search finds intersecting triangles; their neighbourhood is remeshed with a
+//! smaller tolerance.
 //!
 //! Invariant: the result depends on sections and options only, not on the number of threads.
 
 mod block;
-mod cap;
 mod error;
 mod field;
 mod row;
@@ -20,56 +23,54 @@ mod web;
 
 pub use error::RemeshError;
 
-use super::meeting;
+use super::intersection;
+use crate::geometry::triangulate::{TriangulateError, refined};
+use crate::geometry::vector::distance;
 use crate::model::{BodyKind, Mesh, Patch, PatchKind, Ring, Section};
 use block::{Block, Row};
-use field::{Aims, Spot};
+use field::{RemeshLimits, Spot};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Length of a sheet as a multiple of the resolution.
 const SPAN: f64 = 24.0;
-/// Most times that places where walls meet are meshed again.
+/// Maximum number of attempts to separate walls.
 const ROUNDS: usize = 10;
-/// The tolerance at such a place is multiplied by this each time.
+/// Factor on the tolerance near intersecting triangles, per attempt.
 const TIGHTER: f64 = 0.4;
-/// Part of the tolerance that triangles may use; the rest is for what lies between the places where they are compared.
+/// Fraction of the tolerance that triangles may use. The rest covers points between those at which
+/// triangles are compared with the sheet.
 const SAFETY: f64 = 0.75;
 
 /// Options of [`remesh`].
 #[derive(Clone, Copy, Debug)]
 pub struct Quality {
-    /// Greatest length of edges on the inner wall, about, in micrometres.
+    /// Approximate maximum length of edges on the inner wall, µm.
     pub resolution_um: f64,
-    /// The same for the outer wall.
+    /// Approximate maximum length of edges on the outer wall, µm.
     pub outer_um: f64,
-    /// Greatest distance between the result and the surface through all sections, either way.
+    /// Maximum distance between the result and the lofted surface, in both directions, µm.
     pub tolerance_um: f64,
-    /// Whether to close the lumen, too.
+    /// True to close the lumen as well.
     pub lids: bool,
 }
 
-impl Default for Quality {
-    fn default() -> Self {
-        Self { resolution_um: 40.0, outer_um: 80.0, tolerance_um: 4.0, lids: false }
-    }
-}
-
-/// The result of [`remesh`].
+/// Result of [`remesh`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Remeshed {
-    /// The surface of the tissue, with the patches of a lofted one.
+    /// Surface of the tissue, with the patches of a lofted surface.
     pub tissue: Mesh,
-    /// The ends of the lumen, if asked for.
+    /// Discs at the ends of the lumen, if requested.
     pub lids: Option<Lids>,
 }
 
-/// Discs that close the lumen. Vertices are those of the tissue, then `positions`.
+/// Discs that close the lumen. Their vertices are numbered after those of the tissue.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lids {
-    /// Number of vertices of the tissue that they were made for; more may be added to it.
+    /// Number of tissue vertices when the lids were created. Later steps may append vertices to the
+    /// tissue.
     pub tissue: u32,
-    /// Vertices within the discs, which follow those of the tissue; metres.
+    /// Vertices inside the discs, metres.
     pub positions: Vec<[f32; 3]>,
     /// Triangles of [`PatchKind::Inlet`], facing down the tube.
     pub inlet: Vec<[u32; 3]>,
@@ -78,7 +79,7 @@ pub struct Lids {
 }
 
 impl Lids {
-    /// Both bodies in one mesh, as [`crate::mesh::regions`] makes it of a lofted surface.
+    /// Returns both bodies in one mesh, like [`crate::mesh::regions`] for a lofted surface.
     #[must_use]
     pub fn regions(&self, tissue: &Mesh) -> Mesh {
         let mut regions = Mesh { body: BodyKind::Regions, ..tissue.clone() };
@@ -93,51 +94,51 @@ impl Lids {
     }
 }
 
-/// Makes a surface of good triangles through `sections`, which are consecutive along the tube. `watch` is told the fraction
-/// that is done, and says whether to stop.
+/// Remeshes the walls through `sections`, which follow each other along the tube. `watch` receives
+/// the completed fraction and returns true to stop.
 ///
 /// # Errors
-/// [`RemeshError`].
+/// Returns [`RemeshError`] if the sections do not form a surface, an end cannot be closed, walls
+/// still intersect after the last attempt, or `watch` stops the remesher.
 pub fn remesh(
     sections: &[Section],
     options: &Quality,
     watch: &(dyn Fn(f64) -> bool + Sync),
 ) -> Result<Remeshed, RemeshError> {
-    let walls = [PatchKind::InnerWall, PatchKind::OuterWall].map(|kind| Wall::new(kind, options));
-    let planes = planes(sections, SPAN * options.resolution_um)?;
     let mut spots: Vec<Spot> = Vec::new();
-    let mut plan = Plan { sections, planes, walls, rows: Vec::new(), blocks: Vec::new() };
+    let mut plan = Plan::new(sections, SPAN * options.resolution_um, options)?;
     for _ in 0..ROUNDS {
         plan.update(&spots, watch)?;
         let assembled = plan.assemble()?;
-        let pairs = meeting::pairs(&assembled.mesh);
+        let pairs = intersection::all_pairs(&assembled.mesh);
         if pairs.is_empty() {
             return finish(assembled, options);
         }
         spots = plan.tightened(&assembled.mesh, &pairs, &spots);
     }
-    Err(RemeshError::Meeting(meeting::pairs(&plan.assemble()?.mesh).len()))
+    Err(RemeshError::Meeting(intersection::all_pairs(&plan.assemble()?.mesh).len()))
 }
 
 /// One wall.
 #[derive(Clone, Copy)]
 struct Wall {
     kind: PatchKind,
-    aims: Aims,
+    limits: RemeshLimits,
 }
 
 impl Wall {
     fn new(kind: PatchKind, options: &Quality) -> Self {
         let length = if kind == PatchKind::InnerWall { options.resolution_um } else { options.outer_um };
-        Self { kind, aims: Aims { length, tolerance: options.tolerance_um * SAFETY } }
+        Self { kind, limits: RemeshLimits { length, tolerance: options.tolerance_um * SAFETY } }
     }
 
-    fn ring<'a>(&self, section: &'a Section) -> &'a Ring {
-        if self.kind == PatchKind::InnerWall { &section.inner } else { &section.outer }
+    fn rings<'a>(&self, sections: &'a [Section]) -> Vec<(&'a Ring, f64)> {
+        let is_inner = self.kind == PatchKind::InnerWall;
+        sections.iter().map(|s| (if is_inner { &s.inner } else { &s.outer }, s.z_um)).collect()
     }
 }
 
-/// The numbers of the sections at which walls are cut.
+/// Indices of the sections at which walls are cut.
 fn planes(sections: &[Section], span: f64) -> Result<Vec<usize>, RemeshError> {
     let [first, .., last] = sections else { return Err(RemeshError::Sections) };
     if sections.windows(2).any(|pair| pair[1].z_um <= pair[0].z_um) {
@@ -156,84 +157,69 @@ fn planes(sections: &[Section], span: f64) -> Result<Vec<usize>, RemeshError> {
     Ok(planes)
 }
 
-/// The parts of the surface, wall by wall.
+/// Rows and blocks of the surface, wall by wall.
 struct Plan<'a> {
     sections: &'a [Section],
     planes: Vec<usize>,
     walls: [Wall; 2],
-    /// For each wall, a row at each plane.
+    /// One row per plane; first all rows of the inner wall.
     rows: Vec<Row>,
-    /// For each wall, a block between each two planes.
+    /// One block between each two planes, in the same order.
     blocks: Vec<Block>,
 }
 
-/// The surface without its ends.
+/// Both walls as one mesh, without the ends.
 struct Assembled {
-    /// Walls only.
     mesh: Mesh,
-    /// Vertices of the rims: of each wall, at the isthmus and at the ampulla.
+    /// Vertices of the rims by wall, at the isthmus and at the ampulla.
     rims: [[Vec<u32>; 2]; 2],
 }
 
-impl Plan<'_> {
-    /// Makes the rows and blocks again that spots concern; all, the first time.
+impl<'a> Plan<'a> {
+    /// A plan without rows and blocks, whose walls are cut about every `span`, µm.
+    fn new(sections: &'a [Section], span: f64, options: &Quality) -> Result<Self, RemeshError> {
+        let walls = [PatchKind::InnerWall, PatchKind::OuterWall].map(|kind| Wall::new(kind, options));
+        let planes = planes(sections, span)?;
+        let rows = vec![Row::default(); walls.len() * planes.len()];
+        let blocks = vec![Block::default(); walls.len() * (planes.len() - 1)];
+        Ok(Self { sections, planes, walls, rows, blocks })
+    }
+
+    /// Recomputes rows and blocks near fresh spots; the first call computes all of them.
     fn update(&mut self, spots: &[Spot], watch: &(dyn Fn(f64) -> bool + Sync)) -> Result<(), RemeshError> {
-        let touched = |from: usize, to: usize| {
-            let (low, high) = (self.sections[from].z_um, self.sections[to].z_um);
-            spots
-                .iter()
-                .any(|spot| spot.fresh && spot.centre[2] > low - spot.radius && spot.centre[2] < high + spot.radius)
+        let Self { sections, planes, walls, rows, blocks } = self;
+        let (sections, last) = (*sections, sections.len() - 1);
+        let is_touched = |from: usize, to: usize| {
+            let (low, high) = (sections[from].z_um, sections[to].z_um);
+            let reaches = |s: &Spot| s.centre[2] > low - s.radius && s.centre[2] < high + s.radius;
+            spots.iter().any(|spot| spot.fresh && reaches(spot))
         };
-        let (planes, sections) = (&self.planes, self.sections);
-        let first_time = self.rows.is_empty();
-        let window = |k: usize| (k.saturating_sub(2), (k + 2).min(sections.len() - 1));
-        let wanted: Vec<(usize, usize)> = (0..2).flat_map(|wall| (0..planes.len()).map(move |p| (wall, p))).collect();
-        let old_rows = std::mem::take(&mut self.rows);
-        let rows: Result<Vec<(Row, bool)>, RemeshError> = wanted
-            .into_par_iter()
-            .map(|(wall, p)| {
-                let (from, to) = window(planes[p]);
-                if first_time || touched(from, to) {
-                    let wall = self.walls[wall];
-                    let rings: Vec<_> = sections[from..=to].iter().map(|s| (wall.ring(s), s.z_um)).collect();
-                    Ok((Row::new(&rings, planes[p] - from, wall.aims, spots)?, true))
-                } else {
-                    Ok((old_rows[wall * planes.len() + p].clone(), false))
-                }
-            })
-            .collect();
-        let (rows, renewed): (Vec<Row>, Vec<bool>) = rows?.into_iter().unzip();
-        let count = planes.len() - 1;
-        let wanted: Vec<(usize, usize)> = (0..2).flat_map(|wall| (0..count).map(move |b| (wall, b))).collect();
-        let old_blocks = std::mem::take(&mut self.blocks);
-        let (done, all) = (AtomicUsize::new(0), wanted.len());
-        let fresh: Result<Vec<Option<Block>>, RemeshError> = wanted
-            .into_par_iter()
-            .with_max_len(1)
-            .map(|(wall, b)| {
-                if watch(done.fetch_add(1, Ordering::Relaxed) as f64 / all as f64) {
-                    return Err(RemeshError::Stopped);
-                }
-                let row = wall * planes.len() + b;
-                let (from, to) = (planes[b], planes[b + 1]);
-                if !(first_time || renewed[row] || renewed[row + 1] || touched(from, to)) {
-                    return Ok(None);
-                }
-                let wall = self.walls[wall];
-                let rings: Vec<_> = sections[from..=to].iter().map(|s| (wall.ring(s), s.z_um)).collect();
-                Block::new(&rings, [&rows[row], &rows[row + 1]], wall.aims, spots).map(Some)
-            })
-            .collect();
-        let mut old_blocks = old_blocks.into_iter();
-        self.blocks = fresh?
-            .into_iter()
-            .filter_map(|block| {
-                let old = old_blocks.next();
-                block.or(old)
-            })
-            .collect();
-        self.rows = rows;
-        Ok(())
+        let rows_of = |row: &mut Row, number: usize| {
+            let (wall, plane) = (walls[number / planes.len()], planes[number % planes.len()]);
+            let (from, to) = (plane.saturating_sub(2), (plane + 2).min(last));
+            let is_stale = row.points.is_empty() || is_touched(from, to);
+            if is_stale {
+                *row = Row::new(&wall.rings(&sections[from..=to]), plane - from, wall.limits, spots)?;
+            }
+            Ok(is_stale)
+        };
+        let renewed = rows.par_iter_mut().enumerate().map(|(number, row)| rows_of(row, number));
+        let renewed: Vec<bool> = renewed.collect::<Result<_, RemeshError>>()?;
+        let (done, all, count) = (AtomicUsize::new(0), blocks.len(), planes.len() - 1);
+        blocks.par_iter_mut().enumerate().with_max_len(1).try_for_each(|(number, block)| {
+            if watch(done.fetch_add(1, Ordering::Relaxed) as f64 / all as f64) {
+                return Err(RemeshError::Stopped);
+            }
+            let (wall, b) = (number / count, number % count);
+            let (from, to) = (planes[b], planes[b + 1]);
+            let row = wall * planes.len() + b;
+            if renewed[row] || renewed[row + 1] || is_touched(from, to) {
+                let wall = walls[wall];
+                *block =
+                    Block::new(&wall.rings(&sections[from..=to]), [&rows[row], &rows[row + 1]], wall.limits, spots)?;
+            }
+            Ok(())
+        })
     }
 
     /// Joins the blocks.
@@ -254,20 +240,10 @@ impl Plan<'_> {
                 let block = &self.blocks[w * (planes - 1) + b];
                 let inside = add(&block.points);
                 let upper = add(&self.rows[w * planes + b + 1].points);
-                let number = |v: u32| {
-                    let v = v as usize;
-                    let (rows, low) = (lower.len() + upper.len(), lower.len());
-                    if v < low {
-                        lower[v]
-                    } else if v < rows {
-                        upper[v - low]
-                    } else {
-                        inside[v - rows]
-                    }
-                };
-                let out = |t: &[u32; 3]| t.map(number);
+                let numbers = [&lower[..], &upper, &inside].concat();
+                let out = |t: &[u32; 3]| t.map(|v| numbers[v as usize]);
                 if wall.kind == PatchKind::InnerWall {
-                    // The inner wall faces the lumen.
+                    // The triangles of the inner wall face the lumen.
                     triangles.extend(block.triangles.iter().map(out).map(|[a, b, c]| [a, c, b]));
                 } else {
                     triangles.extend(block.triangles.iter().map(out));
@@ -283,59 +259,74 @@ impl Plan<'_> {
         Ok(Assembled { mesh: Mesh { body: BodyKind::Tissue, positions, triangles, patches }, rims })
     }
 
-    /// The spots after a search: those so far, and one for each pair that meets, with less tolerance than there was.
+    /// Adds a spot with a smaller tolerance for each intersecting pair that no new spot covers yet.
     fn tightened(&self, mesh: &Mesh, pairs: &[[u32; 2]], spots: &[Spot]) -> Vec<Spot> {
-        let aims = self.walls[0].aims;
+        let limits = self.walls[0].limits;
         let mut all: Vec<Spot> = spots.iter().map(|spot| Spot { fresh: false, ..*spot }).collect();
         let old = all.len();
         for pair in pairs {
             let corners = pair
                 .map(|t| mesh.triangles[t as usize].map(|v| mesh.positions[v as usize].map(|x| f64::from(x) * 1e6)));
             let centre: [f64; 3] = std::array::from_fn(|k| corners.iter().flatten().map(|p| p[k]).sum::<f64>() / 6.0);
-            let away = |p: [f64; 3]| row::length(p, centre);
+            let away = |p: [f64; 3]| distance(p, centre);
             if all[old..].iter().any(|spot| away(spot.centre) < 0.25 * spot.radius) {
                 continue;
             }
-            let radius = 1.5 * corners.iter().flatten().map(|&p| away(p)).fold(aims.length, f64::max);
+            let radius = 1.5 * corners.iter().flatten().map(|&p| away(p)).fold(limits.length, f64::max);
             let covering = all[..old].iter().filter(|spot| away(spot.centre) < spot.radius);
-            let tolerance = TIGHTER * covering.map(|spot| spot.tolerance).fold(aims.tolerance, f64::min);
+            let tolerance = TIGHTER * covering.map(|spot| spot.tolerance).fold(limits.tolerance, f64::min);
             all.push(Spot { centre, radius, tolerance, fresh: true });
         }
         all
     }
 }
 
-/// Closes the ends.
+/// Closes the ends of the tissue and, if requested, of the lumen.
 fn finish(assembled: Assembled, options: &Quality) -> Result<Remeshed, RemeshError> {
-    let Assembled { mut mesh, rims } = assembled;
-    let [inner, outer] = &rims;
-    let mut lid = Vec::new();
-    let ends = [(PatchKind::CapIsthmus, 0), (PatchKind::CapAmpulla, 1)];
-    for (kind, end) in ends {
+    let Assembled { mut mesh, rims: [inner, outer] } = assembled;
+    for (kind, end) in [(PatchKind::CapIsthmus, 0), (PatchKind::CapAmpulla, 1)] {
         let start = mesh.triangles.len();
-        let triangles = cap::annulus(&mut mesh.positions, &inner[end], &outer[end], options.resolution_um)?;
+        let triangles = fill(&mut mesh.positions, &[&inner[end]], &outer[end], options.resolution_um)?;
         mesh.triangles.extend(if end == 0 { turned(triangles) } else { triangles });
         mesh.patches.push(Patch { kind, triangles: start..mesh.triangles.len() });
     }
-    if !options.lids {
-        return Ok(Remeshed { tissue: mesh, lids: None });
-    }
-    let tissue = mesh.positions.len();
-    let mut positions = mesh.positions.clone();
-    for (_, end) in ends {
-        lid.push(cap::disc(&mut positions, &inner[end], options.resolution_um)?);
-    }
-    let outlet = lid.pop().unwrap_or_default();
-    let inlet = turned(lid.pop().unwrap_or_default());
-    Ok(Remeshed {
-        tissue: mesh,
-        lids: Some(Lids { tissue: tissue as u32, positions: positions.split_off(tissue), inlet, outlet }),
-    })
+    let lids = options.lids.then(|| {
+        let tissue = mesh.positions.len();
+        let mut positions = mesh.positions.clone();
+        let [inlet, outlet] = inner.map(|rim| fill(&mut positions, &[], &rim, options.resolution_um));
+        let positions = positions.split_off(tissue);
+        Ok::<_, RemeshError>(Lids { tissue: tissue as u32, positions, inlet: turned(inlet?), outlet: outlet? })
+    });
+    Ok(Remeshed { lids: lids.transpose()?, tissue: mesh })
 }
 
 fn turned(mut triangles: Vec<[u32; 3]>) -> Vec<[u32; 3]> {
     triangles.iter_mut().for_each(|t| t.swap(1, 2));
     triangles
+}
+
+/// Triangulates the plane region inside the rim `outer` and outside of `holes`. Appends the
+/// vertices it adds to `positions`. The triangles face up the tube.
+fn fill(
+    positions: &mut Vec<[f32; 3]>,
+    holes: &[&[u32]],
+    outer: &[u32],
+    resolution_um: f64,
+) -> Result<Vec<[u32; 3]>, TriangulateError> {
+    let flat = |rim: &[u32]| -> Vec<[f32; 2]> {
+        rim.iter().map(|&v| [positions[v as usize][0], positions[v as usize][1]]).collect()
+    };
+    let rims: Vec<Vec<[f32; 2]>> = holes.iter().copied().map(flat).collect();
+    let z = positions[outer[0] as usize][2];
+    let edge = resolution_um * 1e-6;
+    // Area of an equilateral triangle with some slack, because it is a maximum.
+    let region = refined(&rims.iter().map(Vec::as_slice).collect::<Vec<_>>(), &flat(outer), 0.6 * edge * edge)?;
+    let mut vertices: Vec<u32> = holes.iter().copied().chain([outer]).flatten().copied().collect();
+    for [x, y] in region.added {
+        vertices.push(positions.len() as u32);
+        positions.push([x, y, z]);
+    }
+    Ok(region.triangles.into_iter().map(|t| t.map(|i| vertices[i as usize])).collect())
 }
 
 #[cfg(test)]

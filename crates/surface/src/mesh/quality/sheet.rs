@@ -1,51 +1,46 @@
-//! One wall between two sections as a smooth sheet: every place (u, z) of a plane strip has a point in space.
+//! A wall between two section planes as a smooth sheet: a map from places (u, z) to points in
+//! space.
 //!
-//! u is the arc length along the last section of the sheet; a particle keeps its u in all of them. Between neighbouring
-//! particles and between neighbouring sections positions are interpolated linearly, so that each cross section is the contour
-//! with its particles on their straight ways, which never cross (docs/physics.md). Lengths along the sheet
-//! differ little from lengths in (u, z), because particles move by about a hundredth of the distance between sections.
+//! u is the arc length along the last section of the sheet. A particle keeps its u in all sections.
+//! Positions are interpolated linearly between neighbouring particles and between neighbouring
+//! sections. Each cross section is therefore a contour whose particles are on their straight paths,
+//! and these never cross (docs/physics.md). Distances on the sheet differ little from distances in
+//! (u, z), because particles move by about a hundredth of the distance between sections.
 
 use super::error::RemeshError;
+use crate::geometry::vector::{distance, lerp};
 use crate::model::Ring;
 
-/// The contour of a section as part of a sheet, beginning with the first particle of the sheet.
+/// Contour of a section, beginning with the first particle of the sheet.
 pub(super) struct Level {
-    /// Place along the tube, micrometres.
+    /// Place along the tube, µm.
     pub(super) z: f64,
-    /// u of each particle, from 0, increasing.
+    /// u of each particle, increasing from 0.
     pub(super) u: Vec<f64>,
-    /// Positions of the particles, micrometres.
+    /// Positions of the particles, µm.
     pub(super) points: Vec<[f64; 2]>,
-    /// Index in the ring of the section of the first particle.
+    /// Index of the first particle in the ring of the section.
     pub(super) turn: usize,
-    /// The last particle before each of equal parts of u.
+    /// Last particle before each of equally long intervals of u; speeds up [`Level::find`].
     table: Vec<u32>,
-}
-
-/// A wall from one section to another.
-pub(super) struct Sheet {
-    pub(super) levels: Vec<Level>,
-    /// Length of the last contour; u and u + period are the same place.
-    pub(super) period: f64,
-}
-
-/// The contour at any height.
-#[derive(Clone, Copy)]
-pub(super) struct Slice<'a> {
-    pub(super) lower: &'a Level,
-    pub(super) upper: &'a Level,
-    pub(super) z: f64,
-    share: f64,
+    /// Period of the sheet.
     period: f64,
 }
 
+/// One wall between two section planes.
+pub(super) struct Sheet {
+    pub(super) levels: Vec<Level>,
+    /// Length of the last contour. u and u + period are the same place.
+    pub(super) period: f64,
+}
+
 impl Sheet {
-    /// The sheet of one wall through consecutive sections.
+    /// Builds the sheet of one wall through consecutive sections, given as rings with their z.
     pub(super) fn new(rings: &[(&Ring, f64)]) -> Result<Self, RemeshError> {
         let first = rings.first().and_then(|(ring, _)| ring.ids.first()).ok_or(RemeshError::Sections)?;
         let mut levels = Vec::with_capacity(rings.len());
         let mut period = 0.0;
-        // The ids and u of the level above.
+        // Ids and u of the level above.
         let mut above: Option<(Vec<u32>, Vec<f64>)> = None;
         for &(ring, z) in rings.iter().rev() {
             let turn = ring.ids.iter().position(|id| id == first).ok_or(RemeshError::Sections)?;
@@ -68,45 +63,44 @@ impl Sheet {
                 }
             };
             let table = table(&u, period);
-            levels.push(Level { z, u: u.clone(), points, turn, table });
+            levels.push(Level { z, u: u.clone(), points, turn, table, period });
             above = Some((ids, u));
         }
         levels.reverse();
         Ok(Self { levels, period })
     }
 
-    /// The representative of `u` that is nearest to `anchor`.
+    /// Representative of `u` that is nearest to `anchor`.
     #[inline]
     pub(super) fn near(&self, u: f64, anchor: f64) -> f64 {
         u - self.period * ((u - anchor) / self.period).round()
     }
 
-    /// The number of the level at or below `z`, with a level above it.
+    /// Index of the level at or below `z` that has a level above it.
     #[inline]
     pub(super) fn below(&self, z: f64) -> usize {
         self.levels.partition_point(|level| level.z <= z).clamp(1, self.levels.len() - 1) - 1
     }
 
-    /// The contour at height `z`.
+    /// The levels below and above `z`.
     #[inline]
-    pub(super) fn slice(&self, z: f64) -> Slice<'_> {
+    fn around(&self, z: f64) -> [&Level; 2] {
         let k = self.below(z);
-        let (lower, upper) = (&self.levels[k], &self.levels[k + 1]);
-        Slice { lower, upper, z, share: (z - lower.z) / (upper.z - lower.z), period: self.period }
+        [&self.levels[k], &self.levels[k + 1]]
     }
 
-    /// Calls `visit` with the place and the point of each particle's way that the line from one place to another crosses.
+    /// Calls `visit` for each particle whose path crosses the line between two places: with the
+    /// place and the point where they cross.
     #[inline]
     pub(super) fn crossed(&self, from: [f64; 2], to: [f64; 2], mut visit: impl FnMut([f64; 2], [f64; 3])) {
         let to = [self.near(to[0], from[0]), to[1]];
         let ([start, z], [end, _]) = if from[0] <= to[0] { (from, to) } else { (to, from) };
         let slope = if start < end { (to[1] - from[1]) / (to[0] - from[0]) } else { 0.0 };
-        // Beyond the slab of the middle the ways are extended.
-        let slice = self.slice(0.5 * (from[1] + to[1]));
-        let height = slice.upper.z - slice.lower.z;
-        let level = slice.upper;
+        // The paths of the slab in the middle are extended if the line leaves that slab.
+        let [lower, level] = self.around(0.5 * (from[1] + to[1]));
+        let height = level.z - lower.z;
         let mut shift = (start / self.period).floor() * self.period;
-        let mut i = level.find((start - shift).clamp(0.0, self.period), self.period) + 1;
+        let mut i = level.find((start - shift).clamp(0.0, self.period)) + 1;
         loop {
             if i == level.u.len() {
                 i = 0;
@@ -118,36 +112,29 @@ impl Sheet {
             }
             if u > start {
                 let z = z + slope * (u - start);
-                let share = (z - slice.lower.z) / height;
-                let (a, b) = (slice.lower.at(level.u[i], self.period), level.points[i]);
-                visit([u, z], [a[0] + (b[0] - a[0]) * share, a[1] + (b[1] - a[1]) * share, z]);
+                let share = (z - lower.z) / height;
+                let [x, y] = lerp(lower.at(level.u[i]), level.points[i], share);
+                visit([u, z], [x, y, z]);
             }
             i += 1;
         }
     }
 
-    /// The point in space of a place.
+    /// Point in space at a place.
     #[inline]
     pub(super) fn point(&self, [u, z]: [f64; 2]) -> [f64; 3] {
-        self.slice(z).point(u)
-    }
-}
-
-impl Slice<'_> {
-    /// The point at `u`, which may be any representative.
-    #[inline]
-    pub(super) fn point(&self, u: f64) -> [f64; 3] {
+        let [lower, upper] = self.around(z);
         let u = u.rem_euclid(self.period);
-        let (a, b) = (self.lower.at(u, self.period), self.upper.at(u, self.period));
-        [a[0] + (b[0] - a[0]) * self.share, a[1] + (b[1] - a[1]) * self.share, self.z]
+        let [x, y] = lerp(lower.at(u), upper.at(u), (z - lower.z) / (upper.z - lower.z));
+        [x, y, z]
     }
 }
 
 impl Level {
-    /// The particle at or before `u`, which is from 0 to the period.
+    /// Index of the particle at or before `u`, which must be between 0 and the period.
     #[inline]
-    pub(super) fn find(&self, u: f64, period: f64) -> usize {
-        let part = (u / period * self.table.len() as f64) as usize;
+    pub(super) fn find(&self, u: f64) -> usize {
+        let part = (u / self.period * self.table.len() as f64) as usize;
         let mut i = self.table[part.min(self.table.len() - 1)] as usize;
         while i + 1 < self.u.len() && self.u[i + 1] <= u {
             i += 1;
@@ -155,31 +142,30 @@ impl Level {
         i
     }
 
-    /// The point at `u`, which is from 0 to the period.
+    /// Point at `u`, which must be between 0 and the period.
     #[inline]
-    pub(super) fn at(&self, u: f64, period: f64) -> [f64; 2] {
-        let i = self.find(u, period);
+    pub(super) fn at(&self, u: f64) -> [f64; 2] {
+        let i = self.find(u);
         let (a, u0) = (self.points[i], self.u[i]);
-        let (b, u1) = if i + 1 < self.u.len() { (self.points[i + 1], self.u[i + 1]) } else { (self.points[0], period) };
-        let t = (u - u0) / (u1 - u0);
-        [a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t]
+        let (b, u1) =
+            if i + 1 < self.u.len() { (self.points[i + 1], self.u[i + 1]) } else { (self.points[0], self.period) };
+        lerp(a, b, (u - u0) / (u1 - u0))
+    }
+
+    /// Point in space at `u`, which may be any representative.
+    pub(super) fn point(&self, u: f64) -> [f64; 3] {
+        let [x, y] = self.at(u.rem_euclid(self.period));
+        [x, y, self.z]
     }
 }
 
-/// The length of a vector. `hypot` rounds otherwise in other C libraries.
-#[inline]
-pub(super) fn norm([x, y]: [f64; 2]) -> f64 {
-    (x * x + y * y).sqrt()
-}
-
-/// The place of each point along a closed contour, and its length.
+/// Arc length from the first point to each point of a closed contour, and the whole length.
 pub(super) fn arc_lengths(points: &[[f64; 2]]) -> (Vec<f64>, f64) {
     let mut length = 0.0;
     let u = (0..points.len())
         .map(|i| {
-            let (a, b) = (points[i], points[(i + 1) % points.len()]);
             let u = length;
-            length += norm([b[0] - a[0], b[1] - a[1]]);
+            length += distance(points[i], points[(i + 1) % points.len()]);
             u
         })
         .collect();
@@ -191,7 +177,7 @@ fn table(u: &[f64], period: f64) -> Vec<u32> {
     let mut table = Vec::with_capacity(parts);
     let mut i = 0;
     for part in 0..parts {
-        // A little early, so that rounding never begins after the particle that is looked for.
+        // Starts slightly early, so that rounding never skips the particle.
         let begin = (part as f64 - 1e-6) / parts as f64 * period;
         while i + 1 < u.len() && u[i + 1] <= begin {
             i += 1;

@@ -1,11 +1,14 @@
-//! Tests of the remesher on shapes of known size: distance, angles, folds that nearly touch.
+//! Remeshing of shapes of known size: distances, angles, and folds that nearly touch.
 
 use super::*;
 use crate::geometry::distance::Triangles;
+use crate::geometry::vector;
 use std::collections::HashMap;
 use std::f64::consts::TAU;
 
-/// A ring of points in micrometres with ids from 0.
+const DEFAULT: Quality = Quality { resolution_um: 40.0, outer_um: 80.0, tolerance_um: 4.0, lids: false };
+
+/// A ring of points, µm, with ids from 0.
 fn ring(points: Vec<[f64; 2]>) -> Ring {
     Ring { ids: (0..points.len() as u32).collect(), points: points.into_iter().map(|p| p.map(|x| x as f32)).collect() }
 }
@@ -35,7 +38,7 @@ fn folded() -> Vec<Section> {
     (0..13).map(|k| section(k, 25.0, inner(k), circle(60, |_| 400.0))).collect()
 }
 
-/// A collapsed lumen: two waved walls `gap` apart.
+/// A collapsed lumen: two wavy walls at a distance of `gap`.
 fn slit(gap: f64) -> Vec<Section> {
     let wall = |k: usize| {
         let wave = |x: f64| 10.0 * (x / 20.0 + 0.01 * k as f64).sin();
@@ -48,11 +51,11 @@ fn slit(gap: f64) -> Vec<Section> {
 }
 
 fn made(sections: &[Section], lids: bool) -> Remeshed {
-    let quality = Quality { lids, ..Quality::default() };
+    let quality = Quality { lids, ..DEFAULT };
     remesh(sections, &quality, &|_| false).unwrap()
 }
 
-/// Every edge once in each direction, and no triangles that meet.
+/// Asserts that every edge occurs once in each direction and no triangles intersect.
 fn check(mesh: &Mesh) {
     let mut edges: HashMap<[u32; 2], u32> = HashMap::new();
     for t in &mesh.triangles {
@@ -67,14 +70,15 @@ fn check(mesh: &Mesh) {
     assert_eq!(used.len(), mesh.positions.len());
     let euler = used.len() as i64 - edges.len() as i64 / 2 + mesh.triangles.len() as i64;
     assert_eq!(euler, mesh.body.euler());
-    assert_eq!(meeting::pairs(mesh), Vec::<[u32; 2]>::new());
+    assert_eq!(intersection::all_pairs(mesh), Vec::<[u32; 2]>::new());
 }
 
-/// Share of the triangles without an angle below 20 degrees, and with edges of which none is over 4 times as long as another.
+/// Fraction of triangles without an angle below 20 degrees, and fraction of triangles whose longest
+/// edge is at most 4 times the shortest.
 fn share_of_good(mesh: &Mesh) -> f64 {
     let is_good = |t: &&[u32; 3]| {
         let corners = t.map(|v| mesh.positions[v as usize].map(f64::from));
-        let sides = [0, 1, 2].map(|k| row::length(corners[k], corners[(k + 1) % 3]));
+        let sides = [0, 1, 2].map(|k| vector::distance(corners[k], corners[(k + 1) % 3]));
         let wide = (0..3).all(|k| {
             let [a, b, c] = [0, 1, 2].map(|i| sides[(k + i) % 3]);
             (b * b + c * c - a * a) / (2.0 * b * c) <= 20_f64.to_radians().cos()
@@ -84,7 +88,7 @@ fn share_of_good(mesh: &Mesh) -> f64 {
     mesh.triangles.iter().filter(is_good).count() as f64 / mesh.triangles.len() as f64
 }
 
-/// The surface of quads between sections with the same ids, as triangles in micrometres.
+/// Surface of quads between sections with equal ids, as triangles, µm.
 fn reference(sections: &[Section], wall: usize) -> Vec<[[f64; 3]; 3]> {
     let mut triangles = Vec::new();
     for pair in sections.windows(2) {
@@ -101,7 +105,7 @@ fn reference(sections: &[Section], wall: usize) -> Vec<[[f64; 3]; 3]> {
     triangles
 }
 
-/// The greatest distance between a wall and the surface through all sections, either way, in micrometres.
+/// Maximum distance between a wall and the lofted surface, in both directions, µm.
 fn distance(mesh: &Mesh, sections: &[Section], wall: usize) -> f64 {
     let result: Vec<[[f64; 3]; 3]> = mesh.triangles[mesh.patches[wall].triangles.clone()]
         .iter()
@@ -157,7 +161,7 @@ fn lids_share_the_rims_of_the_inner_wall() {
     let wall = &tissue.triangles[tissue.patches[0].triangles.clone()];
     let triangles: Vec<[u32; 3]> =
         wall.iter().map(|&[a, b, c]| [a, c, b]).chain(lids.inlet.clone()).chain(lids.outlet.clone()).collect();
-    // The lumen by itself: only the vertices that it uses.
+    // The lumen alone, with only the vertices that it uses.
     let all = [&tissue.positions[..], &lids.positions].concat();
     let mut number = HashMap::new();
     let mut positions = Vec::new();
@@ -186,16 +190,9 @@ fn walls_that_nearly_touch_stay_apart() {
 
 #[test]
 fn walls_that_meet_are_meshed_again_with_less_tolerance() {
-    // Without a look at gaps, the two sides would meet.
+    // If the tolerance ignored gaps, the two sides would intersect.
     let sections = slit(0.6);
-    let walls = [PatchKind::InnerWall, PatchKind::OuterWall].map(|kind| Wall::new(kind, &Quality::default()));
-    let mut plan = Plan {
-        sections: &sections,
-        planes: planes(&sections, 900.0).unwrap(),
-        walls,
-        rows: Vec::new(),
-        blocks: Vec::new(),
-    };
+    let mut plan = Plan::new(&sections, 900.0, &DEFAULT).unwrap();
     let coarse = Spot { centre: [0.0, 0.0, 1100.0], radius: 500.0, tolerance: 1.0, fresh: true };
     plan.update(&[coarse], &|_| false).unwrap();
     let before = plan.assemble().unwrap().mesh.triangles.len();
@@ -210,8 +207,8 @@ fn the_number_of_threads_does_not_matter() {
     let sections = folded();
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        // Short sheets, so that there are several.
-        let quality = Quality { resolution_um: 10.0, outer_um: 20.0, lids: true, ..Quality::default() };
+        // Short sheets, so that there are several of them.
+        let quality = Quality { resolution_um: 10.0, outer_um: 20.0, lids: true, ..DEFAULT };
         pool.install(|| remesh(&sections, &quality, &|_| false)).unwrap()
     };
     assert_eq!(on(1), on(3));
@@ -219,20 +216,20 @@ fn the_number_of_threads_does_not_matter() {
 
 #[test]
 fn it_stops_when_asked() {
-    assert_eq!(remesh(&cylinder(), &Quality::default(), &|_| true), Err(RemeshError::Stopped));
+    assert_eq!(remesh(&cylinder(), &DEFAULT, &|_| true), Err(RemeshError::Stopped));
 }
 
 #[test]
 fn sections_that_form_no_surface_are_refused() {
     let mut sections = cylinder();
-    assert_eq!(remesh(&sections[..1], &Quality::default(), &|_| false), Err(RemeshError::Sections));
+    assert_eq!(remesh(&sections[..1], &DEFAULT, &|_| false), Err(RemeshError::Sections));
     sections[4].inner.ids[7] = 999;
-    assert_eq!(remesh(&sections, &Quality::default(), &|_| false), Err(RemeshError::Sections));
+    assert_eq!(remesh(&sections, &DEFAULT, &|_| false), Err(RemeshError::Sections));
     let turned: Vec<Section> = cylinder().into_iter().rev().collect();
-    assert_eq!(remesh(&turned, &Quality::default(), &|_| false), Err(RemeshError::Sections));
+    assert_eq!(remesh(&turned, &DEFAULT, &|_| false), Err(RemeshError::Sections));
 }
 
-/// Sections of 10 steps: rows are much farther apart than edges are long.
+/// Sections of 10 steps: rows are much farther apart than the edges are long.
 #[test]
 fn sections_may_be_far_apart() {
     let sections: Vec<Section> =

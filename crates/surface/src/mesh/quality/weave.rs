@@ -1,47 +1,53 @@
-//! Improves the triangles of a sheet: even lengths, good angles, within the tolerance of the sheet.
+//! Improves the triangles of a sheet: even edge lengths and good angles, within the tolerance.
 
-use super::field::Field;
-use super::row::length;
+use super::field::LengthField;
 use super::sheet::Sheet;
 use super::web::Web;
 use crate::geometry::distance::squared_distance;
+use crate::geometry::vector::{cross, distance, dot, lerp, squared_distance_to_segment, sub};
 
-/// An edge longer than this times its aim is divided, and one shorter is removed.
+/// Edges longer than `LONG` times their desired length are divided; edges shorter than `SHORT`
+/// times that length are collapsed.
 const LONG: f64 = 1.35;
 const SHORT: f64 = 0.7;
-// Angles are compared by the squares of their sines.
-/// An angle that is good enough: 32°.
+// Thresholds of angles are squares of their sines.
+/// Angle that needs no smoothing: 32°.
 const GOOD: f64 = 0.28;
-/// An angle that needs no improvement by trials: 27°.
+/// Angle that needs no polishing: 27°.
 const FAIR: f64 = 0.2;
-/// An angle to which others may be reduced by removing vertices: 22°.
+/// Angle that collapsing an edge may leave: 22°.
 const POOR: f64 = 0.14;
-/// Least gain for which an edge is flipped.
+/// Minimum gain for which an edge is flipped.
 const GAIN: f64 = 1e-3;
-/// Distance between the heights at which a triangle is compared with the sheet, micrometres.
+/// Distance between the heights at which a triangle is compared with the sheet, µm.
 const PITCH: f64 = 10.0;
 
-/// A web on its sheet.
+/// Directions in which a vertex is moved by trial.
+const WAYS: [[f64; 2]; 8] =
+    [[1.0, 0.0], [0.7, 0.7], [0.0, 1.0], [-0.7, 0.7], [-1.0, 0.0], [-0.7, -0.7], [0.0, -1.0], [0.7, -0.7]];
+
+/// The triangles of a sheet while they are improved.
 pub(super) struct Weave<'a> {
     pub(super) sheet: &'a Sheet,
-    pub(super) field: &'a Field,
+    pub(super) field: &'a LengthField,
     pub(super) web: Web,
-    /// Aim for the length of edges at each vertex.
+    /// Desired edge length at each vertex.
     aims: Vec<f64>,
     star: Vec<(u32, usize)>,
     other: Vec<(u32, usize)>,
 }
 
-/// A point of the sheet.
+/// Place on the sheet and point in space.
 type Spot = ([f64; 2], [f64; 3]);
 
 impl<'a> Weave<'a> {
-    pub(super) fn new(sheet: &'a Sheet, field: &'a Field, web: Web) -> Self {
+    pub(super) fn new(sheet: &'a Sheet, field: &'a LengthField, web: Web) -> Self {
         let aims = web.places.iter().map(|&place| field.length(sheet, place)).collect();
         Self { sheet, field, web, aims, star: Vec::new(), other: Vec::new() }
     }
 
-    /// Divides long edges, removes short ones, flips and moves, several times.
+    /// Divides long edges, collapses short ones, flips edges and moves vertices, in each of several
+    /// passes.
     pub(super) fn even_out(&mut self, passes: usize) {
         for _ in 0..passes {
             self.divide();
@@ -55,7 +61,7 @@ impl<'a> Weave<'a> {
         (self.web.places[v as usize], self.web.points[v as usize])
     }
 
-    /// Half way between two vertices on the sheet.
+    /// Place halfway between two vertices.
     fn middle(&self, a: u32, b: u32) -> Spot {
         let ([u, z], [v, w]) = (self.web.places[a as usize], self.web.places[b as usize]);
         let place = [0.5 * (u + self.sheet.near(v, u)), 0.5 * (z + w)];
@@ -65,8 +71,7 @@ impl<'a> Weave<'a> {
     fn divide(&mut self) {
         let mut t = 0;
         while t < self.web.triangles.len() {
-            let Some((k, _)) = self.edge(t as u32, |length, aim, longest| length > LONG * aim && length > longest)
-            else {
+            let Some(k) = self.longest_to_divide(t as u32) else {
                 t += 1;
                 continue;
             };
@@ -77,22 +82,23 @@ impl<'a> Weave<'a> {
         }
     }
 
-    /// The last inner edge of a triangle that is chosen by its length, its aim and the length of the one chosen before.
-    fn edge(&self, t: u32, choose: impl Fn(f64, f64, f64) -> bool) -> Option<(usize, f64)> {
-        if !self.web.has_triangle(t) {
-            return None;
-        }
-        let corners = self.web.triangles[t as usize];
-        let mut chosen: Option<(usize, f64)> = None;
-        for k in 0..3 {
-            let (a, b) = (corners[k], corners[(k + 1) % 3]);
-            let length = length(self.web.points[a as usize], self.web.points[b as usize]);
-            let aim = 0.5 * (self.aims[a as usize] + self.aims[b as usize]);
-            if choose(length, aim, chosen.map_or(0.0, |(_, length)| length)) && self.web.beyond(t, k).is_some() {
-                chosen = Some((k, length));
+    /// Longest inner edge of a triangle that is too long.
+    fn longest_to_divide(&self, t: u32) -> Option<usize> {
+        let (mut longest, mut chosen) = (0.0, None);
+        for k in (0..3).filter(|_| self.web.has_triangle(t)) {
+            let (length, aim) = self.length_and_aim(t, k);
+            if length > LONG * aim && length > longest && self.web.beyond(t, k).is_some() {
+                (longest, chosen) = (length, Some(k));
             }
         }
         chosen
+    }
+
+    /// Length of edge `k` of `t`, and its desired length.
+    fn length_and_aim(&self, t: u32, k: usize) -> (f64, f64) {
+        let corners = self.web.triangles[t as usize];
+        let [a, b] = [corners[k], corners[(k + 1) % 3]].map(|v| v as usize);
+        (distance(self.web.points[a], self.web.points[b]), 0.5 * (self.aims[a] + self.aims[b]))
     }
 
     fn remove(&mut self) {
@@ -102,10 +108,7 @@ impl<'a> Weave<'a> {
                 if !self.web.has_triangle(t) {
                     break;
                 }
-                let corners = self.web.triangles[t as usize];
-                let (a, b) = (corners[k], corners[(k + 1) % 3]);
-                let aim = 0.5 * (self.aims[a as usize] + self.aims[b as usize]);
-                let length = length(self.web.points[a as usize], self.web.points[b as usize]);
+                let (length, aim) = self.length_and_aim(t, k);
                 if length >= SHORT * aim {
                     continue;
                 }
@@ -126,7 +129,7 @@ impl<'a> Weave<'a> {
         (self.star, self.other) = (star, other);
     }
 
-    /// Whether the triangles stay good if the end of an edge moves to its start.
+    /// True if the triangles stay good when the end of an edge moves to its start.
     fn may_collapse(&self, t: u32, k: usize, star: &[(u32, usize)]) -> bool {
         let start = self.web.triangles[t as usize][k];
         let (place, point) = self.spot(start);
@@ -144,14 +147,14 @@ impl<'a> Weave<'a> {
             }
             after = after.min(shape([point, q.1, r.1]));
             let aim = self.aims[start as usize];
-            if length(point, q.1) > LONG * aim || self.strain([(place, point), q, r]).0 > 1.0 {
+            if distance(point, q.1) > LONG * aim || self.strain([(place, point), q, r]).0 > 1.0 {
                 return false;
             }
         }
         after >= before.min(POOR)
     }
 
-    /// Flips edges whose other diagonal has better angles.
+    /// Flips edges if the other diagonal gives better angles.
     pub(super) fn flip(&mut self) {
         for _ in 0..3 {
             let mut flips = 0;
@@ -188,7 +191,7 @@ impl<'a> Weave<'a> {
         new <= 1.0 || new <= self.strain([a, b, c]).0.max(self.strain([b, a, d]).0)
     }
 
-    /// Moves vertices toward the middle of their stars.
+    /// Moves vertices towards the centres of their stars.
     pub(super) fn smooth(&mut self) {
         let mut star = std::mem::take(&mut self.star);
         for v in self.web.fixed as u32..self.web.points.len() as u32 {
@@ -204,8 +207,7 @@ impl<'a> Weave<'a> {
                 let [p, s] = [q, r].map(|w| self.web.places[w as usize]);
                 let aim = self.aims[q as usize] + self.aims[r as usize] + self.aims[v as usize];
                 let points = corners.map(|w| self.web.points[w as usize]);
-                let weight =
-                    squared_area(minus(points[1], points[0]), minus(points[2], points[0])).sqrt() / (aim * aim);
+                let weight = squared_area(sub(points[1], points[0]), sub(points[2], points[0])).sqrt() / (aim * aim);
                 sum[0] += weight * (self.sheet.near(p[0], u) + self.sheet.near(s[0], u) + u) / 3.0;
                 sum[1] += weight * (p[1] + s[1] + z) / 3.0;
                 weights += weight;
@@ -220,7 +222,8 @@ impl<'a> Weave<'a> {
         self.star = star;
     }
 
-    /// Moves vertices of bad triangles to where the least angle around them is greatest, among some places tried.
+    /// Moves vertices of bad triangles to the best of several places: the one that maximizes the
+    /// minimum angle around them.
     pub(super) fn polish(&mut self) {
         let mut star = std::mem::take(&mut self.star);
         for v in self.web.fixed as u32..self.web.points.len() as u32 {
@@ -234,17 +237,7 @@ impl<'a> Weave<'a> {
             let mut reach = 0.3 * self.aims[v as usize];
             for _ in 0..3 {
                 let [u, z] = self.web.places[v as usize];
-                let ways = [
-                    [1.0, 0.0],
-                    [0.7, 0.7],
-                    [0.0, 1.0],
-                    [-0.7, 0.7],
-                    [-1.0, 0.0],
-                    [-0.7, -0.7],
-                    [0.0, -1.0],
-                    [0.7, -0.7],
-                ];
-                for [x, y] in ways {
+                for [x, y] in WAYS {
                     self.try_move(v, [u + x * reach, z + y * reach], 1.0, &star);
                 }
                 reach *= 0.5;
@@ -258,7 +251,8 @@ impl<'a> Weave<'a> {
         star.iter().map(of).fold(f64::INFINITY, f64::min)
     }
 
-    /// Moves a vertex to a place if angles below `enough` do not become less there, and the triangles stay near the sheet.
+    /// Moves a vertex to a place if no angle below `enough` shrinks and the triangles stay near the
+    /// sheet.
     fn try_move(&mut self, v: u32, place: [f64; 2], enough: f64, star: &[(u32, usize)]) -> bool {
         let moved = (place, self.sheet.point(place));
         let corners = |&(t, k): &(u32, usize)| {
@@ -288,7 +282,7 @@ impl<'a> Weave<'a> {
         true
     }
 
-    /// Adds vertices where triangles are too far from the sheet; returns how many.
+    /// Adds vertices where triangles are too far from the sheet; returns their number.
     pub(super) fn approach(&mut self) -> usize {
         let mut added = 0;
         for t in 0..self.web.triangles.len() as u32 {
@@ -297,15 +291,15 @@ impl<'a> Weave<'a> {
             }
             let corners = self.web.triangles[t as usize];
             let (strain, (place, point)) = self.strain(corners.map(|v| self.spot(v)));
-            if strain <= 1.0 {
-                continue;
+            if strain > 1.0 {
+                added += usize::from(self.add(t, place, point));
             }
-            added += usize::from(self.add(t, place, point));
         }
         added
     }
 
-    /// Adds a vertex at a place of a triangle: on its nearest edge if there is one, else inside.
+    /// Adds a vertex at a place of a triangle: on the nearest edge if one is close, otherwise
+    /// inside.
     fn add(&mut self, t: u32, place: [f64; 2], point: [f64; 3]) -> bool {
         let corners = self.web.triangles[t as usize];
         let places = corners.map(|v| self.web.places[v as usize]);
@@ -341,8 +335,9 @@ impl<'a> Weave<'a> {
         self.doubled_area(places) > 1e-3
     }
 
-    /// How far a triangle is from its part of the sheet, either way, as a part of the tolerance, and the particle to add there;
-    /// zero if it is within the tolerance. Compared are the edges, and lines across at some heights.
+    /// Distance between a triangle and its part of the sheet, in both directions, as a fraction of
+    /// the tolerance, and the particle to add there. Returns 0 if the distance is within the
+    /// tolerance. Compares the edges and lines at some heights.
     fn strain(&self, corners: [Spot; 3]) -> (f64, Spot) {
         let anchor = corners[0].0[0];
         let mut order = corners.map(|([u, z], point)| ([self.sheet.near(u, anchor), z], point));
@@ -367,26 +362,28 @@ impl<'a> Weave<'a> {
         worst.1.map_or((0.0, low), |spot| (worst.0.sqrt() / tolerance, spot))
     }
 
-    /// The squared distance between a line on a triangle and the way between its ends on the sheet, either way, if it is above
-    /// `limit`, with the particle that is farthest from the line.
+    /// Squared distance between a line on a triangle and the path between its ends on the sheet, in
+    /// both directions, and the particle that is farthest from the line. `None` if the distance is
+    /// at most `limit`.
     #[inline]
     fn farthest(&self, from: Spot, to: Spot, triangle: [[f64; 3]; 3], limit: f64) -> Option<(f64, Spot)> {
         let (from, to) = if from.0[0] <= to.0[0] { (from, to) } else { (to, from) };
         let mut farthest = (limit, None);
         self.sheet.crossed(from.0, to.0, |place, point| {
-            let distance = from_segment(point, from.1, to.1);
-            if distance > farthest.0 {
-                farthest = (distance, Some((place, point)));
+            let square = squared_distance_to_segment(point, from.1, to.1);
+            if square > farthest.0 {
+                farthest = (square, Some((place, point)));
             }
         });
-        // If no particle is farther from the line, no point of the line is farther from the way.
+        // If every particle is within the limit of the line, every point of the line is within the
+        // limit of the path.
         let spot = farthest.1?;
-        let samples = [0.25, 0.5, 0.75].map(|t| [0, 1, 2].map(|k| from.1[k] + (to.1[k] - from.1[k]) * t));
+        let samples = [0.25, 0.5, 0.75].map(|t| lerp(from.1, to.1, t));
         let (mut nearest, mut greatest, mut last) = ([f64::INFINITY; 3], limit, from.1);
         let mut pass = |next: [f64; 3]| {
             greatest = greatest.max(squared_distance(next, triangle));
             for (sample, nearest) in samples.iter().zip(&mut nearest) {
-                *nearest = nearest.min(from_segment(*sample, last, next));
+                *nearest = nearest.min(squared_distance_to_segment(*sample, last, next));
             }
             last = next;
         };
@@ -397,44 +394,25 @@ impl<'a> Weave<'a> {
     }
 }
 
-/// Squared distance of `p` from the segment from `a` to `b`.
-#[inline]
-fn from_segment(p: [f64; 3], a: [f64; 3], b: [f64; 3]) -> f64 {
-    let (ab, ap) = (minus(b, a), minus(p, a));
-    let t = (dot(ap, ab) / dot(ab, ab).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-    let rest = [0, 1, 2].map(|k| ap[k] - ab[k] * t);
-    dot(rest, rest)
-}
-
-/// The point at height `z` of an edge.
+/// Point of an edge at height `z`.
 fn cut(a: Spot, b: Spot, z: f64) -> Spot {
     let t = if b.0[1] > a.0[1] { (z - a.0[1]) / (b.0[1] - a.0[1]) } else { 1.0 };
-    let u = a.0[0] + (b.0[0] - a.0[0]) * t;
-    ([u, z], [0, 1, 2].map(|k| a.1[k] + (b.1[k] - a.1[k]) * t))
+    ([lerp(a.0, b.0, t)[0], z], lerp(a.1, b.1, t))
 }
 
-/// The squared sine of the least angle of a triangle: the square of twice its area over those of the two longest sides.
+/// Squared sine of the smallest angle of a triangle: squared double area over the squares of the
+/// two longest sides.
 #[inline]
 fn shape([a, b, c]: [[f64; 3]; 3]) -> f64 {
-    let (u, v, w) = (minus(b, a), minus(c, a), minus(c, b));
+    let (u, v, w) = (sub(b, a), sub(c, a), sub(c, b));
     let (uu, vv, ww) = (dot(u, u), dot(v, v), dot(w, w));
     let longest = (uu * vv).max(vv * ww).max(ww * uu);
     if longest > 0.0 { squared_area(u, v) / longest } else { 0.0 }
 }
 
-/// The square of twice the area between two sides.
+/// Square of twice the area between two sides.
 #[inline]
 fn squared_area(u: [f64; 3], v: [f64; 3]) -> f64 {
-    let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+    let n = cross(u, v);
     dot(n, n)
-}
-
-#[inline]
-fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-#[inline]
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }

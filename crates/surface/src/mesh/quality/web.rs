@@ -1,7 +1,7 @@
-//! Triangles with their neighbours, and the local changes that remeshing is made of.
+//! Triangles with their neighbours, and the local changes that remeshing consists of.
 //!
-//! Invariant: the triangles are counter-clockwise in (u, z), and every edge belongs to two of them, except those on the
-//! border, whose vertices are fixed.
+//! Invariant: triangles are counter-clockwise in (u, z). Every edge belongs to two triangles,
+//! except edges on the border, whose vertices are fixed.
 
 /// No triangle, or no vertex.
 pub(super) const NONE: u32 = u32::MAX;
@@ -9,17 +9,17 @@ pub(super) const NONE: u32 = u32::MAX;
 /// A triangulated sheet.
 #[derive(Default)]
 pub(super) struct Web {
-    /// Positions, micrometres.
+    /// Positions, µm.
     pub(super) points: Vec<[f64; 3]>,
     /// Places on the sheet: u and z.
     pub(super) places: Vec<[f64; 2]>,
-    /// A triangle of each vertex; none for a vertex that was removed.
+    /// One triangle of each vertex; [`NONE`] for a removed vertex.
     first: Vec<u32>,
-    /// Corners of each triangle; none for one that was removed.
+    /// Corners of each triangle; [`NONE`] for a removed triangle.
     pub(super) triangles: Vec<[u32; 3]>,
-    /// The triangles across the edges 0–1, 1–2 and 2–0.
+    /// Neighbours across the edges 0–1, 1–2 and 2–0.
     across: Vec<[u32; 3]>,
-    /// The first vertices are those of the border, and fixed.
+    /// Number of border vertices. These come first and never move.
     pub(super) fixed: usize,
 }
 
@@ -59,7 +59,8 @@ impl Web {
         self.triangles[t as usize][0] != NONE
     }
 
-    /// The triangle across edge `k` of `t`, and which edge that is there; none on the border.
+    /// Neighbour across edge `k` of `t`, and the number of that edge in the neighbour. `None` on
+    /// the border.
     #[inline]
     pub(super) fn beyond(&self, t: u32, k: usize) -> Option<(u32, usize)> {
         let other = self.across[t as usize][k];
@@ -67,36 +68,17 @@ impl Web {
             return None;
         }
         let start = self.triangles[t as usize][(k + 1) % 3];
-        let corners = self.triangles[other as usize];
-        Some((
-            other,
-            if corners[0] == start {
-                0
-            } else if corners[1] == start {
-                1
-            } else {
-                2
-            },
-        ))
+        Some((other, corner_of(self.triangles[other as usize], start)))
     }
 
-    /// The triangles around a vertex, in order, with the number of its corner in each. Around a vertex of the border the order is
-    /// counter-clockwise from the border.
+    /// Collects the triangles around a vertex in order, each with the number of the vertex's
+    /// corner. Around a border vertex the order is counter-clockwise from the border.
     pub(super) fn star(&self, v: u32, star: &mut Vec<(u32, usize)>) {
         star.clear();
         let begin = self.first[v as usize];
-        let corner = |t: u32| {
-            let c = self.triangles[t as usize];
-            if c[0] == v {
-                0
-            } else if c[1] == v {
-                1
-            } else {
-                2
-            }
-        };
+        let corner = |t: u32| corner_of(self.triangles[t as usize], v);
         let mut t = begin;
-        // Clockwise to the border.
+        // A border vertex: clockwise to the border.
         if self.is_fixed(v) {
             loop {
                 let next = self.across[t as usize][corner(t)];
@@ -119,16 +101,20 @@ impl Web {
 
     fn link(&mut self, t: u32, k: usize, to: u32, old: u32) {
         self.across[t as usize][k] = to;
-        if to != NONE {
-            let slot = self.across[to as usize].iter().position(|&x| x == old);
-            if let Some(slot) = slot {
-                self.across[to as usize][slot] = t;
-            }
+        self.relink(to, old, t);
+    }
+
+    /// Replaces the neighbour `old` of a triangle; does nothing beyond the border.
+    fn relink(&mut self, t: u32, old: u32, new: u32) {
+        if t != NONE
+            && let Some(slot) = self.across[t as usize].iter().position(|&x| x == old)
+        {
+            self.across[t as usize][slot] = new;
         }
     }
 
-    /// The corners a, b, c, d of the two triangles at the edge ab, which is `k` of `t` = abc and `j` of `n` = bad; and what is beyond
-    /// the edges bc, ca, ad, db.
+    /// Corners a, b, c, d of the two triangles at the edge ab, which is edge `k` of `t` = abc and
+    /// edge `j` of `n` = bad; and the neighbours across the edges bc, ca, ad, db.
     fn around(&self, t: u32, k: usize, n: u32, j: usize) -> ([u32; 4], [u32; 4]) {
         let (here, there) = (self.triangles[t as usize], self.triangles[n as usize]);
         let (across, beyond) = (self.across[t as usize], self.across[n as usize]);
@@ -138,7 +124,7 @@ impl Web {
         )
     }
 
-    /// Replaces the edge `k` of `t` by the other diagonal of its two triangles.
+    /// Replaces edge `k` of `t` by the other diagonal of its two triangles.
     pub(super) fn flip(&mut self, t: u32, k: usize) {
         let Some((n, j)) = self.beyond(t, k) else { return };
         let ([a, b, c, d], [bc, ca, ad, db]) = self.around(t, k, n, j);
@@ -153,7 +139,7 @@ impl Web {
         }
     }
 
-    /// Divides the edge `k` of `t` by a new vertex.
+    /// Divides edge `k` of `t` by a new vertex.
     pub(super) fn split(&mut self, t: u32, k: usize, point: [f64; 3], place: [f64; 2]) {
         let Some((n, j)) = self.beyond(t, k) else { return };
         let ([a, b, c, d], [bc, ca, ad, db]) = self.around(t, k, n, j);
@@ -175,7 +161,7 @@ impl Web {
         }
     }
 
-    /// Puts a new vertex inside `t`.
+    /// Inserts a new vertex inside `t`.
     pub(super) fn insert(&mut self, t: u32, point: [f64; 3], place: [f64; 2]) {
         let [a, b, c] = self.triangles[t as usize];
         let [_, bc, ca] = self.across[t as usize];
@@ -196,14 +182,11 @@ impl Web {
         }
     }
 
-    /// Moves the end of edge `k` of `t` to its start, which removes that vertex and two triangles. Whether this keeps the
-    /// web sound is for the caller to know ([`Self::can_collapse`]).
+    /// Moves the end of edge `k` of `t` to its start, which removes that vertex and two triangles.
+    /// The caller must check [`Self::can_collapse`] first. `star` is the star of the end.
     pub(super) fn collapse(&mut self, t: u32, k: usize, star: &[(u32, usize)]) {
         let Some((n, j)) = self.beyond(t, k) else { return };
-        let (a, b) = (self.triangles[t as usize][k], self.triangles[t as usize][(k + 1) % 3]);
-        let (c, d) = (self.triangles[t as usize][(k + 2) % 3], self.triangles[n as usize][(j + 2) % 3]);
-        let (bc, ca) = (self.across[t as usize][(k + 1) % 3], self.across[t as usize][(k + 2) % 3]);
-        let (ad, db) = (self.across[n as usize][(j + 1) % 3], self.across[n as usize][(j + 2) % 3]);
+        let ([a, b, c, d], [bc, ca, ad, db]) = self.around(t, k, n, j);
         for &(s, corner) in star {
             self.triangles[s as usize][corner] = a;
         }
@@ -211,23 +194,17 @@ impl Web {
             self.triangles[gone as usize] = [NONE; 3];
         }
         self.first[b as usize] = NONE;
-        for (x, y, old_x, old_y) in [(bc, ca, t, t), (ad, db, n, n)] {
-            for (this, other, old) in [(x, y, old_x), (y, x, old_y)] {
-                if this != NONE
-                    && let Some(slot) = self.across[this as usize].iter().position(|&s| s == old)
-                {
-                    self.across[this as usize][slot] = other;
-                }
-            }
+        for (t, old, new) in [(bc, t, ca), (ca, t, bc), (ad, n, db), (db, n, ad)] {
+            self.relink(t, old, new);
         }
-        // The triangles beyond the edges of b remain, since b is not on the border.
+        // The neighbours across the edges of b exist, because b is not on the border.
         for (v, t) in [(a, bc), (c, bc), (d, db)] {
             self.first[v as usize] = t;
         }
     }
 
-    /// Whether the end of edge `k` of `t` is free, and it and the start have only the two corners opposite to the edge
-    /// as common neighbours. `star` is that of the end.
+    /// True if the end of edge `k` of `t` is not fixed, and the ends of the edge have only the two
+    /// opposite corners as common neighbours. `star` is the star of the end; `other` is a buffer.
     pub(super) fn can_collapse(&self, t: u32, k: usize, star: &[(u32, usize)], other: &mut Vec<(u32, usize)>) -> bool {
         let (a, b) = (self.triangles[t as usize][k], self.triangles[t as usize][(k + 1) % 3]);
         if self.is_fixed(b) || star.len() < 4 {
@@ -242,4 +219,10 @@ impl Web {
         });
         common.count() == 2
     }
+}
+
+/// Number of the corner of a triangle at one of its vertices.
+#[inline]
+fn corner_of(triangle: [u32; 3], v: u32) -> usize {
+    triangle.iter().position(|&corner| corner == v).unwrap_or(2)
 }

@@ -1,26 +1,31 @@
-//! Rounds corners that are still sharp, where the point at the corner could not move far enough: it moves on toward the line between
-//! its neighbours, and they move the other way, round by round.
+//! Rounds corners that are still sharp because their particle could not move far enough. Round by
+//! round, the particle moves on towards the line between its neighbours, and the neighbours move
+//! the other way.
 //!
-//! Both ends of an edge may move here, so points move by less than a quarter of their clearance. Moves are zero for a corner that is
-//! only just not sharp, and end where the contour would leave its greatest distance, so the result stays a continuous function of the
-//! section.
+//! Both ends of an edge may move, so points move by less than a quarter of their clearance. The
+//! motion is zero for a corner that is barely not sharp, and ends where the contour would leave its
+//! maximum distance. The result therefore remains a continuous function of the section.
 
 use super::clearance::clearances;
-use super::vector::{Point, angle, length, minus};
+use crate::geometry::vector::{angle, dot, norm, sub};
 use crate::model::{Ring, Section};
 
-/// The turn from which a corner is sharp, in radians (55 degrees).
+type Point = [f64; 2];
+
+/// Turn above which a corner is sharp, radians (55 degrees).
 const SHARP: f64 = 0.96;
-/// Rounds, and the pace: a corner moves by this part of the way to the middle of its neighbours, times the part of its turn beyond
-/// [`SHARP`].
+/// Number of rounds, and the pace. A corner moves by this fraction of the way to the midpoint of
+/// its neighbours, times the fraction of its turn beyond [`SHARP`].
 const ROUNDS: usize = 48;
 const PACE: f64 = 0.5;
-/// Part of its clearance beyond the least one by which a point may move in a round.
+/// Fraction of its clearance beyond [`LEAST_CLEARANCE`] by which a point may move per round.
 const OF_CLEARANCE: f64 = 0.225;
-/// The least clearance, µm: far more than positions are rounded by, so that walls that approach round by round do not meet.
+/// Minimum clearance, µm: far more than the rounding of positions, so that walls that approach each
+/// other round by round do not touch.
 const LEAST_CLEARANCE: f64 = 0.05;
 
-/// `smooth` was made from `section`; no point goes farther than `most` from where it was there.
+/// Rounds the corners of `smooth`, which was computed from `section`. No point moves farther than
+/// `most` from its position in `section`.
 pub(super) fn relax(smooth: &mut Section, section: &Section, most: f64) {
     let origins = [origins(&smooth.inner, &section.inner), origins(&smooth.outer, &section.outer)].concat();
     for _ in 0..ROUNDS {
@@ -36,8 +41,8 @@ pub(super) fn relax(smooth: &mut Section, section: &Section, most: f64) {
         for (i, point) in points.enumerate().filter(|&(i, _)| is_moving(i)) {
             let (at, by) = (point.map(f64::from), moves[i]);
             let clearance = (clearances[i] - LEAST_CLEARANCE).max(0.0);
-            let free = (OF_CLEARANCE * clearance / length(by)).min(1.0);
-            let part = free.min(within(minus(at, origins[i]), by, most));
+            let free = (OF_CLEARANCE * clearance / norm(by)).min(1.0);
+            let part = free.min(within(sub(at, origins[i]), by, most));
             let to = [0, 1].map(|axis| (at[axis] + part * by[axis]) as f32);
             has_moved |= to != *point;
             *point = to;
@@ -48,20 +53,20 @@ pub(super) fn relax(smooth: &mut Section, section: &Section, most: f64) {
     }
 }
 
-/// Where the points of a smooth ring were in the old one: particles, and points on edges, which have not moved.
+/// Original positions of the points of a smooth ring. Points on edges have not moved.
 fn origins(new: &Ring, old: &Ring) -> Vec<Point> {
     let particle = |i: usize| if i.is_multiple_of(2) { old.points[i / 2] } else { new.points[i] };
     (0..new.len()).map(|i| particle(i).map(f64::from)).collect()
 }
 
-/// How the points of a ring should move: zero but at and beside sharp corners.
+/// Desired motion of each point of a ring: zero except at sharp corners and their neighbours.
 fn moves(ring: &Ring) -> Vec<Point> {
     let n = ring.len();
     let at = |i: usize| ring.points[i % n].map(f64::from);
     let mut moves = vec![[0.0; 2]; n];
     for i in 0..n {
         let (before, here, after) = (at(i + n - 1), at(i), at(i + 1));
-        let turn = angle(minus(here, before), minus(after, here)).abs();
+        let turn = angle(sub(here, before), sub(after, here)).abs();
         if turn > SHARP {
             let part = PACE * (turn - SHARP) / turn;
             for axis in [0, 1] {
@@ -75,9 +80,9 @@ fn moves(ring: &Ring) -> Vec<Point> {
     moves
 }
 
-/// The part of a way that stays in a circle of radius `most`, from a point that is `from` its centre.
+/// Fraction of a path that stays in a circle of radius `most`, from a point at `from` relative to
+/// the centre.
 fn within(from: Point, way: Point, most: f64) -> f64 {
-    let dot = |u: Point, v: Point| u[0] * v[0] + u[1] * v[1];
     let (a, b, c) = (dot(way, way), dot(from, way), dot(from, from) - most * most);
     let part = ((b * b - a * c).max(0.0).sqrt() - b) / a;
     if part.is_finite() { part.clamp(0.0, 1.0) } else { 0.0 }

@@ -1,7 +1,8 @@
-//! Tests of smoothing: greatest turn, distance moved, contours that stay apart, continuity.
+//! Smoothing: maximum turn, distance moved, contours that stay apart, continuity.
 
 use super::*;
 use crate::geometry::polygon::{check_contour, check_nested};
+use crate::geometry::vector::squared_distance_to_segment;
 use crate::mesh::loft::exported;
 use proptest::prelude::*;
 use std::f64::consts::TAU;
@@ -20,7 +21,8 @@ fn section(inner: Ring, outer: Ring) -> Section {
     Section { step: 1.0, z_um: 1.0, added: false, inner, outer }
 }
 
-/// A ring of teeth that lean to one side: a tip at angle 0 of each tooth, a root at `lean` of the way to the next tip.
+/// A ring of teeth that lean to one side, with the tip of each tooth at angle 0 and the root at
+/// `lean` of the way to the next tip.
 fn saw(teeth: u32, radius: f64, depth: f64, lean: f64) -> Ring {
     let at = |i: u32| {
         let (part, r) = if i.is_multiple_of(2) { (0.0, radius) } else { (lean, radius - depth) };
@@ -30,7 +32,7 @@ fn saw(teeth: u32, radius: f64, depth: f64, lean: f64) -> Ring {
     Ring { ids: (0..2 * teeth).collect(), points: (0..2 * teeth).map(at).collect() }
 }
 
-/// A ring with a path of given turns (degrees) and edges, closed by a wide way round.
+/// A ring with a path of given turns (degrees) and edges, closed by a wide loop.
 fn path(steps: &[(f64, f64)]) -> Ring {
     let (mut p, mut direction) = ([0.0f64, 0.0], 0.0f64);
     let mut points = vec![[-40.0, 0.0], [-20.0, 0.0], p];
@@ -39,7 +41,7 @@ fn path(steps: &[(f64, f64)]) -> Ring {
         p = [p[0] + edge * direction.cos(), p[1] + edge * direction.sin()];
         points.push(p);
     }
-    // On in the last direction, then counter-clockwise around all of it.
+    // Continues in the last direction, then goes counter-clockwise around everything.
     let last = [p[0] + 30.0 * direction.cos(), p[1] + 30.0 * direction.sin()];
     points.push(last);
     let end = last[1].atan2(last[0]);
@@ -52,7 +54,7 @@ fn path(steps: &[(f64, f64)]) -> Ring {
     Ring { ids: (0..points.len() as u32).collect(), points }
 }
 
-/// As exported, in metres.
+/// Exported points, m.
 fn metres(ring: &Ring) -> Vec<[f32; 2]> {
     exported(ring, 0)
 }
@@ -60,11 +62,11 @@ fn metres(ring: &Ring) -> Vec<[f32; 2]> {
 fn greatest_turn(ring: &Ring) -> f64 {
     let points = metres(ring);
     let n = points.len();
-    let edge = |i: usize| minus(points[(i + 1) % n].map(f64::from), points[i % n].map(f64::from));
+    let edge = |i: usize| sub(points[(i + 1) % n].map(f64::from), points[i % n].map(f64::from));
     (0..n).map(|i| angle(edge(i), edge(i + 1)).abs().to_degrees()).fold(0.0, f64::max)
 }
 
-/// Old and new contours are at most 5 µm apart, and the new ones are sound.
+/// Asserts that old and new contours are at most 5 µm apart and the new contours are sound.
 fn check(old: &Section, new: &Section) {
     for (a, b) in [(&old.inner, &new.inner), (&old.outer, &new.outer)] {
         let distance = apart(a, b).max(apart(b, a));
@@ -74,18 +76,17 @@ fn check(old: &Section, new: &Section) {
     check_nested(&metres(&new.inner), &metres(&new.outer)).unwrap();
 }
 
-/// Distance of the points of a ring, and of points between, from another.
+/// Maximum distance of the points of a ring, and of points between them, from another ring.
 fn apart(a: &Ring, b: &Ring) -> f64 {
     let p = |ring: &Ring, i: usize| ring.points[i % ring.len()].map(f64::from);
     let from = |q: [f64; 2]| {
         let of = |j: usize| {
             let (c, d) = (p(b, j), p(b, j + 1));
-            let t = ((q[0] - c[0]) * (d[0] - c[0]) + (q[1] - c[1]) * (d[1] - c[1])) / length(minus(d, c)).powi(2);
-            length(minus(q, along(c, d, t.clamp(0.0, 1.0))))
+            squared_distance_to_segment(q, c, d).sqrt()
         };
         (0..b.len()).map(of).fold(f64::INFINITY, f64::min)
     };
-    let samples = (0..a.len()).flat_map(|i| [0.0, 0.25, 0.5, 0.75].map(|t| along(p(a, i), p(a, i + 1), t)));
+    let samples = (0..a.len()).flat_map(|i| [0.0, 0.25, 0.5, 0.75].map(|t| lerp(p(a, i), p(a, i + 1), t)));
     samples.map(from).fold(0.0, f64::max)
 }
 
@@ -93,7 +94,7 @@ fn apart(a: &Ring, b: &Ring) -> f64 {
 fn corners_of_a_star_are_rounded() {
     let old = section(star(60, 70.0, 0.15), star(40, 200.0, 0.0));
     assert!(greatest_turn(&old.inner) > 100.0);
-    let new = smooth(&old, &Smooth::default());
+    let new = smooth(&old, 5.0);
     assert!(greatest_turn(&new.inner) <= 60.0, "{}", greatest_turn(&new.inner));
     assert!(apart(&old.inner, &new.inner) > 0.5);
     check(&old, &new);
@@ -101,7 +102,7 @@ fn corners_of_a_star_are_rounded() {
 
 #[test]
 fn corners_as_sharp_as_models_have_are_rounded() {
-    // Turns and edges found in models of the presets cow, paper and, the last two, pig and human.
+    // Turns and edges of models of the presets cow, paper, and (the last two) pig and human.
     let found: [&[(f64, f64)]; 8] = [
         &[(-36.0, 13.0), (84.0, 14.5), (145.4, 8.5), (-113.0, 18.0), (-1.0, 13.0)],
         &[(24.0, 13.7), (144.0, 9.4), (-118.4, 8.1), (145.3, 13.8), (-5.0, 11.0), (-50.0, 14.0), (-40.0, 14.0)],
@@ -144,7 +145,7 @@ fn corners_as_sharp_as_models_have_are_rounded() {
             let steps: Vec<(f64, f64)> = steps.iter().map(|&(turn, edge)| (sign * turn, edge)).collect();
             let old = section(path(&steps), star(40, 200.0, 0.0));
             assert!(check_contour(&metres(&old.inner)).is_ok(), "{steps:?}");
-            let new = smooth(&old, &Smooth::default());
+            let new = smooth(&old, 5.0);
             assert!(greatest_turn(&new.inner) <= 57.0, "{} for {steps:?}", greatest_turn(&new.inner));
             check(&old, &new);
         }
@@ -155,7 +156,7 @@ fn corners_as_sharp_as_models_have_are_rounded() {
 fn rings_of_few_or_equal_points_do_no_harm() {
     for points in [vec![], vec![[1.0, 2.0]], vec![[1.0, 2.0]; 2], vec![[1.0, 2.0]; 5]] {
         let ring = Ring { ids: (0..points.len() as u32).collect(), points };
-        let new = smooth(&section(ring.clone(), star(40, 200.0, 0.0)), &Smooth::default());
+        let new = smooth(&section(ring.clone(), star(40, 200.0, 0.0)), 5.0);
         assert!(new.inner.points.iter().flatten().all(|x| x.is_finite()));
         assert_eq!(new.inner.len(), 2 * ring.len());
     }
@@ -169,7 +170,7 @@ fn ids_are_kept_in_order_when_a_particle_is_inserted() {
     let [a, b] = [after.inner.points[7], after.inner.points[8]];
     after.inner.points.insert(8, [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])]);
     after.inner.ids.insert(8, 777);
-    let [before, after] = [before, after].map(|s| smooth(&s, &Smooth::default()).inner.ids);
+    let [before, after] = [before, after].map(|s| smooth(&s, 5.0).inner.ids);
     let mut unique = after.clone();
     unique.sort_unstable();
     unique.dedup();
@@ -181,7 +182,7 @@ fn ids_are_kept_in_order_when_a_particle_is_inserted() {
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
-    /// Rings with random radii do not cross after smoothing, however near their walls are.
+    /// Rings with random radii do not cross after smoothing, however close their walls are.
     #[test]
     fn rings_that_do_not_cross_still_do_not(radii in prop::collection::vec(20.0f64..60.0, 12..90)) {
         let n = radii.len();
@@ -192,24 +193,24 @@ proptest! {
         let inner = Ring { ids: (0..n as u32).collect(), points };
         let old = section(inner, star(40, 80.0, 0.0));
         prop_assume!(check_contour(&old.inner.points).is_ok());
-        let new = smooth(&old, &Smooth::default());
+        let new = smooth(&old, 5.0);
         check(&old, &new);
     }
 
-    /// Teeth that turn by up to 125 degrees, at edges as long as those of models.
+    /// Teeth with turns of up to 125 degrees and edges as long as in models.
     #[test]
     fn teeth_are_rounded(teeth in 40u32..56, depth in 2.0f64..8.0, lean in 0.25f64..0.75) {
         let old = section(saw(teeth, 70.0, depth, lean), star(40, 200.0, 0.0));
         prop_assume!(greatest_turn(&old.inner) <= 125.0);
-        let new = smooth(&old, &Smooth::default());
+        let new = smooth(&old, 5.0);
         prop_assert!(greatest_turn(&new.inner) <= 60.0, "{} was {}", greatest_turn(&new.inner), greatest_turn(&old.inner));
         check(&old, &new);
     }
 
-    /// A small change of the section changes the result by little.
+    /// A small change of the section changes the result only a little.
     #[test]
     fn the_result_is_continuous(depth in 0.02f64..0.16, by in 1e-5f64..1e-3) {
-        let smoothed = |depth: f64| smooth(&section(star(60, 70.0, depth), star(40, 200.0, 0.0)), &Smooth::default()).inner;
+        let smoothed = |depth: f64| smooth(&section(star(60, 70.0, depth), star(40, 200.0, 0.0)), 5.0).inner;
         let (a, b) = (smoothed(depth), smoothed(depth + by));
         for (p, q) in a.points.iter().zip(&b.points) {
             let moved = f64::from(p[0] - q[0]).hypot(f64::from(p[1] - q[1]));

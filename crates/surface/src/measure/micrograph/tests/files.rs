@@ -1,4 +1,4 @@
-//! Formats that are read, and files that are refused.
+//! Accepted formats, and files that are refused.
 
 use super::*;
 use flate2::Compression;
@@ -7,7 +7,7 @@ use std::io::Write;
 
 const SIDE: usize = 40;
 
-/// A ring of tissue, of a value; the lumen is not in the middle.
+/// A ring of tissue with a given value; the lumen is off-centre.
 fn ring(value: u8) -> Vec<u8> {
     let at = |i: usize| [(i % SIDE) as f32 - 19.5, (i / SIDE) as f32 - 19.5];
     let within = |i: usize, [x, y]: [f32; 2], radius: f32| (at(i)[0] - x).hypot(at(i)[1] - y) < radius;
@@ -21,7 +21,7 @@ fn deflated(bytes: &[u8]) -> Vec<u8> {
     encoder.finish().unwrap()
 }
 
-/// A gigabyte of zeros, compressed: the same block again and again.
+/// A compressed gigabyte of zeros: the same block repeated.
 fn bomb() -> Vec<u8> {
     let mut compress = flate2::Compress::new(Compression::fast(), false);
     let mut block = Vec::with_capacity(1 << 16);
@@ -45,12 +45,12 @@ fn file(chunks: &[Vec<u8>]) -> Vec<u8> {
     [&[b"\x89PNG\r\n\x1a\n".to_vec()], chunks, &[chunk(b"IEND", &[])]].concat().concat()
 }
 
-/// The rows of an image, each behind the number of its filter: none.
+/// Rows of an image, each after the number of its filter: none.
 fn scanlines(width: usize, pixels: &[u8]) -> Vec<u8> {
     pixels.chunks(width).flat_map(|row| [&[0], row].concat()).collect()
 }
 
-/// A grey image of eight bits with more chunks before its pixels.
+/// A grey image of eight bits with additional chunks before its pixels.
 fn with(chunks: &[Vec<u8>]) -> Vec<u8> {
     let start = [header(SIDE as u32, SIDE as u32, 8, 0, 0)];
     let pixels = [chunk(b"IDAT", &deflated(&scanlines(SIDE, &ring(255))))];
@@ -84,7 +84,7 @@ fn grey_and_palette_images_of_all_depths_are_the_same() {
 fn the_values_of_tissue_are_a_choice() {
     let mut pixels = ring(6);
     for (i, pixel) in pixels.iter_mut().enumerate() {
-        // Two tissues, and a lumen with a value of its own.
+        // Two tissues, and a lumen with its own value.
         *pixel = if *pixel == 6 && i % SIDE < 20 { 3 } else { *pixel };
         let inside = ((i % SIDE) as f32 - 22.5).hypot((i / SIDE) as f32 - 15.5) < 8.0;
         *pixel = if inside { 1 } else { *pixel };
@@ -143,7 +143,7 @@ fn damage_is_noticed_wherever_it_is() {
     for end in 8..whole.len() {
         damaged(&whole[..end]);
     }
-    // Any bit of a chunk that matters; text does not.
+    // Any bit of a relevant chunk; text is ignored.
     for at in (8..whole.len()).step_by(7) {
         let mut changed = whole.clone();
         changed[at] ^= 1 << (at % 8);
@@ -167,10 +167,10 @@ fn what_inflates_without_bound_is_left_out() {
         let with = with(&[chunk(kind, &[start, &zeros].concat())]);
         assert_eq!(read(&with, 10.0).unwrap(), expected, "{kind:?}");
     }
-    // More pixels than the header has are not inflated.
+    // Pixels beyond the declared number are not inflated.
     let start = [header(SIDE as u32, SIDE as u32, 8, 0, 0), chunk(b"IDAT", &zeros)];
     assert_eq!(read(&file(&start), 10.0), Err(MicrographError::NoTissue));
-    // A chunk that is kept as it is, of more bytes than chunks may have.
+    // An uncompressed chunk with more bytes than chunks may have.
     damaged(&with(&[chunk(b"eXIf", &vec![0; 17 << 20])]));
 }
 
@@ -209,7 +209,7 @@ fn sections_that_cannot_be_measured_are_refused() {
     };
     cut(3, SIDE);
     cut(0, SIDE - 3);
-    // Islands with more borders than can be measured.
+    // Islands with longer borders than can be measured.
     let side = 2400;
     let islands: Vec<u8> = (0..side * side)
         .map(|i| {

@@ -1,4 +1,4 @@
-//! Masks that are painted from known contours, and files that are refused.
+//! Masks painted from known contours, and files that are refused.
 
 mod files;
 mod models;
@@ -9,12 +9,12 @@ use png::{BitDepth, ColorType};
 
 type Points = Vec<[f32; 2]>;
 
-/// Bytes, one a pixel, as a grey PNG.
+/// Encodes bytes, one per pixel, as a grey PNG.
 fn grey(width: usize, pixels: &[u8]) -> Vec<u8> {
     png(width, pixels, ColorType::Grayscale, BitDepth::Eight)
 }
 
-/// A PNG; pixels of fewer than eight bits are packed.
+/// Encodes a PNG; pixels of fewer than eight bits are packed.
 fn png(width: usize, pixels: &[u8], color: ColorType, depth: BitDepth) -> Vec<u8> {
     let mut file = Vec::new();
     let mut encoder = png::Encoder::new(&mut file, width as u32, (pixels.len() / width) as u32);
@@ -35,7 +35,8 @@ fn png(width: usize, pixels: &[u8], color: ColorType, depth: BitDepth) -> Vec<u8
     file
 }
 
-/// The pixels whose middles lie within an odd number of contours, 1, on an image around the origin.
+/// Paints an image around the origin: 1 for pixels whose centres lie within an odd number of
+/// contours.
 fn paint([width, height]: [usize; 2], pixel_um: f64, contours: &[&[[f32; 2]]]) -> Vec<u8> {
     let mut pixels = vec![0; width * height];
     for (row, pixels) in pixels.chunks_mut(width).enumerate() {
@@ -69,7 +70,7 @@ fn drawn(rows: &[&str]) -> Vec<u8> {
     grey(rows[0].len(), &pixels)
 }
 
-/// That contours are simple, turn as they should and do not meet: what [`Shape`] demands.
+/// Asserts that contours are simple, correctly oriented and apart, as [`Shape`] requires.
 fn assert_sound(micrograph: &Micrograph) {
     use crate::geometry::polygon::{check_contour, check_nested, check_simple, signed_area};
     check_contour(&micrograph.outer).unwrap();

@@ -1,4 +1,4 @@
-//! Images of a model's own sections measure what the model measures.
+//! Images of the sections of a model give the same measures as the model.
 
 use super::*;
 use crate::measure::morphometry::QUANTITIES;
@@ -10,9 +10,11 @@ use oviduct_sim::sim::cpu::CpuSimulation;
 use oviduct_spec::spec::{ModelSpec, preset};
 use serde_json::json;
 
-/// Sections of a pig of 3000 particles: in the isthmus, the junction and the ampulla, at 21, 36 and 96 % of its length.
+/// Sections of a pig with 3000 particles: in the isthmus, the junction and the ampulla, at 21, 36
+/// and 96 % of its length.
 fn sections() -> (ModelSpec, Vec<Section>) {
-    // Without sway and variety: with them, a fold of this seed is as high as one must be to count, give or take a pixel.
+    // Without sway and variety: with them, a fold of this seed is within a pixel of the minimum
+    // height that counts.
     let patch = json!({
         "steps": 400, "sway": { "strength": 0 },
         "variety": { "asymmetry": 0, "height": 0, "thickness": 0, "shift": 0 },
@@ -31,19 +33,21 @@ fn sections() -> (ModelSpec, Vec<Section>) {
     (spec, sections)
 }
 
-/// What a quantity may deviate by, and whether that is in its unit instead of percent.
+/// Tolerance of a quantity, and whether the tolerance is absolute (in the unit of the quantity)
+/// instead of percent.
 fn tolerance(name: &str) -> Option<(f64, bool)> {
     match name {
         "fractal_dimension" | "outline_dimension" => Some((0.03, true)),
-        // Of the fit, not of the section.
+        // An error of the fit, not of the section.
         "fractal_dimension_error" | "outline_dimension_error" => None,
         "islands" | "folds_on_ring" | "primary_folds" | "secondary_folds" | "tertiary_folds" => Some((0.0, true)),
         "branching_order" | "branching_order_mean" => Some((0.0, true)),
         // Near zero in most sections.
         "asymmetry" | "angular_cv" => Some((0.002, true)),
-        // Few lengths have a gap near it: most of the gap is that between fronds, the rest in the ends of clefts.
+        // Few rays have a gap near the 5th percentile: most gaps are between fronds, the others at the
+        // ends of clefts.
         "lumen_gap_p5_um" => Some((8.0, false)),
-        // A few long rays decide.
+        // A few long rays determine these.
         "lumen_gap_p95_um" | "lumen_gap_cv" => Some((4.0, false)),
         _ => Some((2.0, false)),
     }
@@ -93,7 +97,7 @@ fn images_of_the_sections_of_a_model_measure_what_the_model_does() {
                     };
                     let found = quantity.of(&found).unwrap_or(f64::NAN);
                     let off = if absolute { found - expected } else { 100.0 * (found / expected - 1.0) };
-                    // `0 / 0` where nothing is expected and nothing found.
+                    // `0 / 0` where nothing is expected and nothing is found.
                     if !(off.abs() <= most || found == expected) {
                         faults.push(format!(
                             "{region}, {kind}, {pixel_um:.2} µm: {} is {found}, not {expected}",

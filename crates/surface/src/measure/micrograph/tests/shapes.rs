@@ -1,4 +1,4 @@
-//! Known shapes, and rules of connection.
+//! Known shapes, and rules of connectivity.
 
 use super::*;
 use crate::geometry::polygon::{Containment, locate, signed_area};
@@ -25,7 +25,7 @@ fn close(found: f64, expected: f64, tolerance: f64) {
     assert!((found / expected - 1.0).abs() < tolerance, "{found} instead of {expected}");
 }
 
-/// The shape as it is, and as it is traced in an image.
+/// Measures of the shape itself and of its image.
 fn both(pixel_um: f64, outer: &[[f32; 2]], lumen: &[&[[f32; 2]]]) -> (Measures, Measures) {
     let side = (2200.0 / pixel_um) as usize;
     let contours: Vec<&[[f32; 2]]> = [&[outer], lumen].concat();
@@ -59,7 +59,7 @@ fn known_shapes_have_their_areas_and_lengths() {
 fn islands_and_pockets_count_and_specks_do_not() {
     let outer = ellipse(1000.0, 1000.0, 0.0, [0.0; 2]);
     let lumen = ellipse(500.0, 400.0, 0.0, [-100.0, 0.0]);
-    // The base ellipse is a circle of 600 µm.
+    // The base ellipse is a circle with a radius of 600 µm.
     let pocket = ellipse(60.0, 60.0, 0.0, [500.0, 100.0]);
     let vessels = [ellipse(60.0, 60.0, 0.0, [800.0, 100.0]), ellipse(60.0, 60.0, 0.0, [560.0, -100.0])];
     let debris = ellipse(30.0, 30.0, 0.0, [800.0, 100.0]);
@@ -89,7 +89,8 @@ fn islands_and_pockets_count_and_specks_do_not() {
 
 #[test]
 fn tissue_is_connected_by_sides_and_lumen_by_corners_too() {
-    // The two holes meet at a corner: one lumen. Debris touches the section at a corner only, and the border of the image.
+    // The two holes share a corner, so they are one lumen. Debris touches the section only at a
+    // corner, and touches the border of the image.
     let traced = read(
         &drawn(&[
             "#.........",
@@ -109,9 +110,9 @@ fn tissue_is_connected_by_sides_and_lumen_by_corners_too() {
     assert_eq!(traced.lumen.len(), 1);
     let top = traced.outer.iter().map(|p| p[1]).fold(f32::MIN, f32::max);
     let left = traced.outer.iter().map(|p| p[0]).fold(f32::MAX, f32::min);
-    // 3.5 pixels above the middle of nine rows, 4 left of that of ten columns.
+    // 3.5 pixels above the middle of nine rows, 4 pixels left of the middle of ten columns.
     assert!((top - 70.0).abs() < 10.0 && (left + 80.0).abs() < 10.0, "{top} {left}");
-    // Toward the upper left and the lower right.
+    // Towards the upper left and the lower right.
     let lean: f32 = traced.lumen[0].iter().map(|p| p[0] * (p[1] + 10.0)).sum();
     assert!(lean < 0.0, "{lean}");
 }
@@ -138,7 +139,7 @@ fn holes_in_islands_are_filled() {
     )
     .unwrap();
     assert_sound(&traced);
-    // The single pixel, 100 µm², is no island.
+    // The single pixel, 100 µm², is not an island.
     assert_eq!((traced.lumen.len(), traced.measure().islands), (2, 1));
     close(-signed_area(&traced.lumen[1]), 4900.0, 0.06);
 }
@@ -150,7 +151,7 @@ fn the_first_of_the_largest_pieces_is_measured() {
     assert!(left.outer.iter().all(|p| p[0] < 0.0));
 }
 
-/// The smooth contours in pixels: 1 inside of the lumen, by the sum of turns.
+/// Winding number of the smooth contours, in pixels: 1 inside of the lumen.
 fn turns(contours: &[Points], at: [f32; 2]) -> i32 {
     let turn = |contour: &Points| match locate(contour, at) {
         Containment::Inside if signed_area(contour) > 0.0 => 1,
@@ -163,7 +164,8 @@ fn turns(contours: &[Points], at: [f32; 2]) -> i32 {
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
-    /// Any mask within a frame: contours are sound, and before points are spaced evenly, they part the middles of pixels as the mask does.
+    /// For any mask within a frame, contours are sound. Before points are resampled, they separate
+    /// the centres of the pixels like the mask does.
     #[test]
     fn contours_of_any_mask_are_sound(rows in prop::collection::vec(0_u32..1 << 14, 14), dense: bool) {
         let side = 18;
@@ -187,13 +189,13 @@ proptest! {
         prop_assert!(crate::measure::morphometry::QUANTITIES.iter().all(|q| q.of(&measures).is_none_or(f64::is_finite)));
 
         let image = read::read(&grey(side, &pixels)).unwrap();
-        let mut field = Field::new(&image, &std::array::from_fn(|value| value != 0));
+        let mut field = PixelRegions::new(&image, &std::array::from_fn(|value| value != 0));
         field.keep_the_largest_piece().unwrap();
         field.find_the_lumen(0.0).unwrap();
         let mut room = MAX_POINTS;
         for region in [Region::Outside, Region::Lumen] {
             let borders = trace(&mut field, region, 0.0, &mut room).unwrap();
-            // y up, so that contours turn as seen.
+            // y points up, so that contours turn as they are seen.
             let smooth = |border: &contour::Loop| border.smooth().map(|[x, y]| [x as f32, -y as f32]).collect();
             let contours: Vec<Points> = borders.iter().map(smooth).collect();
             for at in 0..(side + 2) * (side + 2) {

@@ -1,8 +1,9 @@
-//! Sections for tests: a folded, growing tube in closed form, and random motions kept free of contact
-//! by the rule of the simulation.
+//! Sections for tests: a folded, growing tube in closed form, and random motions without contact by
+//! the rule of the simulation.
 
 use std::f64::consts::TAU;
 
+use crate::geometry::polygon::next_on_rings;
 use crate::model::{Ring, Section};
 
 /// A splitmix64 sequence.
@@ -27,8 +28,8 @@ impl Dice {
     }
 }
 
-/// A tube with radial folds that deepen and swirl along it. Vertices have fixed angles; new ones appear
-/// half way between two old ones.
+/// A tube with radial folds that deepen and swirl along it. Vertices have fixed angles; new
+/// vertices appear halfway between two old ones.
 pub(super) struct Folds {
     pub(super) lobes: f64,
     pub(super) steps: f64,
@@ -45,7 +46,8 @@ impl Folds {
         Self { lobes, steps, inner: ring(inner), outer: ring(outer) }
     }
 
-    /// Splits `count` distinct edges of each ring, spread by a random choice in equal runs.
+    /// Splits `inner` and `outer` distinct edges of the rings, one random edge in each of equally
+    /// long runs.
     pub(super) fn grow(&mut self, inner: usize, outer: usize, dice: &mut Dice) {
         for (ring, count) in [(&mut self.inner, inner), (&mut self.outer, outer)] {
             let n = ring.len();
@@ -88,8 +90,8 @@ impl Folds {
     }
 }
 
-/// Two rings under random forces; no vertex moves farther in a step than docs/physics.md
-/// ("Walls that cannot cross") allows.
+/// Two rings under random forces. No vertex moves farther in a step than docs/physics.md ("Walls
+/// that cannot cross") allows.
 pub(super) struct Jostle {
     section: Section,
     dice: Dice,
@@ -104,8 +106,8 @@ impl Jostle {
         self.section.clone()
     }
 
-    /// One step: splits an edge of each ring in one of three steps, then moves every vertex as far as allowed in a random
-    /// direction that stays the same for several steps.
+    /// Splits an edge of each ring in one of three steps. Then moves every vertex as far as
+    /// allowed, in a random direction that stays the same for several steps.
     pub(super) fn step(&mut self) -> Section {
         if self.dice.below(3) == 0 {
             for ring in [&mut self.section.inner, &mut self.section.outer] {
@@ -142,20 +144,13 @@ fn split(ring: &mut Ring, edge: usize) {
     }
 }
 
-/// For each vertex the least distance over the vertex–segment pairs that touch it or its edges.
+/// Minimum distance of each vertex over the vertex–segment pairs that involve the vertex or its
+/// edges.
 fn clearances(section: &Section) -> Vec<f64> {
     let inner = section.inner.len();
     let points: Vec<[f64; 2]> =
         section.inner.points.iter().chain(&section.outer.points).map(|p| p.map(f64::from)).collect();
-    let next = |i: usize| {
-        if i + 1 == inner {
-            0
-        } else if i + 1 == points.len() {
-            inner
-        } else {
-            i + 1
-        }
-    };
+    let next = |i: usize| next_on_rings(i, inner, points.len());
     let mut clear = vec![f64::INFINITY; points.len()];
     for v in 0..points.len() {
         for a in 0..points.len() {

@@ -1,4 +1,5 @@
-//! All pairs of triangles that have points in common other than shared vertices and edges; exact.
+//! Finds all pairs of triangles that intersect outside their shared vertices and edges. All
+//! decisions use exact predicates.
 
 use crate::geometry::bvh::{self, Bounds, Bvh, Points};
 use crate::geometry::coarse::{Coarse, Window};
@@ -6,18 +7,19 @@ use crate::geometry::tri_tri::{Triangle, meet_in_mesh};
 use crate::model::Mesh;
 use rayon::prelude::*;
 
-/// All pairs of a mesh.
-pub(super) fn pairs(mesh: &Mesh) -> Vec<[u32; 2]> {
-    Meeting::new(mesh).pairs(mesh)
+/// Returns all intersecting pairs of a mesh.
+pub(super) fn all_pairs(mesh: &Mesh) -> Vec<[u32; 2]> {
+    IntersectionSearch::new(mesh).all_pairs(mesh)
 }
 
-/// A search among the triangles of a mesh. Pairs are in order; a triangle without area counts as meeting itself.
-pub(super) struct Meeting {
+/// Search among the triangles of a mesh. Pairs are sorted. A triangle without area counts as
+/// intersecting itself.
+pub(super) struct IntersectionSearch {
     is_flat: Vec<bool>,
     coarse: Coarse,
 }
 
-impl Meeting {
+impl IntersectionSearch {
     pub(super) fn new(mesh: &Mesh) -> Self {
         let is_flat: Vec<bool> = (0..mesh.triangles.len())
             .into_par_iter()
@@ -26,16 +28,17 @@ impl Meeting {
         Self { coarse: Coarse::of_hulls(is_flat.len(), |some, of| points(mesh, &is_flat, some, of)), is_flat }
     }
 
-    /// Takes new places of the corners of some triangles into account; ascending.
-    pub(super) fn update(&mut self, mesh: &Mesh, moved: &[u32]) {
-        for &t in moved {
+    /// Updates the search after the corners of some triangles moved.
+    pub(super) fn update(&mut self, mesh: &Mesh, is_moved: &[bool]) {
+        let moved = numbers(is_moved);
+        for &t in &moved {
             self.is_flat[t as usize] = Triangle::new(corners(mesh, t as usize)).is_degenerate();
         }
-        self.coarse.update(moved, |some, of| points(mesh, &self.is_flat, some, of));
+        self.coarse.update(&moved, |some, of| points(mesh, &self.is_flat, some, of));
     }
 
-    /// All pairs.
-    pub(super) fn pairs(&self, mesh: &Mesh) -> Vec<[u32; 2]> {
+    /// Returns all intersecting pairs.
+    pub(super) fn all_pairs(&self, mesh: &Mesh) -> Vec<[u32; 2]> {
         let mut pairs: Vec<[u32; 2]> = (0..mesh.triangles.len()).filter_map(|t| self.flat(t)).collect();
         let mut tree = Bvh::default();
         for Window { items, own } in self.coarse.windows() {
@@ -55,12 +58,12 @@ impl Meeting {
         pairs
     }
 
-    /// The pairs to which one of `some` triangles belongs; `is_one` tells which these are.
-    pub(super) fn pairs_of(&self, mesh: &Mesh, some: &[u32], is_one: &[bool]) -> Vec<[u32; 2]> {
-        let mut pairs: Vec<[u32; 2]> = some
-            .par_iter()
+    /// Returns the intersecting pairs that contain at least one of the marked triangles.
+    pub(super) fn pairs_touching(&self, mesh: &Mesh, is_one: &[bool]) -> Vec<[u32; 2]> {
+        let mut pairs: Vec<[u32; 2]> = numbers(is_one)
+            .into_par_iter()
             .with_min_len(256)
-            .flat_map_iter(|&t| {
+            .flat_map_iter(|t| {
                 let t = t as usize;
                 let mut found: Vec<[u32; 2]> = self.flat(t).into_iter().collect();
                 let near = Bounds::of(corners(mesh, t));
@@ -85,7 +88,22 @@ impl Meeting {
     }
 }
 
-/// The corners of up to eight triangles; those without area have none.
+/// Indices of the marked triangles.
+fn numbers(is_marked: &[bool]) -> Vec<u32> {
+    (0u32..).zip(is_marked).filter(|(_, is_marked)| **is_marked).map(|(t, _)| t).collect()
+}
+
+/// Centre of the six corners of two triangles at the positions that `place` returns.
+pub(super) fn middle_of(mesh: &Mesh, pair: [u32; 2], place: impl Fn(u32) -> [f64; 3]) -> [f64; 3] {
+    let corners = pair.map(|t| mesh.triangles[t as usize]);
+    let mut middle = [0.0; 3];
+    for p in corners.as_flattened().iter().map(|&v| place(v)) {
+        (0..3).for_each(|axis| middle[axis] += p[axis] / 6.0);
+    }
+    middle
+}
+
+/// Stores the corners of up to eight triangles; triangles without area have none.
 #[inline(always)]
 fn points(mesh: &Mesh, is_flat: &[bool], triangles: impl Iterator<Item = usize>, points: &mut Points<3>) {
     bvh::points(triangles.map(|t| if is_flat[t] { [[f64::NAN; 3]; 3] } else { corners(mesh, t) }), points);
@@ -96,7 +114,7 @@ fn corners(mesh: &Mesh, t: usize) -> [[f64; 3]; 3] {
     mesh.triangles[t].map(|v| mesh.positions[v as usize].map(f64::from))
 }
 
-/// The pair, if its triangles meet.
+/// Returns the pair if its triangles intersect.
 fn pair(mesh: &Mesh, i: usize, j: usize) -> Option<[u32; 2]> {
     let [a, b] = [i, j].map(|t| Triangle::new(corners(mesh, t)));
     meet_in_mesh((&a, mesh.triangles[i]), (&b, mesh.triangles[j])).then_some([i as u32, j as u32])
