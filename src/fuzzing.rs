@@ -34,7 +34,7 @@ fn at_most(_length: usize) -> usize {
 /// The body of `POST /models`.
 pub const REQUEST: Target = Target { name: "request", run: http::fuzzing::request, memory: in_proportion };
 /// The body of `POST /batches`.
-pub const BATCH: Target = Target { name: "batch", run: http::batch_fuzzing::batch, memory: in_proportion };
+pub const BATCH: Target = Target { name: "batch", run: http::fuzzing::batch, memory: in_proportion };
 /// Request headers, query and ids.
 pub const HEADERS: Target = Target { name: "headers", run: http::fuzzing::headers, memory: in_proportion };
 /// A merge patch on a specification.

@@ -129,7 +129,7 @@ pub(super) fn seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
     let read = || {
         let (first, last) = text.split_once("..")?;
         let (first, last) = (first.trim().parse().ok()?, last.trim().parse().ok()?);
-        (first <= last && last < 1 << 53).then_some(first..=last)
+        (first <= last && last <= crate::spec::SEED_MAX).then_some(first..=last)
     };
     read().ok_or_else(|| "must be a first and a last seed below 2^53, such as 1..20".to_owned())
 }

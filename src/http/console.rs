@@ -1,7 +1,7 @@
-//! `GET /` and the files of the console: the page built from `web/`, which is part of the program.
+//! `GET /` and the files of the web console, built from `web/` and embedded in the program.
 //!
-//! The page loads nothing from elsewhere, and its policy lets it load nothing else. Its files have names that change with their
-//! content, so they may be cached forever; the page itself is asked for each time.
+//! The policy of the page forbids loading anything from other origins. Names of its files change
+//! with their content, so clients may cache them forever; the page itself is revalidated each time.
 
 use super::AppState;
 use super::wire::conditional::ETag;
@@ -12,7 +12,7 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use rust_embed::{Embed, EmbeddedFile};
 
-/// What `npm run build` wrote.
+/// Output of `npm run build`.
 #[derive(Embed)]
 #[folder = "web/dist/"]
 struct Files;
@@ -21,13 +21,13 @@ const PAGE: &str = "index.html";
 /// Folder of the files whose names change with their content.
 const HASHED: &str = "assets/";
 
-/// Levels of detail are decoded by WebAssembly; pictures and downloads that need a key are blobs.
+/// WebAssembly decodes the levels of detail. Pictures and downloads that need a key are blobs.
 const POLICY: HeaderValue = HeaderValue::from_static(
     "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; img-src 'self' blob:; \
      connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
 );
 
-/// The page at `/`, and each of its files.
+/// Routes of the page at `/` and of its files.
 pub(super) fn routes() -> Router<AppState> {
     Files::iter().fold(Router::new(), |routes, name| {
         let path = if name == PAGE { "/".to_owned() } else { format!("/{name}") };

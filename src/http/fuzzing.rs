@@ -1,28 +1,32 @@
-//! Targets of the fuzzers: bodies of requests, headers, queries and ids.
+//! Fuzz targets: bodies of requests, headers, queries and ids.
 
+use super::batches::request::{BatchRequest, BatchSeeds};
 use super::models::request::ModelRequest;
 use super::wire::conditional::ETag;
 use super::wire::extract::{Parameters, parse_id};
-use super::wire::faults::Faults;
+use super::wire::faults::body_reader;
 use super::wire::headers::{IDEMPOTENCY_KEY, PREFER, accept, idempotency_key, last_event_id, wait};
-use super::wire::json::{canonical, parse};
+use super::wire::json::parse;
 use super::wire::problem::Problem;
 use super::wire::range::{Selection, select};
-use crate::spec::{ModelSpec, preset};
+use crate::spec::{JsonReader, ModelSpec, canonical_json, preset};
 use axum::extract::Query;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Uri, header};
 use serde_json::{Value, json};
 use std::time::Duration;
 
-/// Longest place and longest detail of a fault, in characters.
-const WORDS_MAX: usize = 1000;
+/// Maximum length of the place and of the detail of a fault, in characters.
+const MAX_CHARS: usize = 1000;
+/// Maximum number of models of a batch.
+const MAX_BATCH: usize = 1000;
 
-/// The body of `POST /models`: what is accepted is accepted again as it was understood, with the same digest.
+/// The body of `POST /models`. Asserts that a valid request is read again from its members with the
+/// same result and digest.
 pub fn request(bytes: &[u8]) {
     let Some(body) = document(bytes) else { return };
-    let mut faults = Faults::default();
-    let request = ModelRequest::read(&body, &mut faults);
-    let Some(spec) = resolved(&request, faults) else { return };
+    let mut reader = body_reader();
+    let request = ModelRequest::read(&mut reader, &body);
+    let Some(spec) = resolved(&request, reader) else { return };
     let seed = request.seed.unwrap_or_default();
     let mut again = members(&request);
     if let Some(seed) = request.seed {
@@ -31,16 +35,45 @@ pub fn request(bytes: &[u8]) {
     assert_eq!(read_again(&again), request);
     again["spec"] = spec.to_json();
     let again = read_again(&again);
-    let resolved = resolved(&again, Faults::default());
+    let resolved = resolved(&again, body_reader());
     assert_eq!(resolved.map(|spec| spec.digest(seed)), Some(spec.digest(seed)));
 }
 
-/// A document and its canonical text are the same document; a refusal says why.
-pub(super) fn document(bytes: &[u8]) -> Option<Value> {
+/// The body of `POST /batches`. Asserts that a valid request is read again from its members with
+/// the same result, and that the patches of a study contain its values.
+pub fn batch(bytes: &[u8]) {
+    let Some(body) = document(bytes) else { return };
+    let mut reader = body_reader();
+    let batch = BatchRequest::read(&mut reader, &body, MAX_BATCH);
+    if resolved(&batch.common, reader).is_none() {
+        return;
+    }
+    let mut again = members(&batch.common);
+    match &batch.seeds {
+        BatchSeeds::Given(seeds) => again["seeds"] = json!(seeds),
+        BatchSeeds::Drawn(count) => again["count"] = json!(count),
+    }
+    if let Some(study) = &batch.study {
+        assert!((1..=MAX_BATCH).contains(&(study.points() * batch.seeds.len())));
+        for point in 0..study.points() {
+            let patch = study.patch(point);
+            for (pointer, value) in study.pointers().iter().zip(study.values(point)) {
+                assert_eq!(patch.pointer(pointer), Some(value), "{pointer} of point {point}");
+            }
+        }
+        again["vary"] = body["vary"].clone();
+    }
+    let mut reader = body_reader();
+    assert_eq!(BatchRequest::read(&mut reader, &again, MAX_BATCH), batch);
+    assert_eq!(reader.count(), 0);
+}
+
+/// Parses a document. Asserts that its canonical text is canonical.
+fn document(bytes: &[u8]) -> Option<Value> {
     match parse(bytes) {
         Ok(value) => {
-            let text = canonical(&value);
-            let again = parse(text.as_bytes()).map(|value| canonical(&value)).ok();
+            let text = canonical_json(&value);
+            let again = parse(text.as_bytes()).map(|value| canonical_json(&value)).ok();
             assert_eq!(again.as_ref(), Some(&text), "the canonical text is not canonical");
             Some(value)
         }
@@ -51,35 +84,32 @@ pub(super) fn document(bytes: &[u8]) -> Option<Value> {
     }
 }
 
-/// The specification of a request without faults; otherwise checks the faults.
-pub(super) fn resolved(request: &ModelRequest, mut faults: Faults) -> Option<ModelSpec> {
-    let spec = preset(&request.preset)?;
-    let spec = ModelSpec::resolve(spec, &request.spec);
-    if let Err(wrong) = &spec {
-        faults.extend(wrong.iter().map(|f| super::wire::faults::Fault::at(format!("/spec{}", f.pointer), &f.detail)));
+/// Resolves the spec of a request. Checks the faults if there are any.
+fn resolved(request: &ModelRequest, mut reader: JsonReader) -> Option<ModelSpec> {
+    let preset = preset(&request.preset)?;
+    let spec = ModelSpec::resolve(preset, &request.spec).map_err(|faults| reader.extend("/spec", faults)).ok();
+    if reader.count() > 0 {
+        short(&Problem::invalid(reader));
+        return None;
     }
-    if faults.is_empty() {
-        return spec.ok();
-    }
-    short(&Problem::invalid(faults));
-    None
+    spec
 }
 
-/// A problem names its places and says what is wrong in few words, whatever was sent.
+/// Asserts that a problem has places and short details, whatever was sent.
 fn short(problem: &Problem) {
     let body = problem.body("/models", "0");
-    assert!((1..=WORDS_MAX).contains(&body.detail.chars().count()), "{}", body.detail);
+    assert!((1..=MAX_CHARS).contains(&body.detail.chars().count()), "{}", body.detail);
     for fault in body.errors {
         let pointer = fault.pointer.as_deref().unwrap_or_default();
         assert!(pointer.is_empty() || pointer.starts_with('/'), "{pointer}");
         let place = fault.parameter.as_deref().unwrap_or(pointer);
-        assert!(place.chars().count() <= WORDS_MAX, "{place}");
-        assert!((1..=WORDS_MAX).contains(&fault.detail.chars().count()), "{}", fault.detail);
+        assert!(place.chars().count() <= MAX_CHARS, "{place}");
+        assert!((1..=MAX_CHARS).contains(&fault.detail.chars().count()), "{}", fault.detail);
     }
 }
 
-/// The members of a request as they were understood.
-pub(super) fn members(request: &ModelRequest) -> Value {
+/// Members of a request.
+fn members(request: &ModelRequest) -> Value {
     json!({
         "preset": request.preset, "spec": request.spec, "outputs": request.outputs.formats, "bodies": request.outputs.bodies,
         "units": request.outputs.units, "backend": request.backend,
@@ -88,13 +118,14 @@ pub(super) fn members(request: &ModelRequest) -> Value {
 }
 
 fn read_again(body: &Value) -> ModelRequest {
-    let mut faults = Faults::default();
-    let request = ModelRequest::read(body, &mut faults);
-    assert_eq!(faults, Faults::default());
+    let mut reader = body_reader();
+    let request = ModelRequest::read(&mut reader, body);
+    assert_eq!(reader.count(), 0);
     request
 }
 
-/// Lines `name: value`. Besides headers, `length` is that of the requested file, `query` a query string, `id` an id.
+/// Lines of the form `name: value`: headers, and `length` (of the requested file), `query` (a query
+/// string) and `id`.
 pub fn headers(bytes: &[u8]) {
     let mut headers = HeaderMap::new();
     let mut length = 300;
@@ -119,7 +150,7 @@ pub fn headers(bytes: &[u8]) {
     lists(&headers);
 }
 
-/// A part lies within the file and is what its own `Content-Range` selects.
+/// Asserts that a range lies within the file, and that it selects itself.
 fn range(value: &str, length: u64) {
     for length in [length, 0, 1, u64::MAX] {
         if let Selection::Part(part) = select(Some(value), length) {
@@ -143,7 +174,7 @@ fn preferences(headers: &HeaderMap) {
     assert!(last_event_id(headers).is_none_or(|text| !text.is_empty() && text.trim() == text));
 }
 
-/// A list in several header lines means the same as in one (RFC 9110, section 5.2).
+/// Asserts that a list in several header lines equals the list in one line (RFC 9110, section 5.2).
 fn lists(headers: &HeaderMap) {
     let joined = |name: &HeaderName| {
         let values: Option<Vec<_>> = headers.get_all(name).iter().map(|value| value.to_str().ok()).collect();

@@ -1,4 +1,4 @@
-//! `GET /healthz` and `GET /readyz`: whether the process works, and whether it takes work.
+//! `GET /healthz` and `GET /readyz`: liveness and readiness of the process.
 
 use super::AppState;
 use super::wire::problem::{Kind, Problem};
@@ -55,15 +55,13 @@ pub(super) async fn ready(State(state): State<AppState>) -> Result<Json<Health>,
     match tokio::join!(check_jobs(&state), check_artifacts(&state)) {
         (Ok(()), Ok(())) => Ok(Json(OK)),
         (Err(store), artifacts) => {
-            let both = "The job store and the artifact store are unavailable. Try again later.";
-            let one = "The job store is unavailable. Try again later.";
-            Err(Problem::from(StoreError::Database(store.into())).with_detail(if artifacts.is_err() {
-                both
-            } else {
-                one
-            }))
+            let detail = match artifacts {
+                Ok(()) => "The job store is unavailable. Try again later.",
+                Err(_) => "The job store and the artifact store are unavailable. Try again later.",
+            };
+            Err(Problem::from(StoreError::Database(store.into())).with_detail(detail))
         }
-        // The message is logged, not sent: it may contain names of hosts and paths.
+        // The message is only logged, because it can contain host names and paths.
         (Ok(()), Err(error)) => {
             tracing::error!(error, "the artifact store is unavailable");
             let detail = "The artifact store is unavailable: it did not accept a test file.";
@@ -92,8 +90,8 @@ async fn check_artifacts(state: &AppState) -> Result<(), String> {
     in_time(check, || state.artifacts.outage()).await
 }
 
-/// The result of `check`. One that takes longer than [`CHECK_TIME`], as on a busy disk or behind thousands of requests,
-/// goes on in the background; until it has ended, the latest `outage` counts.
+/// Returns the result of `check`. A check that takes longer than [`CHECK_TIME`], such as on a busy
+/// disk, continues in the background. Until it ends, the known `outage` is the result.
 async fn in_time(
     check: impl Future<Output = Result<(), String>> + Send + 'static,
     outage: impl FnOnce() -> Option<String>,
@@ -105,12 +103,13 @@ async fn in_time(
     }
 }
 
-/// The process does not take work for now.
+/// The problem of a process that does not accept work.
 pub(super) fn not_ready(condition: Condition, detail: impl Into<String>) -> Problem {
     Problem::new(Kind::NotReady, detail).with("condition", condition.name()).with_header(header::RETRY_AFTER, LATER)
 }
 
-/// Longest time that a probe waits for a store. Orchestrators commonly give a probe a second.
+/// Maximum time for which a probe waits for a store. Probes of orchestrators often time out after 1
+/// s.
 const CHECK_TIME: Duration = Duration::from_millis(50);
-/// Seconds.
+/// `Retry-After`, in seconds.
 const LATER: HeaderValue = HeaderValue::from_static("5");

@@ -1,4 +1,5 @@
-//! `GET /metrics`: what this process counts, and gauges read from the stores, as OpenMetrics text for Prometheus.
+//! `GET /metrics`: counters of this process and gauges of the stores, as OpenMetrics text for
+//! Prometheus.
 
 use super::AppState;
 use super::wire::headers::PREFERENCE_APPLIED;
@@ -25,10 +26,10 @@ pub(super) async fn read(State(state): State<AppState>) -> Response {
     ([(header::CONTENT_TYPE, MEDIA_TYPE)], state.metrics.text()).into_response()
 }
 
-/// Longest wait for the job store. Prometheus gives an answer ten seconds by default.
+/// Maximum wait for the job store. A scrape by Prometheus times out after 10 s by default.
 const STORE_TIME: Duration = Duration::from_secs(3);
 
-/// Sets the gauges that are read when they are asked for. Metrics stay readable while a store is unavailable.
+/// Sets the gauges that are read on request. Metrics stay readable while a store is unavailable.
 async fn read_gauges(state: &AppState) {
     let AppState { metrics, limits, .. } = state;
     let used = |most: usize, semaphore: &Semaphore| most - semaphore.available_permits();
@@ -77,7 +78,7 @@ fn by_status(counts: &Counts) -> [(&'static str, u64); 5] {
     ]
 }
 
-/// Counts and times each response by the pattern of its path.
+/// Counts each response and measures its time, by method and route.
 pub(super) async fn count(State(metrics): State<Metrics>, request: Request, next: Next) -> Response {
     let method = match request.method().as_str() {
         known @ ("GET" | "HEAD" | "POST" | "PUT" | "PATCH" | "DELETE" | "OPTIONS") => known.to_owned(),

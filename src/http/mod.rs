@@ -1,12 +1,12 @@
 //! The HTTP service: a router over a job store and an artifact store.
 //!
-//! Handlers translate between the wire and the stores, nothing more: no SQL, no computing of models, no reading of
-//! clocks. Every error response is a problem (RFC 9457, [`problem`]). All routes are in `router.rs`.
+//! Handlers only translate between HTTP and the stores: they contain no SQL, do not compute models
+//! and do not read clocks. Every error response is a problem (RFC 9457). `router.rs` lists all
+//! routes.
 
 mod access;
 mod batches;
 mod console;
-mod dto;
 mod events;
 mod fits;
 #[cfg(feature = "fuzzing")]
@@ -23,18 +23,13 @@ mod wire;
 mod workers;
 
 pub use access::{AccessOptions, WithoutKeys};
-#[cfg(feature = "fuzzing")]
-#[doc(hidden)]
-pub use batches::fuzzing as batch_fuzzing;
+pub use batches::batch::{Batch, BatchCounts, BatchList};
 pub use batches::study::{BatchStudy, StudyModel};
-pub use dto::{
-    Batch, BatchCounts, BatchList, Model, ModelEvent, ModelFile, ModelList, ModelProblem, ModelWarning, Pause, Queue,
-    Worker, WorkerList,
-};
-pub use models::request::SEED_MAX;
+pub use models::model::{Model, ModelEvent, ModelFile, ModelList, ModelProblem, ModelWarning, Queue};
 pub use router::{openapi_yaml, router, watch_router};
 pub use wire::cors::{NoOrigin, Origin};
 pub use wire::headers::REQUEST_ID;
+pub use workers::{Pause, Worker, WorkerList};
 
 use crate::availability::Availability;
 use crate::jobs::Store;
@@ -43,7 +38,6 @@ use crate::metrics::Metrics;
 use crate::status::Status;
 use access::Access;
 use events::{Feed, FeedTiming};
-use pictures::bodies::Bodies;
 use pictures::queue::Pictures;
 use std::sync::Arc;
 use std::time::Duration;
@@ -53,45 +47,50 @@ use tokio_util::sync::CancellationToken;
 /// Limits of the service.
 #[derive(Clone, Debug)]
 pub struct Limits {
-    /// Longest request body, bytes.
+    /// Maximum size of a request body, in bytes.
     pub body_bytes: usize,
-    /// Longest request body with images, bytes.
+    /// Maximum size of a request body with images, in bytes.
     pub large_body_bytes: usize,
     /// Time within which a request body must arrive.
     pub body_time: Duration,
-    /// Most open event streams.
+    /// Maximum number of open event streams.
     pub streams: usize,
-    /// Most responses held at a time by `Prefer: wait`; further ones are sent at once.
+    /// Maximum number of responses that `Prefer: wait` holds at a time. Further responses are sent
+    /// immediately.
     pub held: usize,
-    /// Most downloads at a time. Each holds a descriptor: an open file, or a connection to an object store.
+    /// Maximum number of concurrent downloads. Each uses a descriptor: of an open file, or of a
+    /// connection to an object store.
     pub downloads: usize,
-    /// Most pictures that are drawn at a time; each uses all cores.
+    /// Maximum number of pictures that are drawn at a time. Each uses all cores.
     pub pictures: usize,
-    /// Longest time that a request for a picture waits until it can be drawn.
+    /// Maximum time for which a request for a picture waits for its turn.
     pub picture_wait: Duration,
-    /// Least time between two progress events, or two section events, of one model.
+    /// Minimum time between two progress events, or two section events, of a model.
     pub event_interval: Duration,
-    /// Time after which a watched model is read again although the store reported no change.
+    /// Time after which a watched model is read again even if the store reports no change.
     pub event_poll: Duration,
-    /// Silence after which a stream sends a comment.
+    /// Time without events after which a stream sends a comment.
     pub event_comment: Duration,
     /// Time since its last heartbeat after which a GPU worker no longer counts.
     pub gpu_memory: Duration,
     /// Time since its last heartbeat after which a worker is not counted in the metrics.
     pub worker_memory: Duration,
-    /// Whether models for `gpu` are queued although no GPU worker is alive, because one will be started for them.
+    /// True if models for `gpu` are queued even if no GPU worker is alive, because the operator
+    /// will start one.
     pub gpu_expected: bool,
-    /// Longest time that a request for `gpu` waits while workers of this process open their devices.
+    /// Maximum time for which a request for `gpu` waits while workers of this process open their
+    /// devices.
     pub gpu_wait: Duration,
-    /// Most models of a batch.
+    /// Maximum number of models of a batch.
     pub batch: usize,
-    /// Time after its end at which a model is removed; `None` to keep it forever. The Model shows it, retention does it.
+    /// Time between the end of a model and its removal; `None` to keep it forever. Responses show
+    /// it; retention removes the model.
     pub keep: Option<Duration>,
-    /// Whether downloads are redirected to the artifact store, if it can sign addresses.
+    /// True if downloads are redirected to the artifact store, provided that it can sign addresses.
     pub redirect_downloads: bool,
     /// Other origins whose pages may call the service.
     pub cors_origins: Vec<Origin>,
-    /// Greatest predicted cost of one model.
+    /// Limits of the predicted cost of a model.
     pub cost: crate::generate::CostLimits,
 }
 
@@ -122,7 +121,7 @@ impl Default for Limits {
     }
 }
 
-/// What handlers share. Cloning shares everything.
+/// State that all handlers share. Clones share the same state.
 #[derive(Clone)]
 pub struct AppState {
     pub(crate) store: Store,
@@ -132,20 +131,20 @@ pub struct AppState {
     pub(crate) metrics: Metrics,
     access: Arc<Access>,
     status: Status,
-    /// What the checks of `store` found.
+    /// Results of the checks of `store`.
     store_availability: Arc<Availability>,
     feed: Arc<Feed>,
     streams: Arc<Semaphore>,
     held: Arc<Semaphore>,
     downloads: Arc<Semaphore>,
     pictures: Arc<Pictures>,
-    bodies: Arc<Bodies>,
 }
 
 impl AppState {
-    /// A service over these stores. When `shutdown` is cancelled, event streams end and held responses are sent, so that the
-    /// server can drain; other requests go on. Must be called within a Tokio runtime: it starts a task that
-    /// follows the store's changes until `shutdown`.
+    /// Creates the state of a service. When `shutdown` is cancelled, event streams end and held
+    /// responses are sent, so that the server can drain; other requests continue. Must be called
+    /// within a Tokio runtime: starts a task that follows the changes of the store until
+    /// `shutdown`.
     #[must_use]
     pub fn new(store: Store, artifacts: Artifacts, limits: Limits, shutdown: CancellationToken) -> Self {
         let timing = FeedTiming { interval: limits.event_interval, poll: limits.event_poll, keep: limits.keep };
@@ -168,18 +167,17 @@ impl AppState {
             held,
             downloads,
             pictures,
-            bodies: Arc::default(),
         }
     }
 
-    /// Admits requests by these options.
+    /// Controls access with these options.
     #[must_use]
     pub fn with_access(self, options: AccessOptions) -> Self {
         let access = Access::new(self.store.clone(), options, self.limits.cors_origins.clone());
         Self { access: Arc::new(access), ..self }
     }
 
-    /// Counts into `metrics`.
+    /// Records metrics in `metrics`.
     #[must_use]
     pub fn with_metrics(self, metrics: Metrics) -> Self {
         Self { metrics, ..self }
@@ -191,9 +189,12 @@ impl AppState {
         Self { status, ..self }
     }
 
-    /// Removes files that no record names any more; waits at most a second for it. No client can reach them, and a later
-    /// sweep removes what is left.
+    /// Deletes files that no record names. Waits for it at most 1 s: no client can reach the files,
+    /// and the orphan sweep deletes those that are left.
     async fn forget(&self, keys: Vec<String>) {
+        if keys.is_empty() {
+            return;
+        }
         let artifacts = self.artifacts.clone();
         let removal = tokio::spawn(async move {
             if let Err(error) = artifacts.delete(&keys).await {

@@ -1,4 +1,4 @@
-//! `GET /presets`, `GET /presets/{name}`, `GET /schema`: presets and the parameters of a spec.
+//! `GET /presets`, `GET /presets/{name}`, `GET /schema`: presets, and the JSON Schema of a spec.
 
 use super::openapi::shapes::{Preset, PresetSummary};
 use super::wire::extract::PathTexts;

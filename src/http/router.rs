@@ -2,7 +2,7 @@
 
 use super::access::Rule;
 use super::access::tickets;
-use super::models::{bulk, files, manifest, retry};
+use super::models::{bulk, files, retry};
 use super::openapi::Description;
 use super::openapi::docs;
 use super::pictures::{course, cut, preview, report_page, sections};
@@ -39,7 +39,7 @@ fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(files::download))
         .routes(routes!(files::report))
         .routes(routes!(report_page::page))
-        .routes(routes!(manifest::manifest))
+        .routes(routes!(files::manifest))
         .routes(routes!(sections::section))
         .routes(routes!(course::course))
         .routes(routes!(cut::cut))

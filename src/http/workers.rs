@@ -1,14 +1,88 @@
-//! `/workers`: the workers of the installation, their devices and models; to pause, resume and drain them.
+//! `/workers`: lists the workers of the installation with their devices and models; pauses, resumes
+//! and drains them.
 
 use super::AppState;
 use super::access::{Caller, audited};
-use super::dto::{Worker, WorkerList};
 use super::wire::extract::PathTexts;
 use super::wire::problem::{Kind, Problem};
 use super::wire::responses::{StoreAway, WorkerMissing};
-use crate::jobs::{Instruction, JobId};
+use crate::jobs::{Instruction, JobId, WorkerInfo, WorkerKind, WorkerState};
 use axum::Json;
 use axum::extract::State;
+use jiff::Timestamp;
+use serde::Serialize;
+use utoipa::ToSchema;
+use uuid::Uuid;
+
+/// A worker.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub struct Worker {
+    /// Name, unique in the installation.
+    pub id: String,
+    /// Host name.
+    pub host: String,
+    /// Backend.
+    #[schema(value_type = crate::generate::Backend)]
+    pub backend: WorkerKind,
+    /// Name of the device.
+    pub device: String,
+    /// Id of the oldest model that it grows.
+    pub job: Option<Uuid>,
+    /// Ids of the models that it grows, oldest first: one, or those of a GPU batch.
+    pub jobs: Vec<Uuid>,
+    /// Number of models it has finished.
+    #[schema(minimum = 0)]
+    pub jobs_done: u64,
+    /// Last heartbeat.
+    #[schema(value_type = String, format = DateTime)]
+    pub heartbeat_at: Timestamp,
+    /// Whether it starts models, unless all workers are paused.
+    pub state: WorkerState,
+    /// Its own pause; null if it is active.
+    pub pause: Option<Pause>,
+}
+
+/// A pause of a worker or of all.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, ToSchema)]
+pub struct Pause {
+    /// When it began.
+    #[schema(value_type = String, format = DateTime)]
+    pub since: Timestamp,
+    /// Who asked for it; null if unknown, and for callers without the scope `admin`.
+    pub by: Option<String>,
+}
+
+impl From<crate::jobs::Pause> for Pause {
+    fn from(pause: crate::jobs::Pause) -> Self {
+        Self { since: pause.since, by: pause.by }
+    }
+}
+
+impl From<WorkerInfo> for Worker {
+    fn from(worker: WorkerInfo) -> Self {
+        Self {
+            state: worker.state(),
+            id: worker.id,
+            host: worker.host,
+            backend: worker.kind,
+            device: worker.device,
+            job: worker.jobs.first().map(|id| id.0),
+            jobs: worker.jobs.iter().map(|id| id.0).collect(),
+            jobs_done: worker.jobs_done,
+            heartbeat_at: worker.heartbeat_at,
+            pause: worker.pause.map(Into::into),
+        }
+    }
+}
+
+/// Workers that sent a heartbeat within the last minutes.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub struct WorkerList {
+    /// The pause of all workers; null while those that are active start models.
+    pub pause: Option<Pause>,
+    /// The workers.
+    pub workers: Vec<Worker>,
+}
 
 /// List the workers that sent a heartbeat within the last minutes.
 ///
@@ -30,7 +104,7 @@ pub(super) async fn list(State(state): State<AppState>, caller: Caller) -> Resul
     Ok(Json(WorkerList { pause: pause.map(Into::into), workers: workers.into_iter().map(Into::into).collect() }))
 }
 
-/// Those of the jobs that the caller sees.
+/// The subset of `jobs` that the caller may see.
 async fn visible(state: &AppState, caller: &Caller, jobs: &[JobId]) -> Result<Vec<JobId>, Problem> {
     let mut visible = Vec::new();
     for &id in jobs {
@@ -121,7 +195,7 @@ async fn set_paused(state: &AppState, caller: &Caller, paused: bool) -> Result<(
     Ok(())
 }
 
-/// Tells a worker what to do, and answers with its record.
+/// Gives a worker an instruction. Returns its record.
 async fn instruct(
     state: &AppState,
     caller: &Caller,
@@ -130,7 +204,7 @@ async fn instruct(
 ) -> Result<Json<Worker>, Problem> {
     let missing =
         || Problem::new(Kind::WorkerNotFound, format!("No worker {name} sent a heartbeat within five minutes."));
-    // No name has a NUL, which PostgreSQL refuses.
+    // No name contains NUL, and PostgreSQL refuses it in a query.
     if name.contains('\0') {
         return Err(missing());
     }

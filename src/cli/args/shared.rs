@@ -15,7 +15,7 @@ pub struct SpecArgs {
     #[arg(long, value_name = "NAME", default_value = "pig")]
     pub(in crate::cli) preset: String,
     /// Seed of the random numbers, 0 to 2^53 - 1 [default: random]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..1 << 53))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..crate::spec::SEED_MAX + 1))]
     pub(in crate::cli) seed: Option<u64>,
     /// JSON file with a merge patch on the preset; `-` reads stdin
     #[arg(long, value_name = "FILE")]

@@ -102,7 +102,7 @@ impl Settings {
     fn of(args: &LoadArgs, first: u64) -> Result<Self, Failure> {
         let mix = args.mix.clone().or_else(|| args.rate.map(|_| Mix::default()));
         let by_time = mix.is_some() || args.direct || args.models.is_none() && args.duration.is_some();
-        let most = (crate::http::SEED_MAX + 1).saturating_sub(first);
+        let most = (crate::spec::SEED_MAX + 1).saturating_sub(first);
         let models = match args.models {
             Some(models) if models > most => {
                 return Err(Failure::usage(format!("--models {models}: there are only {most} seeds from {first} on")));

@@ -2,9 +2,9 @@
 
 use crate::clock::Stopwatch;
 use crate::http::wire::problem::{RATE_LIMIT, RATE_LIMIT_POLICY};
+use crate::lock::Mutex;
 use axum::http::{HeaderName, HeaderValue};
 use std::collections::HashMap;
-use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 /// Seconds of the rate that may be used up at once.
@@ -64,7 +64,7 @@ impl Buckets {
     /// Takes one request from the bucket of `key`, which fills at `rate` requests a second. An error if it is empty.
     pub(super) fn take(&self, key: &str, rate: f64) -> Result<Standing, Standing> {
         let most = Bucket::most(rate);
-        let mut buckets = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut buckets = self.0.lock();
         if buckets.len() >= MANY && !buckets.contains_key(key) {
             buckets.retain(|_, bucket| !bucket.is_full());
         }

@@ -3,9 +3,10 @@
 use crate::clock::Stopwatch;
 use crate::jobs::keys::{Key, Secret};
 use crate::jobs::{Store, StoreError};
+use crate::lock::Mutex;
 use jiff::{SignedDuration, Timestamp};
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::task::JoinError;
 
@@ -82,7 +83,7 @@ impl Keyring {
 
 impl Shared {
     fn last(&self) -> Option<Arc<Keys>> {
-        self.read.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.read.lock().clone()
     }
 
     /// Reads the keys, one caller for all that wait. After a failure there is no other try for the time of refresh.
@@ -108,7 +109,7 @@ impl Shared {
         if let Some(last) = last {
             report_changes(&last, &keys);
         }
-        *self.read.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(&keys));
+        *self.read.lock() = Some(Arc::clone(&keys));
         Ok(keys)
     }
 }

@@ -2,12 +2,12 @@
 
 use crate::http::AppState;
 use crate::http::access::{Caller, unauthorized};
-use crate::http::models::request::escape;
-use crate::http::wire::faults::{Fault, Faults};
+use crate::http::wire::faults::{body_reader, escape};
 use crate::http::wire::json::JsonBody;
 use crate::http::wire::problem::Problem;
 use crate::http::wire::responses::{StoreAway, TicketProblems};
 use crate::jobs::keys::{NewTicket, TicketSecret};
+use crate::spec::Fault;
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderValue, StatusCode, header};
@@ -76,12 +76,12 @@ pub(in crate::http) async fn create(
 
 /// The path in a request for a ticket.
 fn path_of(body: &Value) -> Result<String, Problem> {
-    let mut faults = Faults::default();
+    let mut reader = body_reader();
     let Some(members) = body.as_object() else {
-        return Err(Problem::invalid(Fault::at("", "must be an object")));
+        return Err(Problem::invalid([Fault::new("", "must be an object")]));
     };
     for name in members.keys().filter(|name| *name != "path") {
-        faults.push(Fault::at(format!("/{}", escape(name)), "is unknown; the member is path"));
+        reader.fault::<()>(format!("/{}", escape(name)), "is unknown; the member is path");
     }
     let path = match members.get("path") {
         None => Err("is missing"),
@@ -93,12 +93,6 @@ fn path_of(body: &Value) -> Result<String, Problem> {
         Some(Value::String(path)) => Ok(path.clone()),
         Some(_) => Err("must be a string"),
     };
-    match path {
-        Ok(path) if faults.is_empty() => Ok(path),
-        Ok(_) => Err(Problem::invalid(faults)),
-        Err(detail) => {
-            faults.push(Fault::at("/path", detail));
-            Err(Problem::invalid(faults))
-        }
-    }
+    let path = path.map_or_else(|detail| reader.fault("/path", detail), Some);
+    path.filter(|_| reader.count() == 0).ok_or_else(|| Problem::invalid(reader))
 }

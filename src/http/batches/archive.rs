@@ -1,17 +1,17 @@
 //! `GET /batches/{id}/archive`: files of all models of a batch, streamed.
 //!
-//! The archive begins with `manifest.json`, which lists all models and the files that follow; both are as the records were
-//! when the request came. A body ends in order only if it is complete: if a file is missing, or the artifact store fails, the
-//! transfer is broken off.
+//! The archive starts with `manifest.json`, which lists all models and the files that follow, from
+//! the records at the time of the request. If a file is missing or the artifact store fails, the
+//! service aborts the transfer. A body that ends without an error is therefore complete.
 
-use super::models::each_model;
-use super::pack::{Entry, Packer};
+use super::pack::{ArchiveEntry, Packer};
+use super::read::{each_model, find_batch};
 use super::study::StoredStudy;
 use crate::http::AppState;
 use crate::http::access::Caller;
 use crate::http::models::files::permit;
-use crate::http::wire::extract::{BatchId, Parameters, no_batch};
-use crate::http::wire::faults::Fault;
+use crate::http::wire::extract::{BatchId, Parameters};
+use crate::http::wire::faults::RequestFault;
 use crate::http::wire::problem::Problem;
 use crate::http::wire::responses::{BadParameters, BatchMissing, DownloadAway};
 use crate::jobs::artifacts::{Artifacts, Download};
@@ -29,14 +29,14 @@ use tokio::sync::{OwnedSemaphorePermit, mpsc};
 use tokio_stream::wrappers::ReceiverStream;
 use utoipa::ToSchema;
 
-/// Bytes that are sent at a time, at least, except at the end.
-const PIECE: usize = 64 << 10;
-/// Pieces that wait for the client.
-const PIECES: usize = 2;
+/// Minimum size of a chunk of the body, in bytes, except for the last one.
+const CHUNK: usize = 64 << 10;
+/// Maximum number of chunks that wait for the client.
+const MAX_WAITING_CHUNKS: usize = 2;
 /// Name of the list of all models and files.
 const MANIFEST: &str = "manifest.json";
 /// Files that every model has.
-const ALWAYS: [&str; 2] = ["report.json", "sections.bin"];
+const COMMON_FILES: [&str; 2] = ["report.json", "sections.bin"];
 
 /// Formats of archives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ToSchema)]
@@ -73,9 +73,9 @@ pub(in crate::http) async fn archive(
     parameters: Parameters,
     method: Method,
 ) -> Result<Response, Problem> {
-    let Options { names, format } = options(&parameters)?;
-    let batch = caller.batch(state.store.batch(id).await?).ok_or_else(|| no_batch(id))?;
-    // Before the manifest is made, which may take 32 MiB.
+    let (names, format) = read_parameters(&parameters)?;
+    let batch = find_batch(&state, &caller, id).await?;
+    // The permit also bounds the number of manifests, which may take 32 MiB each.
     let permit = permit(&state)?;
     let contents = contents(&state, &batch, names.as_deref()).await?;
     let (media_type, extension) = match format {
@@ -92,67 +92,64 @@ pub(in crate::http) async fn archive(
     Ok((headers, body).into_response())
 }
 
-struct Options {
-    /// Names of files; `None`: all.
-    names: Option<Vec<String>>,
-    format: ArchiveFormat,
-}
-
-fn options(parameters: &Parameters) -> Result<Options, Problem> {
+/// Reads the names of the files, `None` for all, and the format.
+fn read_parameters(parameters: &Parameters) -> Result<(Option<Vec<String>>, ArchiveFormat), Problem> {
     let mut faults = parameters.faults(&["files", "format"], &[]);
-    let mut options = Options { names: None, format: ArchiveFormat::Zip };
+    let (mut files, mut format) = (None, ArchiveFormat::Zip);
     for (name, value) in &parameters.0 {
         match (name.as_str(), value.as_str()) {
-            ("format", "zip") => options.format = ArchiveFormat::Zip,
-            ("format", "tar") => options.format = ArchiveFormat::Tar,
-            ("format", _) => faults.push(Fault::parameter("format", "must be zip or tar")),
-            ("files", "") => faults.push(Fault::parameter("files", "must name at least one file")),
-            ("files", names) => options.names = Some(names.split(',').map(str::to_owned).collect()),
+            ("format", "zip") => format = ArchiveFormat::Zip,
+            ("format", "tar") => format = ArchiveFormat::Tar,
+            ("format", _) => faults.push(RequestFault::parameter("format", "must be zip or tar")),
+            ("files", "") => faults.push(RequestFault::parameter("files", "must name at least one file")),
+            ("files", names) => files = Some(names.split(',').map(str::to_owned).collect()),
             _ => {}
         }
     }
-    if faults.is_empty() { Ok(options) } else { Err(Problem::invalid(faults)) }
+    Problem::check(faults)?;
+    Ok((files, format))
 }
 
-/// What an archive is made of.
-struct Contents {
-    manifest: (Entry, Vec<u8>),
-    /// The other entries, each with the key of its file.
-    files: Vec<(Entry, String)>,
+/// Entries of an archive.
+struct ArchiveContents {
+    manifest: (ArchiveEntry, Vec<u8>),
+    /// The other entries, each with the artifact key of its file.
+    files: Vec<(ArchiveEntry, String)>,
 }
 
-/// The manifest and the files of these names, or all.
-async fn contents(state: &AppState, batch: &Batch, names: Option<&[String]>) -> Result<Contents, Problem> {
+/// The manifest and the files with these names, or all files.
+async fn contents(state: &AppState, batch: &Batch, names: Option<&[String]>) -> Result<ArchiveContents, Problem> {
     let study = StoredStudy::of(batch);
     let mut files = Vec::new();
-    let mut manifest = Manifest::begin(batch, study.as_ref());
-    let mut known: BTreeSet<String> = ALWAYS.map(str::to_owned).into();
+    let mut manifest = BatchManifest::begin(batch, study.as_ref());
+    let mut known: BTreeSet<String> = COMMON_FILES.map(str::to_owned).into();
     each_model(state, batch, |place, job| {
         known.extend(job.outputs.files());
         known.extend(job.files.iter().map(|file| file.name.clone()));
         let chosen = |file: &&File| names.is_none_or(|names| names.contains(&file.name));
         let chosen: Vec<&File> = job.files.iter().filter(chosen).collect();
         files.extend(chosen.iter().map(|file| (entry(place, job, file), file.key.clone())));
-        manifest.add(&model(study.as_ref(), place, job, &chosen));
+        manifest.add(&manifest_model(study.as_ref(), place, job, &chosen));
     })
     .await?;
     if let Some(unknown) = names.into_iter().flatten().find(|name| !known.contains(*name)) {
         let known: Vec<&str> = known.iter().map(String::as_str).collect();
-        let detail = format!("`{}`: no model of the batch has it; known are {}", shorten(unknown), known.join(", "));
-        return Err(Problem::invalid(Fault::parameter("files", detail)));
+        let unknown: String = unknown.chars().take(100).collect();
+        let detail = format!("`{unknown}`: no model of the batch has it; known are {}", known.join(", "));
+        return Err(Problem::invalid([RequestFault::parameter("files", detail)]));
     }
     let manifest = manifest.end();
-    let entry = Entry { path: MANIFEST.to_owned(), bytes: manifest.len() as u64, modified: batch.created_at };
-    Ok(Contents { manifest: (entry, manifest), files })
+    let entry = ArchiveEntry { path: MANIFEST.to_owned(), bytes: manifest.len() as u64, modified: batch.created_at };
+    Ok(ArchiveContents { manifest: (entry, manifest), files })
 }
 
-/// The manifest as JSON, a line for each model: as text it takes a tenth of the memory that it would take as values.
-struct Manifest {
+/// The manifest as JSON text, with a line per model. As values it would take ten times the memory.
+struct BatchManifest {
     text: Vec<u8>,
     models: usize,
 }
 
-impl Manifest {
+impl BatchManifest {
     fn begin(batch: &Batch, study: Option<&StoredStudy>) -> Self {
         let (id, at, vary) = (json!(batch.id), json!(batch.created_at), json!(study.map(|study| &study.vary)));
         let text = format!("{{\"batch\":{id},\"created_at\":{at},\"vary\":{vary},\"models\":[");
@@ -171,13 +168,9 @@ impl Manifest {
     }
 }
 
-fn shorten(name: &str) -> String {
-    name.chars().take(100).collect()
-}
-
-fn entry(place: u32, job: &Job, file: &File) -> Entry {
+fn entry(place: u32, job: &Job, file: &File) -> ArchiveEntry {
     let modified = job.finished_at.unwrap_or(job.created_at);
-    Entry { path: path(place, job, file), bytes: file.bytes, modified }
+    ArchiveEntry { path: path(place, job, file), bytes: file.bytes, modified }
 }
 
 fn path(place: u32, job: &Job, file: &File) -> String {
@@ -185,7 +178,7 @@ fn path(place: u32, job: &Job, file: &File) -> String {
 }
 
 /// A model in the manifest.
-fn model(study: Option<&StoredStudy>, place: u32, job: &Job, files: &[&File]) -> Value {
+fn manifest_model(study: Option<&StoredStudy>, place: u32, job: &Job, files: &[&File]) -> Value {
     let file = |file: &&File| {
         json!({
             "path": path(place, job, file), "name": file.name, "media_type": file.media_type, "bytes": file.bytes,
@@ -207,10 +200,11 @@ fn model(study: Option<&StoredStudy>, place: u32, job: &Job, files: &[&File]) ->
     })
 }
 
-/// The archive as a body. The first file is opened before, so that an artifact store that is away is a problem.
+/// The archive as a body. Opens the first file in advance, so that an unavailable artifact store
+/// results in a problem.
 async fn body(
     state: &AppState,
-    contents: Contents,
+    contents: ArchiveContents,
     format: ArchiveFormat,
     permit: OwnedSemaphorePermit,
 ) -> Result<Body, Problem> {
@@ -219,14 +213,14 @@ async fn body(
         None => None,
     };
     state.metrics.bytes_out(contents.files.iter().fold(contents.manifest.0.bytes, |sum, (entry, _)| sum + entry.bytes));
-    let (sender, receiver) = mpsc::channel(PIECES);
+    let (sender, receiver) = mpsc::channel(MAX_WAITING_CHUNKS);
     let packer = match format {
         ArchiveFormat::Zip => Packer::zip(),
         ArchiveFormat::Tar => Packer::tar(),
     };
     let artifacts = state.artifacts.clone();
     let packing = tokio::spawn(pack(artifacts, packer, contents, first, sender, permit));
-    // The channel also closes if the packing fails or panics; then the body must not end in order.
+    // The channel closes even if packing fails or panics. The body must then end with an error.
     let end = stream::once(async move {
         match packing.await {
             Ok(Ok(())) => Ok(Bytes::new()),
@@ -238,19 +232,19 @@ async fn body(
     Ok(Body::from_stream(ReceiverStream::new(receiver).map(Ok).chain(end)))
 }
 
-/// Sends the pieces of an archive. Ends without an error if the client is gone.
+/// Sends an archive in chunks. Ends without an error if the client disconnects.
 async fn pack(
     artifacts: Artifacts,
     mut packer: Packer,
-    Contents { manifest: (entry, manifest), files }: Contents,
+    ArchiveContents { manifest: (entry, manifest), files }: ArchiveContents,
     mut first: Option<Download>,
     sender: mpsc::Sender<Bytes>,
     _permit: OwnedSemaphorePermit,
 ) -> io::Result<()> {
     packer.begin(&entry)?;
-    for piece in manifest.chunks(PIECE) {
-        packer.write(piece)?;
-        if packer.ready() >= PIECE && sender.send(packer.take()).await.is_err() {
+    for chunk in manifest.chunks(CHUNK) {
+        packer.write(chunk)?;
+        if packer.ready() >= CHUNK && sender.send(packer.take()).await.is_err() {
             return Ok(());
         }
     }
@@ -264,13 +258,13 @@ async fn pack(
         let mut chunks = download.stream;
         while let Some(chunk) = chunks.try_next().await.map_err(io::Error::other)? {
             packer.write(&chunk)?;
-            if packer.ready() >= PIECE && sender.send(packer.take()).await.is_err() {
+            if packer.ready() >= CHUNK && sender.send(packer.take()).await.is_err() {
                 return Ok(());
             }
         }
     }
     let last = packer.finish()?;
-    // Fails only if the client is gone.
+    // Fails only if the client has disconnected.
     let _ = sender.send(last).await;
     Ok(())
 }

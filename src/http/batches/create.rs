@@ -1,13 +1,13 @@
 //! `POST /batches` and `POST /batches/validate`: from a request to queued models.
 
-use super::check::{AcceptedBatch, Point, check_body};
+use super::batch::Batch;
+use super::check::{CheckedBatch, CheckedPoint, check_body};
 use super::read::answer;
-use super::request::Seeds;
+use super::request::BatchSeeds;
 use super::study::StoredStudy;
 use crate::generate::Cost;
 use crate::http::AppState;
 use crate::http::access::{Caller, audit, run_to_completion};
-use crate::http::dto::Batch;
 use crate::http::models::create::{draw_seed, key_of, new_job, set_location};
 use crate::http::wire::blocking::blocking;
 use crate::http::wire::json::JsonBody;
@@ -52,8 +52,9 @@ pub(in crate::http) async fn create(
 ) -> Result<Response, Problem> {
     let key = key_of(&headers, &body)?;
     let submitted = match check_body(&state, &body).await {
-        Ok(accepted) => submit(&state, &caller, accepted, &body["vary"], key).await?,
-        // As for a model: a replayed request is not refused because of what has changed since.
+        Ok(checked) => submit(&state, &caller, checked, &body["vary"], key).await?,
+        // A repeated request gets its batch, even if limits or live workers have changed in the
+        // meantime.
         Err(refusal) => SubmittedBatch::Replayed(earlier(&state, &caller, key).await.ok_or(refusal)?),
     };
     let mut response = answer(StatusCode::ACCEPTED, &Batch::from(submitted.batch()));
@@ -62,7 +63,7 @@ pub(in crate::http) async fn create(
     Ok(response)
 }
 
-/// The batch that the key created before, if there is one.
+/// The batch that an earlier request with the same key and body created.
 async fn earlier(state: &AppState, caller: &Caller, key: Option<(String, String)>) -> Option<jobs::Batch> {
     let (key, body) = key?;
     state.store.replayed_batch(caller.owner(), &key, &body).await.ok().flatten()
@@ -71,18 +72,18 @@ async fn earlier(state: &AppState, caller: &Caller, key: Option<(String, String)
 async fn submit(
     state: &AppState,
     caller: &Caller,
-    AcceptedBatch { request, seeds, study, points }: AcceptedBatch,
+    CheckedBatch { request, seeds, study, points }: CheckedBatch,
     vary: &Value,
     idempotency: Option<(String, String)>,
 ) -> Result<SubmittedBatch, Problem> {
     let seeds = match seeds {
-        Seeds::These(seeds) => seeds,
-        Seeds::Count(count) => draw(count),
+        BatchSeeds::Given(seeds) => seeds,
+        BatchSeeds::Drawn(count) => draw(count),
     };
     let (by, priority) = (caller.clone(), request.priority);
     let (mut jobs, seeds) = blocking("Making the batch", move || {
         let mut jobs = Vec::with_capacity(points.len() * seeds.len());
-        for Point { spec, .. } in &points {
+        for CheckedPoint { spec, .. } in &points {
             let new = new_job(&by, request.clone(), spec);
             jobs.extend(seeds.iter().map(|&seed| NewJob { seed, digest: spec.digest(seed), ..new.clone() }));
         }
@@ -105,7 +106,7 @@ async fn submit(
     .map_err(Problem::from)
 }
 
-/// So many random seeds, all different.
+/// Draws `count` different seeds.
 fn draw(count: usize) -> Vec<u64> {
     let mut seen = BTreeSet::new();
     std::iter::repeat_with(draw_seed).filter(|seed| seen.insert(*seed)).take(count).collect()
@@ -163,13 +164,11 @@ pub(in crate::http) async fn validate(
     State(state): State<AppState>,
     JsonBody(body): JsonBody,
 ) -> Result<Json<BatchValidation>, Problem> {
-    let AcceptedBatch { request, seeds, study, points } = check_body(&state, &body).await?;
+    let CheckedBatch { request, seeds, study, points } = check_body(&state, &body).await?;
     let mut total = BatchCost::default();
     for Cost { seconds, bytes, memory_bytes, .. } in points.iter().map(|point| &point.cost) {
         for (backend, estimate) in seconds {
-            #[expect(clippy::cast_precision_loss, reason = "an estimate")]
-            let of_all = estimate.seconds * seeds.len() as f64;
-            *total.seconds.entry(backend.clone()).or_default() += of_all;
+            *total.seconds.entry(backend.clone()).or_default() += estimate.seconds * seeds.len() as f64;
         }
         total.bytes = total.bytes.saturating_add(bytes.values().sum::<u64>().saturating_mul(seeds.len() as u64));
         total.memory_bytes = total.memory_bytes.max(*memory_bytes);
@@ -180,8 +179,8 @@ pub(in crate::http) async fn validate(
         models: points.len() * seeds.len(),
         points: (0..).zip(points).map(|(i, point)| PointValidation { values: values(i), cost: point.cost }).collect(),
         seeds: match seeds {
-            Seeds::These(seeds) => Some(seeds),
-            Seeds::Count(_) => None,
+            BatchSeeds::Given(seeds) => Some(seeds),
+            BatchSeeds::Drawn(_) => None,
         },
         cost: total,
     }))

@@ -1,72 +1,74 @@
-//! Archives written piece by piece: zip (stored, ZIP64 where needed) and tar.
+//! Writes archives as streams: zip (stored, ZIP64 where needed) and tar.
 //!
-//! A packer turns entries into bytes in memory, to be taken after each write; it holds no more than what was written since.
+//! A packer keeps its output in memory until [`Packer::take`], which callers call after each write.
 
+use crate::lock::{Mutex, MutexGuard};
 use bytes::Bytes;
 use jiff::Timestamp;
 use jiff::tz::TimeZone;
 use std::io::{self, Write};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use zip::write::{SimpleFileOptions, StreamWriter};
 use zip::{CompressionMethod, DateTime, ZipWriter};
 
-/// Blocks of a tar.
+/// Size of a block of a tar, in bytes.
 const BLOCK: u64 = 512;
 
 /// A file in an archive.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Entry {
+pub(super) struct ArchiveEntry {
     /// Path in the archive, at most 100 bytes.
     pub(super) path: String,
-    /// Size.
+    /// Size in bytes.
     pub(super) bytes: u64,
-    /// When it was made.
+    /// Time of the last change.
     pub(super) modified: Timestamp,
 }
 
 /// Writes an archive.
 pub(super) struct Packer {
-    form: Form,
-    out: Buffer,
+    writer: ArchiveWriter,
+    out: SharedBuffer,
     /// Path of the current entry.
     path: String,
-    /// Bytes that the current entry still needs.
+    /// Number of bytes that the current entry lacks.
     left: u64,
-    /// Bytes that fill the last block of the current entry.
+    /// Number of bytes after the current entry, which fill its last block.
     padding: usize,
 }
 
-enum Form {
-    Zip(Box<ZipWriter<StreamWriter<Buffer>>>),
+enum ArchiveWriter {
+    Zip(Box<ZipWriter<StreamWriter<SharedBuffer>>>),
     Tar,
 }
 
 impl Packer {
-    /// An empty zip. Sizes and checksums follow each entry, so a reader needs the directory at the end.
+    /// A packer of a zip. Sizes and checksums follow each entry, so a reader needs the directory at
+    /// the end.
     pub(super) fn zip() -> Self {
-        let out = Buffer::default();
-        Self::new(Form::Zip(Box::new(ZipWriter::new_stream(out.clone()))), out)
+        let out = SharedBuffer::default();
+        Self::new(ArchiveWriter::Zip(Box::new(ZipWriter::new_stream(out.clone()))), out)
     }
 
-    /// An empty tar.
+    /// A packer of a tar.
     pub(super) fn tar() -> Self {
-        Self::new(Form::Tar, Buffer::default())
+        Self::new(ArchiveWriter::Tar, SharedBuffer::default())
     }
 
-    fn new(form: Form, out: Buffer) -> Self {
-        Self { form, out, path: String::new(), left: 0, padding: 0 }
+    fn new(writer: ArchiveWriter, out: SharedBuffer) -> Self {
+        Self { writer, out, path: String::new(), left: 0, padding: 0 }
     }
 
-    /// Begins an entry; exactly its bytes must follow.
+    /// Begins an entry. Calls of `write` with exactly `entry.bytes` bytes must follow.
     ///
     /// # Errors
-    /// If the entry before is not complete, or the format cannot hold this one.
-    pub(super) fn begin(&mut self, entry: &Entry) -> io::Result<()> {
+    /// Fails if the previous entry is incomplete, or if the format does not support this one.
+    pub(super) fn begin(&mut self, entry: &ArchiveEntry) -> io::Result<()> {
         self.end_entry()?;
         self.left = entry.bytes;
         self.path.clone_from(&entry.path);
-        match &mut self.form {
-            Form::Zip(zip) => {
+        match &mut self.writer {
+            ArchiveWriter::Zip(zip) => {
                 let time = entry.modified.to_zoned(TimeZone::UTC).datetime();
                 let options = SimpleFileOptions::default()
                     .compression_method(CompressionMethod::Stored)
@@ -75,7 +77,7 @@ impl Packer {
                     .last_modified_time(DateTime::try_from(time).unwrap_or_default());
                 zip.start_file(&entry.path, options)?;
             }
-            Form::Tar => {
+            ArchiveWriter::Tar => {
                 let mut header = tar::Header::new_gnu();
                 header.set_path(&entry.path)?;
                 header.set_size(entry.bytes);
@@ -92,13 +94,13 @@ impl Packer {
     /// Adds bytes to the current entry.
     ///
     /// # Errors
-    /// If there are more than the entry announced.
+    /// Fails if the entry announced fewer bytes.
     pub(super) fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
         let left = self.left.checked_sub(bytes.len() as u64);
         self.left = left.ok_or_else(|| io::Error::other(format!("{} has more bytes than announced", self.path)))?;
-        match &mut self.form {
-            Form::Zip(zip) => zip.write_all(bytes),
-            Form::Tar => self.out.write_all(bytes),
+        match &mut self.writer {
+            ArchiveWriter::Zip(zip) => zip.write_all(bytes),
+            ArchiveWriter::Tar => self.out.write_all(bytes),
         }
     }
 
@@ -112,34 +114,34 @@ impl Packer {
     /// Ends the archive.
     ///
     /// # Errors
-    /// If the last entry is not complete.
+    /// Fails if the last entry is incomplete.
     pub(super) fn finish(mut self) -> io::Result<Bytes> {
         self.end_entry()?;
-        match self.form {
-            Form::Zip(zip) => drop((*zip).finish()?),
-            Form::Tar => self.out.write_all(&[0; 2 * BLOCK as usize])?,
+        match self.writer {
+            ArchiveWriter::Zip(zip) => drop((*zip).finish()?),
+            ArchiveWriter::Tar => self.out.write_all(&[0; 2 * BLOCK as usize])?,
         }
         Ok(self.out.take())
     }
 
-    /// Number of bytes to be taken.
+    /// Number of bytes of output since the last call of `take`.
     pub(super) fn ready(&self) -> usize {
         self.out.bytes().len()
     }
 
-    /// The bytes since the last call.
+    /// Output since the last call.
     pub(super) fn take(&mut self) -> Bytes {
         self.out.take()
     }
 }
 
-/// Bytes on their way from a writer; the zip writer keeps a clone.
+/// Output of a packer. The zip writer owns a clone.
 #[derive(Clone, Debug, Default)]
-struct Buffer(Arc<Mutex<Vec<u8>>>);
+struct SharedBuffer(Arc<Mutex<Vec<u8>>>);
 
-impl Buffer {
-    fn bytes(&self) -> std::sync::MutexGuard<'_, Vec<u8>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+impl SharedBuffer {
+    fn bytes(&self) -> MutexGuard<'_, Vec<u8>> {
+        self.0.lock()
     }
 
     fn take(&self) -> Bytes {
@@ -147,7 +149,7 @@ impl Buffer {
     }
 }
 
-impl Write for Buffer {
+impl Write for SharedBuffer {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         self.bytes().extend_from_slice(bytes);
         Ok(bytes.len())
@@ -163,10 +165,13 @@ mod tests {
     use super::*;
     use std::io::{Cursor, Read};
 
-    fn contents() -> Vec<(Entry, Vec<u8>)> {
+    fn contents() -> Vec<(ArchiveEntry, Vec<u8>)> {
         let file = |path: &str, len: usize| {
-            let entry =
-                Entry { path: path.into(), bytes: len as u64, modified: "2026-01-02T03:04:06Z".parse().unwrap() };
+            let entry = ArchiveEntry {
+                path: path.into(),
+                bytes: len as u64,
+                modified: "2026-01-02T03:04:06Z".parse().unwrap(),
+            };
             (entry, (0..len).map(|i| (i % 251) as u8).collect())
         };
         vec![file("manifest.json", 700), file("a/empty", 0), file("a/block", 512), file("b/large", 100_000)]
@@ -219,7 +224,8 @@ mod tests {
         assert!(entries.next().is_none());
     }
 
-    /// Without writing 5 GiB: the headers of a large entry, and that another length than announced is an error.
+    /// Announces 5 GiB without writing them: the headers are valid, but the missing bytes are an
+    /// error.
     #[test]
     fn an_entry_has_the_size_that_it_announced() {
         for mut packer in [Packer::zip(), Packer::tar()] {
@@ -231,7 +237,7 @@ mod tests {
             assert!(packer.finish().is_err());
         }
         let mut packer = Packer::tar();
-        packer.begin(&Entry { bytes: 2, ..contents().remove(0).0 }).unwrap();
+        packer.begin(&ArchiveEntry { bytes: 2, ..contents().remove(0).0 }).unwrap();
         assert!(packer.write(b"xyz").is_err());
     }
 }

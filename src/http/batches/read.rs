@@ -1,17 +1,21 @@
-//! `GET /batches`, `GET` and `DELETE /batches/{id}`.
+//! `GET /batches`; `GET` and `DELETE /batches/{id}`. Reading the models of a batch.
 
+use super::batch::{Batch, BatchList};
 use crate::http::AppState;
 use crate::http::access::{Caller, audited};
-use crate::http::dto::{Batch, BatchList};
 use crate::http::models::select;
 use crate::http::wire::extract::{BatchId, Parameters, no_batch};
 use crate::http::wire::problem::Problem;
 use crate::http::wire::responses::{BadParameters, BatchMissing, StoreAway};
-use crate::jobs::{self, BatchFilter, JobId, ListFilter};
+use crate::jobs::{self, BatchFilter, BatchId as StoredBatchId, Job, JobId, ListFilter, StoreError};
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use std::collections::BTreeMap;
+
+/// Number of models that are read at a time.
+const PAGE: u32 = 100;
 
 /// A batch as a response.
 pub(super) fn answer(status: StatusCode, batch: &Batch) -> Response {
@@ -45,7 +49,7 @@ pub(in crate::http) async fn list(
     let ListFilter { owner, created_after, created_before, .. } = select::read(&parameters, &caller, &mut faults);
     let (limit, before) = select::page(&parameters, &mut faults);
     Problem::check(faults)?;
-    let before = before.map(|JobId(id)| jobs::BatchId(id));
+    let before = before.map(|JobId(id)| StoredBatchId(id));
     let page = state.store.batches(&BatchFilter { owner, created_after, created_before, before, limit }).await?;
     let batches = page.batches.iter().map(|batch| Batch { models: None, study: None, ..Batch::from(batch) }).collect();
     Ok(Json(BatchList { batches, next: page.next.map(|id| id.to_string()) }))
@@ -68,7 +72,7 @@ pub(in crate::http) async fn get(
     caller: Caller,
     BatchId(id): BatchId,
 ) -> Result<Response, Problem> {
-    let batch = caller.batch(state.store.batch(id).await?).ok_or_else(|| no_batch(id))?;
+    let batch = find_batch(&state, &caller, id).await?;
     Ok(answer(StatusCode::OK, &Batch::from(&batch)))
 }
 
@@ -85,10 +89,40 @@ pub(in crate::http) async fn delete(
     caller: Caller,
     BatchId(id): BatchId,
 ) -> Result<StatusCode, Problem> {
-    caller.batch(state.store.batch(id).await?).ok_or_else(|| no_batch(id))?;
+    find_batch(&state, &caller, id).await?;
     let store = state.store.clone();
     let deleted = audited(&caller, "batch deleted", id, async move { store.delete_batch(id).await });
     let keys = deleted.await?.ok_or_else(|| no_batch(id))?;
     state.forget(keys).await;
     Ok(StatusCode::NO_CONTENT)
+}
+
+/// A batch that the caller may see.
+pub(in crate::http) async fn find_batch(
+    state: &AppState,
+    caller: &Caller,
+    id: StoredBatchId,
+) -> Result<jobs::Batch, Problem> {
+    caller.batch(state.store.batch(id).await?).ok_or_else(|| no_batch(id))
+}
+
+/// Calls `each` with the place and the record of every model of a batch, in their order. Skips
+/// models that have been deleted.
+pub(super) async fn each_model(
+    state: &AppState,
+    batch: &jobs::Batch,
+    mut each: impl FnMut(u32, &Job),
+) -> Result<(), StoreError> {
+    let places: BTreeMap<JobId, u32> = batch.jobs.iter().copied().zip(batch.places.iter().copied()).collect();
+    let mut after = None;
+    loop {
+        let page = state.store.batch_jobs(batch.id, after, PAGE).await?;
+        let Some(last) = page.last() else { return Ok(()) };
+        after = Some(last.id);
+        for job in &page {
+            if let Some(place) = places.get(&job.id) {
+                each(*place, job);
+            }
+        }
+    }
 }

@@ -1,29 +1,29 @@
-//! Bodies of requests for batches: from JSON to a [`BatchRequest`], with all faults in one response.
+//! Body of a request for a batch: from JSON to a [`BatchRequest`], with all faults in one response.
 
-use crate::http::models::request::{ModelRequest, SEED_MAX, describe, seed};
-use crate::http::wire::faults::{Fault, Faults};
+use crate::http::models::request::ModelRequest;
 use crate::spec::study::Study;
+use crate::spec::{JsonReader, SEED_MAX};
 use serde_json::{Value, json};
+use std::collections::BTreeSet;
 
 const MEMBERS: [&str; 12] = [
     "preset", "seeds", "count", "vary", "spec", "outputs", "bodies", "units", "backend", "labels", "priority", "reuse",
 ];
 
-/// The seeds of a batch.
+/// Seeds of a batch, or of each point of its study.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Seeds {
-    /// These seeds.
-    These(Vec<u64>),
-    /// So many random seeds.
-    Count(usize),
+pub(in crate::http) enum BatchSeeds {
+    /// Seeds that the request gives.
+    Given(Vec<u64>),
+    /// Number of seeds that the service draws.
+    Drawn(usize),
 }
 
-impl Seeds {
-    /// How many there are.
-    pub(super) fn len(&self) -> usize {
+impl BatchSeeds {
+    pub(in crate::http) fn len(&self) -> usize {
         match self {
-            Self::These(seeds) => seeds.len(),
-            Self::Count(count) => *count,
+            Self::Given(seeds) => seeds.len(),
+            Self::Drawn(count) => *count,
         }
     }
 }
@@ -31,43 +31,38 @@ impl Seeds {
 /// A request for a batch.
 #[derive(Clone, Debug, PartialEq)]
 pub(in crate::http) struct BatchRequest {
-    pub(super) seeds: Seeds,
+    pub(in crate::http) seeds: BatchSeeds,
     /// The study; its models differ in the parameters that it varies.
-    pub(super) study: Option<Study>,
-    /// The members that all models have in common.
-    pub(super) each: ModelRequest,
+    pub(in crate::http) study: Option<Study>,
+    /// Members that all models have in common.
+    pub(in crate::http) common: ModelRequest,
 }
 
 impl BatchRequest {
-    /// Reads a body like [`ModelRequest::read`]; `most` is the greatest number of models.
-    pub(super) fn read(body: &Value, most: usize, faults: &mut Faults) -> Self {
-        let each = ModelRequest::read_members(body, &MEMBERS, faults);
+    /// Reads a body for at most `max_models` models, as [`ModelRequest::read`] does.
+    pub(in crate::http) fn read(reader: &mut JsonReader, body: &Value, max_models: usize) -> Self {
+        let common = ModelRequest::read_members(reader, body, &MEMBERS);
         let vary = body.get("vary");
         let seeds = match (body.get("seeds"), body.get("count")) {
-            (Some(list), None) => seeds(list, most, faults),
-            (None, Some(value)) => count(value, most, faults),
-            (None, None) if vary.is_some() => Some(Seeds::Count(1)),
+            (Some(list), None) => read_seeds(reader, list, max_models),
+            (None, Some(count)) => reader.integer("/count", count, 1..=max_models).map(BatchSeeds::Drawn),
+            (None, None) if vary.is_some() => Some(BatchSeeds::Drawn(1)),
             (None, None) if !body.is_object() => None,
-            (None, None) => {
-                faults.push(Fault::at("", "must have seeds, count or vary"));
-                None
-            }
-            (Some(_), Some(_)) => {
-                faults.push(Fault::at("", "must have either seeds or count"));
-                None
-            }
+            (None, None) => reader.fault("", "must have seeds, count or vary"),
+            (Some(_), Some(_)) => reader.fault("", "must have either seeds or count"),
         };
-        let study = vary.and_then(|vary| study(vary, seeds.as_ref().map_or(1, Seeds::len), most, faults));
-        Self { seeds: seeds.unwrap_or(Seeds::Count(0)), study, each }
+        let seeds_per_point = seeds.as_ref().map_or(1, BatchSeeds::len);
+        let study = vary.and_then(|vary| read_study(reader, vary, seeds_per_point, max_models));
+        Self { seeds: seeds.unwrap_or(BatchSeeds::Drawn(0)), study, common }
     }
 
-    /// JSON Schema of a request; `most` is the greatest number of models by default. One variant each for `seeds`, for
-    /// `count`, and for `vary` without both.
-    pub(in crate::http) fn schema(most: usize) -> Value {
-        let seeds = json!({ "type": "array", "uniqueItems": true, "minItems": 1, "maxItems": most,
+    /// JSON Schema of a request for at most `max_models` models. It has a variant for `seeds`, one
+    /// for `count`, and one for `vary` without both.
+    pub(in crate::http) fn schema(max_models: usize) -> Value {
+        let seeds = json!({ "type": "array", "uniqueItems": true, "minItems": 1, "maxItems": max_models,
             "items": { "type": "integer", "format": "int64", "minimum": 0, "maximum": SEED_MAX },
             "description": "One model per seed, of each point of a study. The greatest number of models is a setting of the service." });
-        let count = json!({ "type": "integer", "minimum": 1, "maximum": most,
+        let count = json!({ "type": "integer", "minimum": 1, "maximum": max_models,
             "description": "Number of models, of each point of a study. The service draws their seeds." });
         let variant = |title: &str, description: &str, own: Option<(&str, Value)>| {
             let mut schema = ModelRequest::schema();
@@ -98,79 +93,55 @@ impl BatchRequest {
     }
 }
 
-/// A study of which each point is grown with `seeds` seeds.
-fn study(vary: &Value, seeds: usize, most: usize, faults: &mut Faults) -> Option<Study> {
-    let study = match Study::read(vary, most) {
-        Ok(study) => study,
-        Err(wrong) => {
-            faults.extend(wrong.into_iter().map(|fault| Fault::at(format!("/vary{}", fault.pointer), fault.detail)));
-            return None;
-        }
-    };
-    let models = study.points().saturating_mul(seeds);
-    if models > most {
+fn read_study(reader: &mut JsonReader, vary: &Value, seeds_per_point: usize, max_models: usize) -> Option<Study> {
+    let study = Study::read(vary, max_models).map_err(|faults| reader.extend("/vary", faults)).ok()?;
+    let points = study.points();
+    let models = points.saturating_mul(seeds_per_point);
+    if models > max_models {
         let detail = format!(
-            "gives {} points, each with {seeds} seeds: {models} models; at most {most} are allowed",
-            study.points()
+            "gives {points} points, each with {seeds_per_point} seeds: {models} models; at most {max_models} are allowed"
         );
-        faults.push(Fault::at("/vary", detail));
-        return None;
+        return reader.fault("/vary", detail);
     }
     Some(study)
 }
 
-fn seeds(value: &Value, most: usize, faults: &mut Faults) -> Option<Seeds> {
-    let Some(items) = value.as_array() else {
-        faults.push(Fault::at("/seeds", format!("must be an array, not {}", describe(value))));
-        return None;
-    };
-    if !(1..=most).contains(&items.len()) {
-        faults.push(Fault::at("/seeds", format!("must have 1 to {most} members, not {}", items.len())));
-        return None;
+fn read_seeds(reader: &mut JsonReader, value: &Value, max_models: usize) -> Option<BatchSeeds> {
+    let items = reader.array("/seeds", value)?;
+    if !(1..=max_models).contains(&items.len()) {
+        return reader.fault("/seeds", format!("must have 1 to {max_models} members, not {}", items.len()));
     }
-    let mut seen = std::collections::BTreeSet::new();
-    let mut list = Vec::with_capacity(items.len());
+    let mut seen = BTreeSet::new();
+    let mut seeds = Vec::with_capacity(items.len());
     for (i, item) in items.iter().enumerate() {
-        let pointer = format!("/seeds/{i}");
-        if let Some(seed) = seed(item, &pointer, faults) {
-            if !seen.insert(seed) {
-                faults.push(Fault::at(pointer, "is given more than once"));
-            }
-            list.push(seed);
+        let at = format!("/seeds/{i}");
+        let Some(seed) = reader.integer(&at, item, 0..=SEED_MAX) else { continue };
+        if !seen.insert(seed) {
+            reader.fault::<()>(at, "is given more than once");
         }
+        seeds.push(seed);
     }
-    Some(Seeds::These(list))
-}
-
-fn count(value: &Value, most: usize, faults: &mut Faults) -> Option<Seeds> {
-    let whole = value.as_u64().or_else(|| value.as_f64().filter(|x| x.fract() == 0.0 && *x >= 0.0).map(|x| x as u64));
-    let count = whole.and_then(|n| usize::try_from(n).ok()).filter(|n| (1..=most).contains(n));
-    if count.is_none() {
-        faults.push(Fault::at("/count", format!("must be an integer from 1 to {most}, not {}", describe(value))));
-    }
-    count.map(Seeds::Count)
+    Some(BatchSeeds::Given(seeds))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::collections::BTreeSet;
+    use crate::http::wire::faults::body_reader;
+    use crate::spec::Fault;
 
     #[test]
     fn a_batch_has_seeds_or_a_count_or_a_study() {
         let read = |body: Value| {
-            let mut faults = Faults::default();
-            let request = BatchRequest::read(&body, 3, &mut faults);
-            if faults.is_empty() {
-                Ok(request.seeds)
-            } else {
-                Err(faults.into_parts().0.into_iter().filter_map(|f| f.pointer).collect())
-            }
+            let mut reader = body_reader();
+            let request = BatchRequest::read(&mut reader, &body, 3);
+            let faults = |faults: Vec<Fault>| faults.into_iter().map(|fault| fault.pointer).collect();
+            reader.finish(Some(request.seeds)).map_err(faults)
         };
-        assert_eq!(read(json!({"seeds": [7, 8.0]})), Ok(Seeds::These(vec![7, 8])));
-        assert_eq!(read(json!({"count": 3, "preset": "pig"})), Ok(Seeds::Count(3)));
+        assert_eq!(read(json!({"seeds": [7, 8.0]})), Ok(BatchSeeds::Given(vec![7, 8])));
+        assert_eq!(read(json!({"count": 3, "preset": "pig"})), Ok(BatchSeeds::Drawn(3)));
         let vary = json!({"design": "grid", "values": {"/steps": [100, 200, 300]}});
-        assert_eq!(read(json!({"vary": vary})), Ok(Seeds::Count(1)), "one seed for all points");
+        assert_eq!(read(json!({"vary": vary})), Ok(BatchSeeds::Drawn(1)), "one seed for all points");
         let faults: [(Value, Vec<&str>); 11] = [
             (json!({}), vec![""]),
             (json!({"seeds": [1], "count": 1}), vec![""]),

@@ -1,4 +1,4 @@
-//! The study of a batch: as it is stored, and as it is answered.
+//! The study of a batch, as stored and as sent.
 
 use crate::http::wire::responses::{ParameterValue, Vary};
 use crate::spec::study::Study;
@@ -7,52 +7,50 @@ use serde_json::{Map, Value};
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-/// A study and what it gave, as the record of its batch keeps it. The model at place `i` of the batch is that of the point
-/// `i / seeds.len()` and of the seed `seeds[i % seeds.len()]`.
+/// A study and its points in the record of a batch. The model at place `i` of the batch belongs to
+/// point `i / seeds.len()` and has the seed `seeds[i % seeds.len()]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct StoredStudy {
-    /// The member `vary` of the request.
-    pub(in crate::http) vary: Value,
-    /// The seeds of each point.
-    pub(in crate::http) seeds: Vec<u64>,
-    /// The parameters that are varied.
+    /// Member `vary` of the request.
+    pub(super) vary: Value,
+    /// Seeds of each point.
+    seeds: Vec<u64>,
+    /// JSON pointers of the varied parameters.
     pub(super) pointers: Vec<String>,
-    /// Their values in each point.
-    pub(in crate::http) points: Vec<Vec<Value>>,
+    /// Values of the varied parameters at each point.
+    points: Vec<Vec<Value>>,
 }
 
 impl StoredStudy {
-    /// What is to be stored of a study.
-    pub(in crate::http) fn new(vary: Value, study: &Study, seeds: Vec<u64>) -> Self {
+    pub(super) fn new(vary: Value, study: &Study, seeds: Vec<u64>) -> Self {
         let points = (0..study.points()).map(|point| study.values(point).cloned().collect()).collect();
         Self { vary, seeds, pointers: study.pointers().to_vec(), points }
     }
 
-    /// As JSON.
-    pub(in crate::http) fn to_json(&self) -> Value {
+    pub(super) fn to_json(&self) -> Value {
         serde_json::to_value(self).expect("a study has string keys only")
     }
 
-    /// The study of a batch; `None` if it has none, or none that this version can read.
-    pub(in crate::http) fn of(batch: &crate::jobs::Batch) -> Option<Self> {
+    /// Reads the study of a batch. `None` if the batch has none, or one of an unknown format.
+    pub(super) fn of(batch: &crate::jobs::Batch) -> Option<Self> {
         let stored = batch.study.as_ref()?;
         Self::deserialize(stored)
             .inspect_err(|error| tracing::warn!(batch = %batch.id, %error, "a study is not read"))
             .ok()
     }
 
-    /// The point of the model at this place.
+    /// Index of the point of the model at a place.
     fn point(&self, place: u32) -> usize {
         place as usize / self.seeds.len().max(1)
     }
 
-    /// The values of the model at this place, in the order of the pointers.
-    pub(in crate::http) fn values(&self, place: u32) -> &[Value] {
+    /// Varied values of the model at a place, in the order of `pointers`.
+    pub(super) fn values(&self, place: u32) -> &[Value] {
         self.points.get(self.point(place)).map_or(&[], Vec::as_slice)
     }
 
-    /// The values of the model at this place by pointer.
-    pub(in crate::http) fn named(&self, place: u32) -> Map<String, Value> {
+    /// Varied values of the model at a place, by pointer.
+    pub(super) fn named(&self, place: u32) -> Map<String, Value> {
         self.pointers.iter().cloned().zip(self.values(place).iter().cloned()).collect()
     }
 }
@@ -84,8 +82,7 @@ pub struct StudyModel {
 }
 
 impl BatchStudy {
-    /// The study of a batch, if it has one.
-    pub(in crate::http) fn of(batch: &crate::jobs::Batch) -> Option<Self> {
+    pub(super) fn of(batch: &crate::jobs::Batch) -> Option<Self> {
         let stored = StoredStudy::of(batch)?;
         let model = |(id, place): (&crate::jobs::JobId, &u32)| StudyModel {
             id: id.0,

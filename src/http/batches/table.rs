@@ -1,15 +1,14 @@
-//! `GET /batches/{id}/table`: one row a model, as CSV or JSON.
+//! `GET /batches/{id}/table`: one row per model, as CSV or JSON.
 //!
-//! Everything comes from the records of the models; no file is read. No cell holds text of a client or of a worker, so
-//! none can begin a formula of a spreadsheet.
+//! All cells come from the records of the models; no file is read. No cell contains text of a
+//! client or worker, so none can start a formula in a spreadsheet.
 
-use super::figures;
-use super::models::each_model;
+use super::read::{each_model, find_batch};
 use super::study::StoredStudy;
 use crate::http::AppState;
 use crate::http::access::Caller;
-use crate::http::wire::extract::{BatchId, Parameters, no_batch};
-use crate::http::wire::faults::Fault;
+use crate::http::wire::extract::{BatchId, Parameters};
+use crate::http::wire::faults::RequestFault;
 use crate::http::wire::headers::accept;
 use crate::http::wire::problem::{Kind, Problem, TYPE_PREFIX};
 use crate::http::wire::responses::{BadParameters, BatchMissing, Inacceptable, ParameterValue, StoreAway};
@@ -25,9 +24,10 @@ use utoipa::ToSchema;
 
 const JSON: &str = "application/json";
 const CSV: &str = "text/csv";
-/// The first columns, before the varied parameters, and the column after those.
-const FIRST: [&str; 3] = ["id", "status", "seed"];
-const PROBLEM: &str = "problem";
+/// Columns before the varied parameters.
+const FIRST_COLUMNS: [&str; 3] = ["id", "status", "seed"];
+/// Column after the varied parameters.
+const PROBLEM_COLUMN: &str = "problem";
 
 /// Representations of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ToSchema)]
@@ -74,10 +74,10 @@ pub(in crate::http) async fn table(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let format = format(&parameters, &headers)?;
-    let batch = caller.batch(state.store.batch(id).await?).ok_or_else(|| no_batch(id))?;
+    let batch = find_batch(&state, &caller, id).await?;
     let study = StoredStudy::of(&batch);
     let mut rows = Vec::with_capacity(batch.jobs.len());
-    each_model(&state, &batch, |place, job| rows.push(Row::of(study.as_ref(), place, job))).await?;
+    each_model(&state, &batch, |place, job| rows.push(ModelRow::of(study.as_ref(), place, job))).await?;
     let table = Table::of(study.as_ref().map_or(&[], |study| &study.pointers), rows);
     let headers = [
         (header::CACHE_CONTROL, HeaderValue::from_static("no-cache")),
@@ -97,37 +97,34 @@ pub(in crate::http) async fn table(
 
 fn format(parameters: &Parameters, headers: &HeaderMap) -> Result<TableFormat, Problem> {
     let mut faults = parameters.faults(&["format"], &[]);
-    let asked = parameters.0.iter().find(|(name, _)| name == "format").map(|(_, value)| value.as_str());
-    let format = match asked {
+    let format = match parameters.get("format") {
         Some("json") => Some(TableFormat::Json),
         Some("csv") => Some(TableFormat::Csv),
         Some(_) => {
-            faults.push(Fault::parameter("format", "must be json or csv"));
+            faults.push(RequestFault::parameter("format", "must be json or csv"));
             None
         }
         None => {
             accept(headers, &[JSON, CSV]).map(|best| if best == CSV { TableFormat::Csv } else { TableFormat::Json })
         }
     };
-    if !faults.is_empty() {
-        return Err(Problem::invalid(faults));
-    }
+    Problem::check(faults)?;
     format.ok_or_else(|| Problem::new(Kind::NotAcceptable, format!("The representations are {JSON} and {CSV}.")))
 }
 
-/// What a table shows of a model.
-struct Row {
-    first: [Value; FIRST.len()],
+/// Cells of a model.
+struct ModelRow {
+    first: [Value; FIRST_COLUMNS.len()],
     varied: Vec<Value>,
     problem: Value,
     figures: BTreeMap<String, Value>,
 }
 
-impl Row {
+impl ModelRow {
     fn of(study: Option<&StoredStudy>, place: u32, job: &Job) -> Self {
         let mut figures = BTreeMap::new();
         if let Some(summary) = &job.summary {
-            figures::add("summary", summary, &mut figures);
+            add_figures("summary", summary, &mut figures);
         }
         Self {
             first: [json!(job.id), json!(job.status), json!(job.seed)],
@@ -139,23 +136,23 @@ impl Row {
 }
 
 impl Table {
-    fn of(pointers: &[String], rows: Vec<Row>) -> Self {
+    fn of(pointers: &[String], rows: Vec<ModelRow>) -> Self {
         let figures: BTreeSet<String> = rows.iter().flat_map(|row| row.figures.keys().cloned()).collect();
         let rows = rows.into_iter().map(|mut row| {
-            let mut cells = Vec::with_capacity(FIRST.len() + pointers.len() + 1 + figures.len());
+            let mut cells = Vec::with_capacity(FIRST_COLUMNS.len() + pointers.len() + 1 + figures.len());
             cells.extend(row.first);
             cells.extend(row.varied);
-            cells.resize(FIRST.len() + pointers.len(), Value::Null);
+            cells.resize(FIRST_COLUMNS.len() + pointers.len(), Value::Null);
             cells.push(row.problem);
             cells.extend(figures.iter().map(|name| row.figures.remove(name).unwrap_or_default()));
             cells
         });
         let rows = rows.collect();
-        let first = FIRST.into_iter().map(str::to_owned).chain(pointers.iter().cloned());
-        Self { columns: first.chain([PROBLEM.to_owned()]).chain(figures).collect(), rows }
+        let first = FIRST_COLUMNS.into_iter().map(str::to_owned).chain(pointers.iter().cloned());
+        Self { columns: first.chain([PROBLEM_COLUMN.to_owned()]).chain(figures).collect(), rows }
     }
 
-    /// The table as CSV: null is an empty cell, a list or an object is its JSON.
+    /// The table as CSV. Null becomes an empty cell, a list or an object its JSON.
     fn csv(&self) -> Vec<u8> {
         let mut out = csv::WriterBuilder::new().terminator(csv::Terminator::CRLF).from_writer(Vec::new());
         let cell = |value: &Value| match value {
@@ -168,5 +165,55 @@ impl Table {
             .and_then(|()| self.rows.iter().try_for_each(|row| out.write_record(row.iter().map(cell))));
         written.expect("all rows have as many cells, and a Vec takes all bytes");
         out.into_inner().expect("a Vec takes all bytes")
+    }
+}
+
+/// Adds the figures of `value` as columns: a member of an object as `name.member`, an element of a
+/// list as `name.0`, and a list of objects as its length.
+fn add_figures(name: &str, value: &Value, figures: &mut BTreeMap<String, Value>) {
+    match value {
+        Value::Object(members) => {
+            members.iter().for_each(|(member, value)| add_figures(&format!("{name}.{member}"), value, figures));
+        }
+        Value::Array(items) if items.is_empty() || items.iter().any(Value::is_object) => {
+            figures.insert(name.to_owned(), items.len().into());
+        }
+        Value::Array(items) => {
+            items.iter().enumerate().for_each(|(i, value)| add_figures(&format!("{name}.{i}"), value, figures));
+        }
+        scalar => {
+            figures.insert(name.to_owned(), scalar.clone());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn names_are_dotted_and_lists_of_objects_are_counted() {
+        let mut figures = BTreeMap::new();
+        let summary = json!({ "vertices": 8, "gap": null, "particles": { "start": 1, "end": 2 }, "warnings": [],
+            "certificate": { "passed": true, "bounds_um": [[0, 1.5], [2, 3]], "bodies": [{ "euler": 0 }, { "euler": 2 }] } });
+        add_figures("summary", &summary, &mut figures);
+        let found: Vec<String> = figures.iter().map(|(name, value)| format!("{name}={value}")).collect();
+        assert_eq!(
+            found,
+            [
+                "summary.certificate.bodies=2",
+                "summary.certificate.bounds_um.0.0=0",
+                "summary.certificate.bounds_um.0.1=1.5",
+                "summary.certificate.bounds_um.1.0=2",
+                "summary.certificate.bounds_um.1.1=3",
+                "summary.certificate.passed=true",
+                "summary.gap=null",
+                "summary.particles.end=2",
+                "summary.particles.start=1",
+                "summary.vertices=8",
+                "summary.warnings=0",
+            ]
+        );
     }
 }

@@ -4,8 +4,7 @@ use super::feed::Feed;
 use super::published::NextSnapshot;
 use super::snapshot::{Changes, Snapshot};
 use super::subscription::Subscription;
-use crate::http::models::detail::Detail;
-use crate::http::models::links::At;
+use crate::http::models::model::{Detail, LinkBase};
 use crate::jobs::{JobId, StoreError};
 use bytes::Bytes;
 use std::collections::{HashMap, VecDeque};
@@ -80,7 +79,7 @@ impl ModelsReader {
         match next {
             NextSnapshot::Found(snapshot) => {
                 let last = self.sent.remove(&snapshot.id).unwrap_or(self.position);
-                let events = snapshot.events_after(last, &self.cursor(snapshot.number), detail, At::Root);
+                let events = snapshot.events_after(last, &self.cursor(snapshot.number), detail, LinkBase::Root);
                 self.position = snapshot.number;
                 self.may_be_over |= snapshot.is_last;
                 Ok(StreamStep::Events(events))
@@ -127,9 +126,9 @@ impl ModelsReader {
             }
             if !snapshot.fields.as_ref().is_some_and(|fields| self.subscription.may_see(fields)) {
                 // For the caller, a model of another owner does not exist.
-                pieces.extend(Snapshot::deleted(id, number, None).events_after(0, &cursor, detail, At::Root));
+                pieces.extend(Snapshot::deleted(id, number, None).events_after(0, &cursor, detail, LinkBase::Root));
             } else if self.subscription.includes(&snapshot) {
-                pieces.extend(snapshot.events_after(0, &cursor, detail, At::Root));
+                pieces.extend(snapshot.events_after(0, &cursor, detail, LinkBase::Root));
             }
         }
         let initial = self.initial.get_or_insert_default();
@@ -205,7 +204,7 @@ impl Reader {
         };
         let latest = self.feed.lock().latest(id);
         let Some(snapshot) = latest.filter(|snapshot| snapshot.number > *position) else { return Ok(StreamStep::Wait) };
-        let events = snapshot.events_after(*position, &snapshot.version.to_string(), detail, At::Model);
+        let events = snapshot.events_after(*position, &snapshot.version.to_string(), detail, LinkBase::Model);
         *position = snapshot.number;
         Ok(if snapshot.is_last { StreamStep::Last(events) } else { StreamStep::Events(events) })
     }

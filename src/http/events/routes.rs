@@ -7,8 +7,7 @@ use super::subscription::Subscription;
 use crate::http::AppState;
 use crate::http::access::Caller;
 use crate::http::fits::{FitId, no_fit};
-use crate::http::models::detail::Detail;
-use crate::http::models::links::At;
+use crate::http::models::model::{Detail, LinkBase};
 use crate::http::models::select;
 use crate::http::wire::extract::{ModelId, Parameters, no_model};
 use crate::http::wire::headers::last_event_id;
@@ -130,7 +129,7 @@ async fn of_job(
     }
     let end =
         Snapshot::new(&job, state.limits.keep, 1, Changes::default(), None).for_its_stream(&job, state.limits.keep);
-    let events = end.events_after(0, &job.version.to_string(), detail, At::Model);
+    let events = end.events_after(0, &job.version.to_string(), detail, LinkBase::Model);
     Ok(EventStream::respond(state, caller, permit, detail, events, None))
 }
 

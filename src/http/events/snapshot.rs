@@ -3,10 +3,8 @@
 //! A state is serialized once, and the spec of a model once for all its states. All readers share
 //! these bytes; only the lines with the name and the id of an event are written per reader.
 
-use crate::http::dto::{Deleted, DeletedEvent, Model};
-use crate::http::fits::{Fit, FitParts};
-use crate::http::models::detail::Detail;
-use crate::http::models::links::At;
+use crate::http::fits::{Fit, FitDetail};
+use crate::http::models::model::{Deleted, DeletedEvent, Detail, LinkBase, Model};
 use crate::jobs::{BatchId, Job, JobId, JobKind};
 use bytes::Bytes;
 use serde::Serialize;
@@ -107,7 +105,7 @@ impl Snapshot {
             status_number: previous.filter(|_| !changes.status).map_or(number, |previous| previous.status_number),
             progress_number: previous.filter(|_| !changes.progress).map_or(number, |previous| previous.progress_number),
             is_last: job.status.is_ended(),
-            data: data(job, keep, At::Root),
+            data: data(job, keep, LinkBase::Root),
             data_of_job_stream: None,
             spec,
             section,
@@ -135,7 +133,7 @@ impl Snapshot {
     /// Adds the data for the stream of this job, where references to files differ from those in
     /// `/events`.
     pub(super) fn for_its_stream(self, job: &Job, keep: Option<Duration>) -> Self {
-        let data_of_job_stream = (!job.files.is_empty()).then(|| data(job, keep, At::Model));
+        let data_of_job_stream = (!job.files.is_empty()).then(|| data(job, keep, LinkBase::Model));
         Self { data_of_job_stream, ..self }
     }
 
@@ -159,7 +157,7 @@ impl Snapshot {
 
     /// The events for a reader that has received everything up to `position` (0: nothing), as
     /// pieces to be sent in order. `id` is the id of the events.
-    pub(super) fn events_after(&self, position: u64, id: &str, detail: Detail, at: At) -> Vec<Bytes> {
+    pub(super) fn events_after(&self, position: u64, id: &str, detail: Detail, at: LinkBase) -> Vec<Bytes> {
         let is_known = self.first_number <= position;
         let names = [
             ("end", self.is_last && self.number > position),
@@ -167,7 +165,7 @@ impl Snapshot {
             ("progress", !self.is_last && is_known && self.progress_number > position),
             ("section", self.section.as_ref().is_some_and(|section| section.number > position)),
         ];
-        let data = self.data_of_job_stream.as_ref().filter(|_| at == At::Model).unwrap_or(&self.data);
+        let data = self.data_of_job_stream.as_ref().filter(|_| at == LinkBase::Model).unwrap_or(&self.data);
         let spec = Some(&self.spec).filter(|spec| detail == Detail::Full && !spec.is_empty());
         let mut pieces = Vec::new();
         for (name, _) in names.into_iter().filter(|(_, is_due)| *is_due) {
@@ -186,10 +184,10 @@ impl Snapshot {
 }
 
 /// The data of an event.
-fn data(job: &Job, keep: Option<Duration>, at: At) -> Bytes {
+fn data(job: &Job, keep: Option<Duration>, at: LinkBase) -> Bytes {
     match job.kind {
         JobKind::Model => json("", &Model::of(job, keep, Detail::Summary, at), &END[1..]),
-        JobKind::Fit => json("", &Fit::of(job, keep, FitParts::Result), &END[1..]),
+        JobKind::Fit => json("", &Fit::of(job, keep, FitDetail::Result), &END[1..]),
     }
 }
 

@@ -8,7 +8,7 @@ use super::reader::{Reader, StreamStep};
 use crate::clock::Stopwatch;
 use crate::http::AppState;
 use crate::http::access::{Access, Caller};
-use crate::http::models::detail::Detail;
+use crate::http::models::model::Detail;
 use axum::body::Body;
 use axum::http::{HeaderName, HeaderValue, header};
 use axum::response::{IntoResponse, Response};

@@ -1,19 +1,19 @@
 //! `POST /fits` and `POST /fits/validate`: from a request to a queued fit.
 
-use super::request::{Accepted, FitRequest};
-use super::shape::{Fit, FitValidation, Parts};
+use super::request::{CheckedFit, FitRequest};
+use super::shape::{Fit, FitDetail, FitValidation};
 use crate::generate::{Backend, Cost, Outputs};
 use crate::http::AppState;
-use crate::http::access::{Caller, audit, run_to_completion};
-use crate::http::models::create::{earlier, key_of, set_location, too_much};
+use crate::http::access::Caller;
+use crate::http::models::create::{earlier, key_of, queue, set_location, too_much};
 use crate::http::models::read::retry_after;
 use crate::http::pictures::draw::turn;
 use crate::http::wire::blocking::blocking;
-use crate::http::wire::faults::Fault;
 use crate::http::wire::json::LargeJsonBody;
 use crate::http::wire::problem::{Kind, Problem};
 use crate::http::wire::responses::{FitProblems, QueueFull, StoreAway};
-use crate::jobs::{JobKind, NewJob, StoreError, Submitted};
+use crate::jobs::{JobKind, NewJob, Submitted};
+use crate::spec::Fault;
 use crate::trace;
 use axum::Json;
 use axum::extract::State;
@@ -21,31 +21,31 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde_json::Value;
 
-/// Most predicted seconds of a fit, on one core.
-const MOST_SECONDS: f64 = 24.0 * 3600.0;
+/// Maximum predicted time of a fit, in seconds of one core.
+const MAX_SECONDS: f64 = 24.0 * 3600.0;
 
-/// Reads and checks a body. Images are traced, which may take seconds.
-async fn check(state: &AppState, caller: &Caller, body: Value) -> Result<Accepted, Problem> {
-    // No more images are traced at a time than pictures are drawn.
+/// Reads and checks a body. Tracing images takes seconds.
+async fn check(state: &AppState, caller: &Caller, body: Value) -> Result<CheckedFit, Problem> {
+    // Tracing uses all cores, like drawing a picture, so both take turns.
     let turn = if body.get("images").is_some() { Some(turn(state, caller).await?) } else { None };
     let read = blocking("Checking the request", move || {
         let _turn = turn;
-        Accepted::read(body)
+        CheckedFit::read(body)
     });
-    let accepted = read.await?.map_err(Problem::invalid)?;
-    for spec in accepted.fit.extremes() {
+    let checked = read.await?.map_err(Problem::invalid)?;
+    for spec in checked.fit.extremes() {
         let cost = Cost::new(&spec, &Outputs::none());
         state.limits.cost.check(&cost).map_err(|over| too_much(&cost, &over))?;
     }
-    let seconds = accepted.fit.predicted_seconds();
-    if seconds > MOST_SECONDS {
+    let seconds = checked.fit.predicted_seconds();
+    if seconds > MAX_SECONDS {
         let detail = format!(
-            "the fit would take about {seconds:.0} seconds of a core; the limit is {MOST_SECONDS}; reduce /evaluations, /seeds or the size of the model"
+            "the fit would take about {seconds:.0} seconds of a core; the limit is {MAX_SECONDS}; reduce /evaluations, /seeds or the size of the model"
         );
-        let fault = Fault::at("/evaluations", &detail);
-        return Err(Problem::new(Kind::CostLimit, detail).with_errors(vec![fault]));
+        let fault = Fault::new("/evaluations", &detail);
+        return Err(Problem::new(Kind::CostLimit, detail).with_errors([fault]));
     }
-    Ok(accepted)
+    Ok(checked)
 }
 
 /// Request a fit.
@@ -72,15 +72,18 @@ pub(in crate::http) async fn create(
     headers: HeaderMap,
     LargeJsonBody(body): LargeJsonBody,
 ) -> Result<Response, Problem> {
-    // Keys of fits and of models are separate; no key that a client sends has this character.
+    // A separator that no key of a client contains: keys of fits and of models are independent.
     let key = key_of(&headers, &body)?.map(|(key, body)| (format!("\u{1e}{key}"), body));
     let submitted = match check(&state, &caller, body).await {
-        Ok(accepted) => queue(&state, &caller, accepted, key).await?,
-        // As for a model: a replayed request is not refused because of what has changed since.
+        Ok(checked) => {
+            let new = NewJob { idempotency: key, ..new_job(&caller, checked) };
+            queue(&state, &caller, "fit created", new).await?
+        }
+        // A repeated request gets its fit, even if limits have changed in the meantime.
         Err(refusal) => Submitted::Replayed(earlier(&state, caller.owner(), key).await.ok_or(refusal)?),
     };
     let job = submitted.job();
-    let fit = Fit::of(job, state.limits.keep, Parts::All);
+    let fit = Fit::of(job, state.limits.keep, FitDetail::Full);
     let mut response = (StatusCode::ACCEPTED, Json(fit)).into_response();
     let headers = response.headers_mut();
     set_location(headers, &format!("fits/{}", job.id), matches!(submitted, Submitted::Replayed(_)));
@@ -88,14 +91,9 @@ pub(in crate::http) async fn create(
     Ok(response)
 }
 
-async fn queue(
-    state: &AppState,
-    caller: &Caller,
-    accepted: Accepted,
-    idempotency: Option<(String, String)>,
-) -> Result<Submitted, StoreError> {
-    let Accepted { fit, labels, priority } = accepted;
-    let new = NewJob {
+/// The job of a checked request.
+fn new_job(caller: &Caller, CheckedFit { fit, labels, priority }: CheckedFit) -> NewJob {
+    NewJob {
         kind: JobKind::Fit,
         preset: fit.preset().name.clone(),
         seed: fit.seed(),
@@ -109,21 +107,12 @@ async fn queue(
         reuse: false,
         missing: Vec::new(),
         batch_key: None,
-        idempotency,
+        idempotency: None,
         owner: caller.owner().map(str::to_owned),
         quota: caller.quota(),
         trace: trace::current(),
         retry_of: None,
-    };
-    let (store, caller) = (state.store.clone(), caller.clone());
-    run_to_completion(async move {
-        let submitted = store.submit(new).await?;
-        if !matches!(submitted, Submitted::Replayed(_)) {
-            audit(&caller, "fit created", submitted.job().id);
-        }
-        Ok(submitted)
-    })
-    .await
+    }
 }
 
 /// Check a request for a fit, without queueing anything.
@@ -139,7 +128,7 @@ pub(in crate::http) async fn validate(
     caller: Caller,
     LargeJsonBody(body): LargeJsonBody,
 ) -> Result<Json<FitValidation>, Problem> {
-    let Accepted { fit, .. } = check(&state, &caller, body).await?;
+    let CheckedFit { fit, .. } = check(&state, &caller, body).await?;
     let (request, digest, seconds) = (fit.to_json(), fit.digest(), fit.predicted_seconds());
     Ok(Json(FitValidation { request, digest, seconds }))
 }

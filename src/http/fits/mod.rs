@@ -1,11 +1,11 @@
-//! Fits: parameters searched for by what the models measure.
+//! Fits: searches for parameters whose models have given measures.
 //!
 //! | file | subject |
 //! |---|---|
 //! | `request` | the body of a request |
 //! | `create` | `POST /fits`, `POST /fits/validate` |
 //! | `read` | list, read, cancel, delete |
-//! | `shape` | bodies of answers |
+//! | `shape` | bodies of responses |
 
 pub(super) mod create;
 pub(super) mod read;
@@ -17,9 +17,9 @@ use crate::http::wire::problem::{Kind, Problem};
 use crate::jobs::JobId;
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
-pub(super) use shape::{Fit, Parts as FitParts};
+pub(super) use shape::{Fit, FitDetail};
 
-/// The id in the path of a fit; 404 if it is no UUID.
+/// Id of a fit in the path; 404 if it is not a UUID.
 pub(super) struct FitId(pub(super) JobId);
 
 impl<S: Send + Sync> FromRequestParts<S> for FitId {
@@ -32,7 +32,7 @@ impl<S: Send + Sync> FromRequestParts<S> for FitId {
     }
 }
 
-/// 404 for a fit.
+/// The problem of a missing fit.
 pub(super) fn no_fit(id: impl std::fmt::Display) -> Problem {
     Problem::new(Kind::FitNotFound, format!("There is no fit {id}. It never existed, or it was deleted."))
 }

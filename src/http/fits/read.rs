@@ -1,21 +1,21 @@
-//! `GET /fits`, `GET`, `DELETE /fits/{id}`, `POST /fits/{id}/cancel`.
+//! `GET /fits`; `GET`, `DELETE /fits/{id}`, `POST /fits/{id}/cancel`.
 
-use super::shape::{Fit, FitList, Parts};
+use super::shape::{Fit, FitDetail, FitList};
 use super::{FitId, no_fit};
 use crate::http::AppState;
-use crate::http::access::{Caller, audited};
-use crate::http::models::read::{retry_after, tag};
+use crate::http::access::Caller;
+use crate::http::models::read::{cancel_job, delete_job, retry_after, tag};
 use crate::http::models::select;
 use crate::http::wire::extract::Parameters;
 use crate::http::wire::problem::Problem;
 use crate::http::wire::responses::{BadParameters, FitMissing, StoreAway};
-use crate::jobs::{JobKind, ListFilter};
+use crate::jobs::{Job, JobId, JobKind, ListFilter};
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
-/// Parameters that narrow a list of fits.
+/// Parameters that filter a list of fits.
 const CONDITIONS: [&str; 6] = ["status", "preset", "label", "owner", "created_after", "created_before"];
 
 /// List fits, newest first.
@@ -44,7 +44,7 @@ pub(in crate::http) async fn list(
     Problem::check(faults)?;
     let filter = ListFilter { kind: JobKind::Fit, limit, before, ..filter };
     let page = state.store.list(&filter).await?;
-    let fits = page.jobs.iter().map(|job| Fit::of(job, state.limits.keep, Parts::Summary)).collect();
+    let fits = page.jobs.iter().map(|job| Fit::of(job, state.limits.keep, FitDetail::Summary)).collect();
     Ok(Json(FitList { fits, next: page.next.map(|id| id.to_string()) }))
 }
 
@@ -73,12 +73,12 @@ pub(in crate::http) async fn get(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     Problem::check(parameters.faults(&[], &[]))?;
-    let job = caller.fit(state.store.get(id).await?).ok_or_else(|| no_fit(id))?;
+    let job = find_fit(&state, &caller, id).await?;
     let cache = HeaderValue::from_static("no-cache");
     let mut response = if tag(&job).matches_none(&headers) {
         tag(&job).not_modified(cache)?
     } else {
-        let fit = Fit::of(&job, state.limits.keep, Parts::All);
+        let fit = Fit::of(&job, state.limits.keep, FitDetail::Full);
         ([(header::ETAG, tag(&job).header()?), (header::CACHE_CONTROL, cache)], Json(fit)).into_response()
     };
     if !job.status.is_ended() {
@@ -100,14 +100,9 @@ pub(in crate::http) async fn cancel(
     caller: Caller,
     FitId(id): FitId,
 ) -> Result<Json<Fit>, Problem> {
-    caller.fit(state.store.get(id).await?).ok_or_else(|| no_fit(id))?;
-    let store = state.store.clone();
-    let cancelled = audited(&caller, "fit cancelled", id, async move { store.cancel(id).await });
-    let job = cancelled.await?.ok_or_else(|| no_fit(id))?;
-    if let Some(checkpoint) = job.checkpoint.clone().filter(|_| job.status.is_ended()) {
-        state.forget(vec![checkpoint]).await;
-    }
-    Ok(Json(Fit::of(&job, state.limits.keep, Parts::All)))
+    find_fit(&state, &caller, id).await?;
+    let job = cancel_job(&state, &caller, "fit cancelled", id).await?.ok_or_else(|| no_fit(id))?;
+    Ok(Json(Fit::of(&job, state.limits.keep, FitDetail::Full)))
 }
 
 /// Delete a fit. It is cancelled if it has not ended.
@@ -121,10 +116,11 @@ pub(in crate::http) async fn delete(
     caller: Caller,
     FitId(id): FitId,
 ) -> Result<StatusCode, Problem> {
-    caller.fit(state.store.get(id).await?).ok_or_else(|| no_fit(id))?;
-    let store = state.store.clone();
-    let deleted = audited(&caller, "fit deleted", id, async move { store.delete(id).await });
-    let keys = deleted.await?.ok_or_else(|| no_fit(id))?;
-    state.forget(keys).await;
-    Ok(StatusCode::NO_CONTENT)
+    find_fit(&state, &caller, id).await?;
+    delete_job(&state, &caller, "fit deleted", id).await?.ok_or_else(|| no_fit(id))
+}
+
+/// A fit that the caller may see.
+async fn find_fit(state: &AppState, caller: &Caller, id: JobId) -> Result<Job, Problem> {
+    caller.fit(state.store.get(id).await?).ok_or_else(|| no_fit(id))
 }

@@ -1,8 +1,8 @@
-//! The body of a request for a fit.
+//! Body of a request for a fit.
 
 use crate::fit::{FitSpec, read_images};
-use crate::http::models::request::{labels, priority};
-use crate::http::wire::faults::{Fault, Faults};
+use crate::http::models::request::{read_labels, read_priority};
+use crate::http::wire::faults::{Faults, body_reader};
 use crate::http::wire::responses::SpecPatch;
 use crate::jobs::Priority;
 use serde::Deserialize;
@@ -13,7 +13,7 @@ use utoipa::ToSchema;
 /// What to fit. Targets come from `targets`, `targets_csv` and `images`; at least one is needed.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-#[expect(dead_code, reason = "describes the body; `Accepted::read` reads it and collects its faults")]
+#[expect(dead_code, reason = "describes the body, which `CheckedFit::read` reads")]
 pub(super) struct FitRequest {
     /// Name of a preset; see `GET /presets`. `pig` by default.
     #[schema(required = false)]
@@ -119,42 +119,29 @@ pub(super) struct FitVariable {
     to: Option<f64>,
 }
 
-/// A request that passed all checks.
-pub(super) struct Accepted {
+/// A request that passed all checks of its members.
+pub(super) struct CheckedFit {
     pub(super) fit: FitSpec,
     pub(super) labels: BTreeMap<String, String>,
     pub(super) priority: Priority,
 }
 
-impl Accepted {
-    /// Reads a body; takes long if it has large images.
+impl CheckedFit {
+    /// Reads a body. Tracing large images takes seconds.
     ///
     /// # Errors
-    /// All faults.
+    /// All faults. If an image is invalid, the other members that describe the fit are not checked:
+    /// targets that they lack may be in the image.
     pub(super) fn read(mut body: Value) -> Result<Self, Faults> {
-        let mut faults = Faults::default();
+        let mut reader = body_reader();
         let mut take = |name: &str| body.as_object_mut().and_then(|members| members.remove(name));
-        let others = ["labels", "priority", "images"];
-        let [own_labels, own_priority, images] = others.map(&mut take);
-        let labels = own_labels.map_or_else(BTreeMap::new, |value| labels(&value, &mut faults));
-        let priority = own_priority.map_or_else(Priority::default, |value| priority(&value, &mut faults));
-        let at = |fault: crate::spec::Fault| Fault::at(fault.pointer, fault.detail);
-        let measured = match images.map(|images| read_images(&images)) {
-            None => Vec::new(),
-            Some(Ok(targets)) => targets,
-            Some(Err(found)) => {
-                // The rest is not looked at: what it lacks may be in the images.
-                faults.extend(found.into_iter().map(at));
-                return Err(faults);
-            }
-        };
-        match FitSpec::read(&body, measured, &others) {
-            Ok(fit) if faults.is_empty() => Ok(Self { fit, labels, priority }),
-            Ok(_) => Err(faults),
-            Err(found) => {
-                faults.extend(found.into_iter().map(at));
-                Err(faults)
-            }
-        }
+        let own = ["labels", "priority", "images"];
+        let [labels, priority, images] = own.map(&mut take);
+        let labels = labels.map_or_else(BTreeMap::new, |value| read_labels(&mut reader, &value));
+        let priority = priority.and_then(|value| read_priority(&mut reader, &value)).unwrap_or_default();
+        let measured = images.map_or(Ok(Vec::new()), |images| read_images(&images));
+        let fit = measured.and_then(|measured| FitSpec::read(&body, measured, &own));
+        let fit = fit.map_err(|faults| reader.extend("", faults)).ok().filter(|_| reader.count() == 0);
+        fit.map(|fit| Self { fit, labels, priority }).ok_or_else(|| reader.into())
     }
 }

@@ -1,8 +1,8 @@
-//! Bodies of answers about fits.
+//! Bodies of responses about fits.
 
 use super::request::FitRequest;
 use crate::fit::{FitProgress, FitResult, FitStage};
-use crate::http::dto::{ModelProblem, Queue, expires_at};
+use crate::http::models::model::{ModelProblem, Queue, expires_at};
 use crate::jobs::{Job, JobProgress, Priority, Status};
 use jiff::Timestamp;
 use serde::Serialize;
@@ -66,20 +66,20 @@ pub(in crate::http) struct Fit {
     pub result: Option<Option<Value>>,
 }
 
-/// How much of a fit an answer has.
+/// Optional members of a [`Fit`] in a response.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::http) enum Parts {
+pub(in crate::http) enum FitDetail {
     /// Neither request nor result.
     Summary,
     /// The result.
     Result,
     /// Request and result.
-    All,
+    Full,
 }
 
 impl Fit {
     /// The fit of a job. Fits are removed `keep` after their end.
-    pub(in crate::http) fn of(job: &Job, keep: Option<Duration>, parts: Parts) -> Self {
+    pub(in crate::http) fn of(job: &Job, keep: Option<Duration>, detail: FitDetail) -> Self {
         Self {
             id: job.id.0,
             status: job.status,
@@ -98,23 +98,24 @@ impl Fit {
             expires_at: expires_at(job, keep),
             problem: job.problem.as_ref().map(ModelProblem::of),
             digest: job.digest.clone(),
-            request: (parts == Parts::All).then(|| job.spec.clone()),
-            result: (parts != Parts::Summary).then(|| job.summary.clone()),
+            request: (detail == FitDetail::Full).then(|| job.spec.clone()),
+            result: (detail != FitDetail::Summary).then(|| job.summary.clone()),
         }
     }
 }
 
-/// The progress that a worker last reported, or that of the result.
+/// Progress of a fit.
 fn progress(job: &Job) -> Option<FitProgress> {
     if job.status == Status::Succeeded {
-        return Some(whole(job));
+        return Some(completed(job));
     }
     let last = job.progress.and_then(JobProgress::fit)?;
     Some(FitProgress { eta_seconds: last.eta_seconds.filter(|_| !job.status.is_ended()), ..last })
 }
 
-/// Progress of a fit that has succeeded: complete, while the last that its worker reported may be older than its end.
-fn whole(job: &Job) -> FitProgress {
+/// Progress of a fit that has succeeded. The last progress that its worker reported may be older
+/// than the end.
+fn completed(job: &Job) -> FitProgress {
     let result = job.summary.as_ref();
     let count = |value: Option<u64>| value.and_then(|n| u32::try_from(n).ok()).unwrap_or(0);
     FitProgress {

@@ -1,33 +1,47 @@
 //! `POST /models/cancel`, `DELETE /models` and `POST /batches/{id}/cancel`: cancel or delete many models.
 //!
-//! Models are found and changed some at a time, each time in one transaction. A request that fails has done a part, and can be
-//! repeated; one whose client disconnects goes on.
+//! Each transaction changes at most 100 models. If a request fails, some models may be changed
+//! already; the client can repeat it. If the client disconnects, the service completes the request.
 
 use super::select::{self, CONDITIONS, Conditions};
 use crate::http::AppState;
 use crate::http::access::{Caller, audit, run_to_completion};
-use crate::http::dto::{Applied, Batch};
+use crate::http::batches::batch::Batch;
+use crate::http::batches::read::find_batch;
 use crate::http::wire::extract::{BatchId, Parameters, no_batch};
-use crate::http::wire::faults::{Fault, Faults};
+use crate::http::wire::faults::RequestFault;
 use crate::http::wire::problem::Problem;
 use crate::http::wire::responses::{BadParameters, BatchMissing, StoreAway};
 use crate::jobs::{JobId, ListFilter, Status, StoreError};
 use axum::Json;
 use axum::extract::State;
+use serde::Serialize;
+use utoipa::ToSchema;
 
-/// Most models that one transaction changes.
-const AT_A_TIME: u32 = 100;
-/// Times that models to be cancelled are looked for: one that runs and is queued again meanwhile may be missed once.
-const ROUNDS: usize = 3;
+/// Maximum number of models that a transaction changes.
+const MODELS_PER_TRANSACTION: u32 = 100;
+/// Maximum number of searches for models to cancel. A search misses a running model that is queued
+/// again during the search.
+const CANCEL_ROUNDS: usize = 3;
 
-/// What is done to models.
+/// What a request for many models did.
+#[derive(Clone, Copy, Debug, Serialize, ToSchema)]
+pub(in crate::http) struct Applied {
+    /// Number of models that were cancelled or deleted, or with `dry_run` would be.
+    #[schema(minimum = 0)]
+    count: u64,
+    /// Whether nothing was done.
+    dry_run: bool,
+}
+
+/// Change of many models.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Action {
+enum BulkAction {
     Cancel,
     Delete,
 }
 
-impl Action {
+impl BulkAction {
     fn name(self) -> &'static str {
         match self {
             Self::Cancel => "models cancelled",
@@ -36,55 +50,55 @@ impl Action {
     }
 }
 
-/// A request for many models.
-struct Request {
+/// A request to change many models.
+struct BulkRequest {
     filter: ListFilter,
     dry_run: bool,
 }
 
-impl Request {
+impl BulkRequest {
     fn read(parameters: &Parameters, caller: &Caller) -> Result<Self, Problem> {
         let known = [&CONDITIONS[..], &["all", "dry_run"]].concat();
         let mut faults = parameters.faults(&known, &["label"]);
         let filter = select::read(parameters, caller, &mut faults);
-        let [all, dry_run] = ["all", "dry_run"].map(|name| flag(parameters, name, &mut faults));
+        let [all, dry_run] = ["all", "dry_run"].map(|name| select::flag(parameters, name, &mut faults));
         if !all && !CONDITIONS.iter().any(|name| parameters.get(name).is_some()) {
-            faults.push(Fault::parameter("all", "must be true if nothing else says which models are meant"));
+            faults.push(RequestFault::parameter("all", "must be true if nothing else says which models are meant"));
         }
         Problem::check(faults)?;
         Ok(Self { filter, dry_run })
     }
 }
 
-/// What is being done to the models of a request.
-struct Run {
+/// Progress of a request to change many models.
+struct BulkRun {
     state: AppState,
-    action: Action,
-    request: Request,
-    /// Models done, or in a dry run found.
+    action: BulkAction,
+    request: BulkRequest,
+    /// Number of models changed, or found in a dry run.
     count: u64,
 }
 
-impl Run {
-    /// Does it to all models of the filter.
-    async fn all(&mut self) -> Result<(), StoreError> {
+impl BulkRun {
+    /// Changes all models that match the filter.
+    async fn run(&mut self) -> Result<(), StoreError> {
         let filter = self.request.filter.clone();
         let statuses: Vec<Option<Status>> = match (self.action, filter.status) {
-            (Action::Delete, status) => vec![status],
-            (Action::Cancel, None) => vec![Some(Status::Queued), Some(Status::Running)],
-            (Action::Cancel, Some(status)) if status.is_ended() => vec![],
-            (Action::Cancel, status) => vec![status],
+            (BulkAction::Delete, status) => vec![status],
+            (BulkAction::Cancel, None) => vec![Some(Status::Queued), Some(Status::Running)],
+            (BulkAction::Cancel, Some(status)) if status.is_ended() => vec![],
+            (BulkAction::Cancel, status) => vec![status],
         };
-        // Models that are accepted meanwhile are not among them.
+        // Models that are accepted later do not count.
         let Some(&newest) = self.state.store.ids(&ListFilter { limit: 1, ..filter.clone() }).await?.first() else {
             return Ok(());
         };
         let before = Some(JobId(uuid::Uuid::from_u128(newest.0.as_u128().saturating_add(1))));
         let filter = ListFilter { before, ..filter };
-        for _ in 0..if self.request.dry_run || statuses.len() < 2 { 1 } else { ROUNDS } {
+        for _ in 0..if self.request.dry_run || statuses.len() < 2 { 1 } else { CANCEL_ROUNDS } {
             let before = self.count;
             for status in &statuses {
-                self.round(ListFilter { status: *status, ..filter.clone() }).await?;
+                self.change_page_by_page(ListFilter { status: *status, ..filter.clone() }).await?;
             }
             if self.count == before {
                 break;
@@ -93,60 +107,54 @@ impl Run {
         Ok(())
     }
 
-    /// Goes through the models of a filter once, newest first.
-    async fn round(&mut self, mut filter: ListFilter) -> Result<(), StoreError> {
-        let Request { filter: asked, dry_run } = &self.request;
-        filter.limit = if *dry_run { 1000 } else { AT_A_TIME };
+    /// Changes the models that match a filter, newest first.
+    async fn change_page_by_page(&mut self, mut filter: ListFilter) -> Result<(), StoreError> {
+        let BulkRequest { filter: requested, dry_run } = &self.request;
+        filter.limit = if *dry_run { 1000 } else { MODELS_PER_TRANSACTION };
         loop {
             let ids = self.state.store.ids(&filter).await?;
             let Some(&last) = ids.last() else { return Ok(()) };
             filter.before = Some(last);
             self.count += match dry_run {
                 true => ids.len() as u64,
-                // One that is queued again meanwhile is cancelled too, unless the client asked for those that run.
-                false => change(&self.state, self.action, ids, asked.status).await?,
+                // A model that has been queued again in the meantime is cancelled as well, unless
+                // the request is for running models only.
+                false => change(&self.state, self.action, ids, requested.status).await?,
             };
         }
     }
 }
 
-fn flag(parameters: &Parameters, name: &str, faults: &mut Faults) -> bool {
-    match parameters.get(name) {
-        Some("true") => true,
-        None | Some("false") => false,
-        Some(_) => {
-            faults.push(Fault::parameter(name, "must be true or false"));
-            false
-        }
-    }
-}
-
-/// Changes those of these models that are still in `status`, in one transaction; gives their number.
-async fn change(state: &AppState, action: Action, ids: Vec<JobId>, status: Option<Status>) -> Result<u64, StoreError> {
-    let applied = match action {
-        Action::Cancel => state.store.cancel_many(ids, status).await?,
-        Action::Delete => state.store.delete_many(ids, status).await?,
+/// Changes the models that still have the `status`, in one transaction. Returns their number.
+async fn change(
+    state: &AppState,
+    action: BulkAction,
+    ids: Vec<JobId>,
+    status: Option<Status>,
+) -> Result<u64, StoreError> {
+    let result = match action {
+        BulkAction::Cancel => state.store.cancel_many(ids, status).await?,
+        BulkAction::Delete => state.store.delete_many(ids, status).await?,
     };
-    if !applied.keys.is_empty() {
-        state.forget(applied.keys).await;
-    }
-    Ok(applied.jobs)
+    state.forget(result.keys).await;
+    Ok(result.jobs)
 }
 
-/// Does what a request asks for, and records it, also if it fails on the way.
-async fn answer(
+/// Changes the models that the parameters select. Writes an audit line even if the request fails
+/// halfway.
+async fn change_selected(
     state: AppState,
     caller: Caller,
     parameters: &Parameters,
-    action: Action,
+    action: BulkAction,
 ) -> Result<Json<Applied>, Problem> {
-    let request = Request::read(parameters, &caller)?;
+    let request = BulkRequest::read(parameters, &caller)?;
     let dry_run = request.dry_run;
-    // A value may contain line breaks, which would forge lines of a log.
+    // Debug form: a value with line breaks could otherwise forge lines of the log.
     let conditions: Vec<String> = parameters.0.iter().map(|(name, value)| format!("{name}={value:?}")).collect();
     let count = run_to_completion(async move {
-        let mut run = Run { state, action, request, count: 0 };
-        let done = run.all().await;
+        let mut run = BulkRun { state, action, request, count: 0 };
+        let done = run.run().await;
         if !dry_run {
             audit(&caller, action.name(), format_args!("{} models of {}", run.count, conditions.join(", ")));
         }
@@ -173,7 +181,7 @@ pub(in crate::http) async fn cancel(
     caller: Caller,
     parameters: Parameters,
 ) -> Result<Json<Applied>, Problem> {
-    answer(state, caller, &parameters, Action::Cancel).await
+    change_selected(state, caller, &parameters, BulkAction::Cancel).await
 }
 
 /// Delete all models that match, and their files.
@@ -194,7 +202,7 @@ pub(in crate::http) async fn delete(
     caller: Caller,
     parameters: Parameters,
 ) -> Result<Json<Applied>, Problem> {
-    answer(state, caller, &parameters, Action::Delete).await
+    change_selected(state, caller, &parameters, BulkAction::Delete).await
 }
 
 /// Cancel all models of a batch.
@@ -210,11 +218,11 @@ pub(in crate::http) async fn cancel_batch(
     caller: Caller,
     BatchId(id): BatchId,
 ) -> Result<Json<Batch>, Problem> {
-    let batch = caller.batch(state.store.batch(id).await?).ok_or_else(|| no_batch(id))?;
+    let batch = find_batch(&state, &caller, id).await?;
     let batch = run_to_completion(async move {
         let mut done = Ok(0);
-        for some in batch.jobs.chunks(AT_A_TIME as usize) {
-            done = change(&state, Action::Cancel, some.to_vec(), None).await;
+        for ids in batch.jobs.chunks(MODELS_PER_TRANSACTION as usize) {
+            done = change(&state, BulkAction::Cancel, ids.to_vec(), None).await;
             if done.is_err() {
                 break;
             }

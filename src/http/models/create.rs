@@ -1,27 +1,25 @@
 //! `POST /models` and `POST /models/validate`: from a request to a queued model.
 //!
-//! All checks are made before anything is queued.
+//! A request is checked completely before anything is queued.
 
-use super::detail::Detail;
-use super::links::At;
+use super::model::{Detail, LinkBase, Model};
 use super::read::{answer, retry_after};
-use super::request::{ModelRequest, SEED_MAX};
+use super::request::ModelRequest;
 use crate::generate::{Backend, Cost, Output, OverLimit};
 use crate::http::AppState;
 use crate::http::access::{Caller, audit, run_to_completion};
-use crate::http::dto::Model;
 use crate::http::events::Reader;
 use crate::http::health::not_ready;
-use crate::http::wire::faults::{Fault, Faults};
+use crate::http::wire::faults::body_reader;
 use crate::http::wire::headers::{IDEMPOTENCY_REPLAYED, PREFERENCE_APPLIED, idempotency_key, wait};
-use crate::http::wire::json::{JsonBody, canonical};
+use crate::http::wire::json::JsonBody;
 use crate::http::wire::problem::{Kind, Problem};
 use crate::http::wire::responses::{
     BodyProblems, ModelRequest as ModelRequestDoc, QueueFull, SpecPatch, StoreAwayOrOpening,
 };
 use crate::jobs::reuse::exclude_missing_files;
 use crate::jobs::{Job, JobKind, NewJob, StoreError, Submitted, WorkerKind};
-use crate::spec::{ModelSpec, Preset, batch_key, preset, presets};
+use crate::spec::{Fault, JsonReader, ModelSpec, Preset, SEED_MAX, batch_key, canonical_json, preset, presets};
 use crate::status::Condition;
 use crate::trace;
 use axum::Json;
@@ -34,67 +32,66 @@ use sha2::{Digest, Sha256};
 use std::time::Duration;
 use utoipa::ToSchema;
 
-/// A request that passed all checks; only a full queue can refuse it.
-pub(in crate::http) struct Accepted {
+/// A request that passed all checks. Only a full queue can refuse it.
+pub(in crate::http) struct CheckedModel {
     pub(in crate::http) request: ModelRequest,
     pub(in crate::http) spec: ModelSpec,
     cost: Cost,
 }
 
 /// Reads and checks a body.
-async fn check_body(state: &AppState, body: &Value) -> Result<Accepted, Problem> {
-    let mut faults = Faults::default();
-    let request = ModelRequest::read(body, &mut faults);
-    check(state, request, faults).await
+async fn check_body(state: &AppState, body: &Value) -> Result<CheckedModel, Problem> {
+    let mut reader = body_reader();
+    let request = ModelRequest::read(&mut reader, body);
+    check(state, request, reader).await
 }
 
-/// Checks a request in which `faults` were found so far.
+/// Checks a request that `reader` has read.
 pub(in crate::http) async fn check(
     state: &AppState,
     request: ModelRequest,
-    mut faults: Faults,
-) -> Result<Accepted, Problem> {
-    let resolved = find_preset(&request, &mut faults).map(|preset| ModelSpec::resolve(preset, &request.spec));
-    if let Some(Err(wrong)) = &resolved {
-        faults.extend(wrong.iter().map(|f| Fault::at(format!("/spec{}", f.pointer), &f.detail)));
+    mut reader: JsonReader,
+) -> Result<CheckedModel, Problem> {
+    let spec = find_preset(&request, &mut reader).and_then(|preset| {
+        ModelSpec::resolve(preset, &request.spec).map_err(|faults| reader.extend("/spec", faults)).ok()
+    });
+    match spec.filter(|_| reader.count() == 0) {
+        Some(spec) => check_limits(state, request, spec).await,
+        None => Err(Problem::invalid(reader)),
     }
-    let spec = match resolved {
-        Some(Ok(spec)) if faults.is_empty() => spec,
-        _ => return Err(Problem::invalid(faults)),
-    };
-    check_limits(state, request, spec).await
 }
 
-/// Checks what a model would cost, and whether there is a worker for it.
+/// Checks the predicted cost of a model, and that a worker for it exists.
 pub(super) async fn check_limits(
     state: &AppState,
     request: ModelRequest,
     spec: ModelSpec,
-) -> Result<Accepted, Problem> {
+) -> Result<CheckedModel, Problem> {
     let cost = cost(&request, &spec);
     state.limits.cost.check(&cost).map_err(|over| too_much(&cost, &over))?;
     check_backend(state, &request).await?;
-    Ok(Accepted { request, spec, cost })
+    Ok(CheckedModel { request, spec, cost })
 }
 
-/// The preset of a request, or a fault.
-pub(in crate::http) fn find_preset(request: &ModelRequest, faults: &mut Faults) -> Option<&'static Preset> {
+/// Returns the preset of a request, or records a fault.
+pub(in crate::http) fn find_preset(request: &ModelRequest, reader: &mut JsonReader) -> Option<&'static Preset> {
     let found = preset(&request.preset);
-    if found.is_none() && !faults.names("/preset") {
+    if found.is_none() && !reader.faults().iter().any(|fault| fault.pointer == "/preset") {
         let names: Vec<_> = presets().iter().map(|p| p.name.as_str()).collect();
-        faults.push(Fault::at("/preset", format!("is unknown; the presets are {}", names.join(", "))));
+        reader.fault::<()>("/preset", format!("is unknown; the presets are {}", names.join(", ")));
     }
     found
 }
 
-/// The predicted cost of a model with the outputs of the request.
+/// Predicted cost of a model with the outputs of the request.
 pub(in crate::http) fn cost(request: &ModelRequest, spec: &ModelSpec) -> Cost {
     Cost::new(spec, &request.outputs)
 }
 
+/// The problem of a predicted cost that exceeds limits.
 pub(in crate::http) fn too_much(cost: &Cost, over: &[OverLimit]) -> Problem {
     let place = |over: &OverLimit| if over.quantity == Output::Glb.name() { "/outputs" } else { "/spec" };
-    let errors = over.iter().map(|o| Fault::at(place(o), o.to_string())).collect();
+    let errors: Vec<Fault> = over.iter().map(|o| Fault::new(place(o), o.to_string())).collect();
     let detail = over.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
     let limits: serde_json::Map<_, _> = over.iter().map(|o| (o.quantity.to_owned(), o.limit.into())).collect();
     Problem::new(Kind::CostLimit, detail)
@@ -103,8 +100,9 @@ pub(in crate::http) fn too_much(cost: &Cost, over: &[OverLimit]) -> Problem {
         .with("limit", Value::Object(limits))
 }
 
-/// Refuses a request for a GPU if no GPU worker is alive. While workers of this process open their devices, that is not
-/// known yet, so the request waits for at most [`crate::http::Limits::gpu_wait`].
+/// Refuses a request for a GPU if no GPU worker is alive. Workers of this process are not alive
+/// until they have opened their devices, so the request waits for them, at most for
+/// [`crate::http::Limits::gpu_wait`].
 pub(in crate::http) async fn check_backend(state: &AppState, request: &ModelRequest) -> Result<(), Problem> {
     if request.backend != Backend::Gpu || state.limits.gpu_expected {
         return Ok(());
@@ -124,8 +122,8 @@ pub(in crate::http) async fn check_backend(state: &AppState, request: &ModelRequ
         return Ok(());
     }
     let detail = "No GPU worker has sent a heartbeat for five minutes. Request `auto` or `cpu`.";
-    let fault = Fault::at("/backend", "no GPU worker is available");
-    Err(Problem::new(Kind::GpuUnavailable, detail).with_errors(vec![fault]))
+    let fault = Fault::new("/backend", "no GPU worker is available");
+    Err(Problem::new(Kind::GpuUnavailable, detail).with_errors([fault]))
 }
 
 /// Request a model.
@@ -161,10 +159,12 @@ pub(in crate::http) async fn create(
 ) -> Result<Response, Problem> {
     let key = key_of(&headers, &body)?;
     let submitted = match check_body(&state, &body).await {
-        Ok(Accepted { request, spec, .. }) => {
-            queue(&state, &caller, NewJob { idempotency: key, ..new_job(&caller, request, &spec) }).await?
+        Ok(CheckedModel { request, spec, .. }) => {
+            let new = NewJob { idempotency: key, ..new_job(&caller, request, &spec) };
+            queue(&state, &caller, "model created", new).await?
         }
-        // A replayed request is not refused because of what has changed since: a lower limit, or a GPU worker that has gone.
+        // A repeated request gets its model, even if limits or live workers have changed in the
+        // meantime.
         Err(refusal) => Submitted::Replayed(earlier(&state, caller.owner(), key).await.ok_or(refusal)?),
     };
     let mut job = submitted.job().clone();
@@ -173,7 +173,7 @@ pub(in crate::http) async fn create(
     if let Some((time, _)) = waited {
         job = until_ended(&state, job, time).await;
     }
-    let mut response = created(&state, &submitted, &job, At::Root)?;
+    let mut response = created(&state, &submitted, &job, LinkBase::Root)?;
     let headers = response.headers_mut();
     if let Some(Ok(applied)) = waited.map(|(time, _)| HeaderValue::try_from(format!("wait={}", time.as_secs()))) {
         headers.insert(PREFERENCE_APPLIED, applied);
@@ -181,28 +181,29 @@ pub(in crate::http) async fn create(
     Ok(response)
 }
 
-/// The answer to a submission, with the job as it is now.
+/// The response to a submission, with the present state of its job.
 pub(in crate::http) fn created(
     state: &AppState,
     submitted: &Submitted,
     job: &Job,
-    at: At,
+    base: LinkBase,
 ) -> Result<Response, Problem> {
     let status = match submitted {
         Submitted::Reused(_) => StatusCode::CREATED,
         _ if job.status.is_ended() => StatusCode::OK,
         _ => StatusCode::ACCEPTED,
     };
-    let mut response = answer(state, status, job, Detail::Full, at)?;
+    let mut response = answer(state, status, job, Detail::Full, base)?;
     let headers = response.headers_mut();
-    set_location(headers, &at.model(job.id), matches!(submitted, Submitted::Replayed(_)));
+    set_location(headers, &base.model(job.id), matches!(submitted, Submitted::Replayed(_)));
     if status == StatusCode::ACCEPTED {
         headers.insert(header::RETRY_AFTER, retry_after(job));
     }
     Ok(response)
 }
 
-/// Says where the answer to a submission lies, and whether it was replayed.
+/// Adds the headers of a response to a submission: the location of the new resource, and that the
+/// response is `replayed`.
 pub(in crate::http) fn set_location(headers: &mut HeaderMap, location: &str, replayed: bool) {
     if let Ok(location) = HeaderValue::try_from(location) {
         headers.insert(header::LOCATION, location);
@@ -212,12 +213,13 @@ pub(in crate::http) fn set_location(headers: &mut HeaderMap, location: &str, rep
     }
 }
 
-/// The idempotency key, if there is one, with a hash of the body.
+/// The idempotency key and a hash of the body. Equal bodies have equal hashes, whatever their
+/// layout.
 pub(in crate::http) fn key_of(headers: &HeaderMap, body: &Value) -> Result<Option<(String, String)>, Problem> {
-    Ok(idempotency_key(headers)?.map(|key| (key, hex::encode(Sha256::digest(canonical(body))))))
+    Ok(idempotency_key(headers)?.map(|key| (key, hex::encode(Sha256::digest(canonical_json(body))))))
 }
 
-/// The model that the key created before, if there is one.
+/// The job that an earlier request with the same key and body created.
 pub(in crate::http) async fn earlier(
     state: &AppState,
     owner: Option<&str>,
@@ -227,7 +229,7 @@ pub(in crate::http) async fn earlier(
     state.store.replayed(owner, &key, &body).await.ok().flatten()
 }
 
-/// The job of an accepted request.
+/// The job of a checked request.
 pub(in crate::http) fn new_job(caller: &Caller, request: ModelRequest, spec: &ModelSpec) -> NewJob {
     let seed = request.seed.unwrap_or_else(draw_seed);
     NewJob {
@@ -252,14 +254,15 @@ pub(in crate::http) fn new_job(caller: &Caller, request: ModelRequest, spec: &Mo
     }
 }
 
-/// Queues a job, or reuses a finished model that has all its files.
+/// Queues a job, or reuses a finished model that has all its files. The audit log names the
+/// `action`.
 pub(in crate::http) async fn queue(
     state: &AppState,
     caller: &Caller,
+    action: &'static str,
     mut new: NewJob,
 ) -> Result<Submitted, StoreError> {
     exclude_missing_files(&state.store, &state.artifacts, std::slice::from_mut(&mut new)).await?;
-    let action = if new.retry_of.is_some() { "model retried" } else { "model created" };
     let (store, caller) = (state.store.clone(), caller.clone());
     run_to_completion(async move {
         let submitted = store.submit(new).await?;
@@ -271,13 +274,14 @@ pub(in crate::http) async fn queue(
     .await
 }
 
-/// A random seed: 53 of the random bits of a UUIDv4.
+/// Draws a seed: 53 random bits of a UUIDv4.
 pub(in crate::http) fn draw_seed() -> u64 {
     uuid::Uuid::new_v4().as_u64_pair().1 & SEED_MAX
 }
 
-/// The job once it has ended, or as it is when the time is up, it is deleted, or the service closes. It is queued already,
-/// so the wait goes on while the store is unavailable.
+/// Waits until a job has ended, at most for `time`, and returns its state then. The wait ends early
+/// if the job is deleted or the service shuts down. The job is queued already, so the wait
+/// continues while the job store is unavailable.
 async fn until_ended(state: &AppState, job: Job, time: Duration) -> Job {
     if job.status.is_ended() {
         return job;
@@ -294,7 +298,7 @@ async fn until_ended(state: &AppState, job: Job, time: Duration) -> Job {
         () = state.shutdown.cancelled() => {}
     }
     match state.store.get(job.id).await {
-        Ok(now) => now.unwrap_or(job),
+        Ok(latest) => latest.unwrap_or(job),
         Err(error) => {
             tracing::warn!(%error, "a model could not be read after a wait");
             job
@@ -331,7 +335,7 @@ pub(in crate::http) async fn validate(
     State(state): State<AppState>,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let Accepted { request, spec, cost } = check_body(&state, &body).await?;
+    let CheckedModel { request, spec, cost } = check_body(&state, &body).await?;
     let digest = request.seed.map(|seed| spec.digest(seed));
     Ok(Json(Validation { preset: request.preset, seed: request.seed, spec: spec.to_json(), digest, cost })
         .into_response())

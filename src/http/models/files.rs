@@ -1,8 +1,10 @@
-//! `GET /models/{id}/files/{name}`: the stored bytes. `GET /models/{id}/report`: the stored report, and what computed it.
+//! Files of a model: `GET /models/{id}/files/{name}`, `GET /models/{id}/report` and
+//! `GET /models/{id}/manifest.json`.
 //!
-//! A name is looked up among the files of the model's record; it never becomes part of a path. Files never change,
-//! so their entity tag is their SHA-256, and they may be cached forever.
+//! A name is only compared with the names in the model's record; it never becomes part of a path.
+//! Files never change, so their entity tag is their SHA-256, and clients may cache them forever.
 
+use crate::generate::{FileOutput, MANIFEST, Manifest, Origin};
 use crate::http::AppState;
 use crate::http::access::Caller;
 use crate::http::openapi::shapes::StoredReport;
@@ -11,7 +13,7 @@ use crate::http::wire::extract::{ModelId, PathTexts, no_model};
 use crate::http::wire::headers::refuses_redirect;
 use crate::http::wire::problem::{Kind, Problem};
 use crate::http::wire::range::{Selection, select};
-use crate::http::wire::responses::{DownloadAway, FileMissing, RangeOutside};
+use crate::http::wire::responses::{DownloadAway, FileMissing, RangeOutside, StoreAway};
 use crate::jobs::artifacts::ArtifactError;
 use crate::jobs::{BackendReport, File, Job, JobId};
 use axum::body::Body;
@@ -28,7 +30,7 @@ use tokio::sync::OwnedSemaphorePermit;
 /// `Cache-Control` of responses that never change.
 pub(in crate::http) const IMMUTABLE: HeaderValue = HeaderValue::from_static("private, max-age=31536000, immutable");
 
-/// Time for which a signed address is valid.
+/// Validity of a signed address.
 const SIGNED_FOR: Duration = Duration::from_secs(300);
 
 /// Download a file.
@@ -66,23 +68,24 @@ pub(in crate::http) async fn download(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let (job, file) = find(&state, &caller, id, path.get("name")).await?;
-    let disposition = format!("attachment; filename=\"{}-{}-{}\"", job.preset, job.seed, file.name);
-    if let Some(redirect) = redirect(&state, &job, &file, &method, &headers).await? {
+    let name = format!("{}-{}-{}", job.preset, job.seed, file.name);
+    if let Some(redirect) = redirect(&state, &file, &name, &method, &headers).await? {
         return Ok(redirect);
     }
     let mut response = send(&state, &file, &method, &headers).await?;
-    if let Ok(value) = HeaderValue::try_from(disposition) {
+    if let Ok(value) = HeaderValue::try_from(format!("attachment; filename=\"{name}\"")) {
         response.headers_mut().insert(header::CONTENT_DISPOSITION, value);
     }
     Ok(response)
 }
 
-/// Redirects a download to the artifact store, if that is set and the store can sign addresses. Ranges work too: a client
-/// repeats its headers there. The console asks not to be redirected, because its policy lets it read from this origin only.
+/// Redirects a download to the artifact store, if the service is configured to and the store can
+/// sign addresses. Ranges work as well, because a client repeats its headers there. The console
+/// asks not to be redirected: its policy allows requests to this origin only.
 async fn redirect(
     state: &AppState,
-    job: &Job,
     file: &File,
+    name: &str,
     method: &Method,
     headers: &HeaderMap,
 ) -> Result<Option<Response>, Problem> {
@@ -90,8 +93,7 @@ async fn redirect(
     if !state.limits.redirect_downloads || method != Method::GET || known || refuses_redirect(headers) {
         return Ok(None);
     }
-    let name = format!("{}-{}-{}", job.preset, job.seed, file.name);
-    let Some(url) = state.artifacts.signed_url(&file.key, &name, &file.media_type, SIGNED_FOR).await? else {
+    let Some(url) = state.artifacts.signed_url(&file.key, name, &file.media_type, SIGNED_FOR).await? else {
         return Ok(None);
     };
     let location = HeaderValue::try_from(url).map_err(|error| {
@@ -153,23 +155,81 @@ pub(in crate::http) async fn report(
         stored.remove(own);
     }
     let report = Report { backend: job.backend, digest: job.digest, preset: job.preset, seed: job.seed, stored };
-    let body = serde_json::to_vec(&report).expect("a report has string keys only");
+    immutable_json(&headers, serde_json::to_vec(&report).expect("a report has string keys only"))
+}
+
+/// A JSON document that never changes.
+fn immutable_json(headers: &HeaderMap, body: Vec<u8>) -> Result<Response, Problem> {
     let tag = ETag::strong(hex::encode(Sha256::digest(&body)));
-    if tag.matches_none(&headers) {
+    if tag.matches_none(headers) {
         return tag.not_modified(IMMUTABLE);
     }
-    let kind = HeaderValue::from_static("application/json");
-    let headers = [(header::CONTENT_TYPE, kind), (header::ETAG, tag.header()?), (header::CACHE_CONTROL, IMMUTABLE)];
+    let json = HeaderValue::from_static("application/json");
+    let headers = [(header::CONTENT_TYPE, json), (header::ETAG, tag.header()?), (header::CACHE_CONTROL, IMMUTABLE)];
     Ok((headers, body).into_response())
 }
 
-/// A file in memory.
+/// Read what the files of a model are.
+///
+/// Names, sizes, hashes, bodies, units and patches of its files, and its origin: spec, seed, digest, engine, licence, how to
+/// cite. `oviduct generate` writes the same beside the files.
+#[utoipa::path(
+    get, path = "/models/{id}/manifest.json", operation_id = "get_manifest", tag = "files",
+    params(
+        ("id" = Uuid, Path, description = "Id of the model"),
+        ("if-none-match" = Option<String>, Header, description = "Entity tags that the client has"),
+    ),
+    responses(
+        (status = 200, description = "The manifest", body = Manifest, headers(
+            ("etag" = String, description = "SHA-256 of the manifest"))),
+        (status = 304, description = "The client has this manifest"),
+        FileMissing, StoreAway,
+    )
+)]
+pub(in crate::http) async fn manifest(
+    State(state): State<AppState>,
+    caller: Caller,
+    ModelId(id): ModelId,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    // A model with a report has all of its files.
+    let (job, _) = find(&state, &caller, id, "report.json").await?;
+    let body = serde_json::to_vec_pretty(&manifest_of(&job)).expect("a manifest has string keys only");
+    let mut response = immutable_json(&headers, body)?;
+    if response.status() == StatusCode::OK
+        && let Ok(value) = HeaderValue::try_from(format!("inline; filename=\"{MANIFEST}\""))
+    {
+        response.headers_mut().insert(header::CONTENT_DISPOSITION, value);
+    }
+    Ok(response)
+}
+
+/// The manifest follows from the record: a reused model can have fewer files than the one that it
+/// reuses.
+fn manifest_of(job: &Job) -> Manifest {
+    let file = |file: &crate::jobs::File| FileOutput {
+        name: file.name.clone(),
+        media_type: file.media_type.clone(),
+        bytes: file.bytes,
+        sha256: file.sha256.clone(),
+    };
+    let origin = Origin {
+        engine: &job.engine,
+        preset: &job.preset,
+        seed: job.seed,
+        digest: &job.digest,
+        spec: job.spec.clone(),
+    };
+    Manifest::new(origin, &job.outputs, &job.files.iter().map(file).collect::<Vec<_>>())
+}
+
+/// Reads a whole file.
 pub(in crate::http) async fn whole(state: &AppState, file: &File) -> Result<Bytes, Problem> {
     let chunks: Vec<Bytes> = state.artifacts.get_range(&file.key, None).await?.stream.try_collect().await?;
     Ok(chunks.concat().into())
 }
 
-/// Room for one more reader of the artifact store.
+/// A permit for one more concurrent download.
 pub(in crate::http) fn permit(state: &AppState) -> Result<OwnedSemaphorePermit, Problem> {
     state.downloads.clone().try_acquire_owned().map_err(|_| {
         let detail = format!("{} downloads are running, which is the limit. Try again later.", state.limits.downloads);
@@ -177,12 +237,12 @@ pub(in crate::http) fn permit(state: &AppState) -> Result<OwnedSemaphorePermit, 
     })
 }
 
-/// A model.
+/// A model that the caller may see.
 pub(in crate::http) async fn find_model(state: &AppState, caller: &Caller, id: JobId) -> Result<Job, Problem> {
     caller.model(state.store.get(id).await?).ok_or_else(|| no_model(id))
 }
 
-/// A model and its file of this name.
+/// A model and its file `name`.
 pub(in crate::http) async fn find(
     state: &AppState,
     caller: &Caller,
@@ -194,7 +254,7 @@ pub(in crate::http) async fn find(
     Ok((job, file))
 }
 
-/// The file of this name of a model.
+/// The file `name` of a model.
 pub(in crate::http) fn file_of(job: &Job, name: &str) -> Result<File, Problem> {
     job.files.iter().find(|file| file.name == name).cloned().ok_or_else(|| {
         let detail = if job.status.is_ended() {
@@ -213,9 +273,9 @@ async fn send(state: &AppState, file: &File, method: &Method, headers: &HeaderMa
         return tag.not_modified(IMMUTABLE);
     }
     // Ranges are defined for GET only (RFC 9110, section 14.2).
-    let asked = headers.get(header::RANGE).and_then(|v| v.to_str().ok());
-    let asked = asked.filter(|_| method == Method::GET && tag.matches_range(headers));
-    let (status, range) = match select(asked, file.bytes) {
+    let requested = headers.get(header::RANGE).and_then(|v| v.to_str().ok());
+    let requested = requested.filter(|_| method == Method::GET && tag.matches_range(headers));
+    let (status, range) = match select(requested, file.bytes) {
         Selection::Whole => (StatusCode::OK, 0..file.bytes),
         Selection::Part(range) => (StatusCode::PARTIAL_CONTENT, range),
         Selection::Outside => {
@@ -233,7 +293,7 @@ async fn send(state: &AppState, file: &File, method: &Method, headers: &HeaderMa
         let permit = permit(state)?;
         let stream = state.artifacts.get_range(&file.key, part).await?.stream;
         state.metrics.bytes_out(range.end - range.start);
-        // The permit goes with the last byte, or with the connection.
+        // The stream holds the permit until the last byte is sent or the connection is closed.
         Body::from_stream(stream.inspect(move |_| {
             let _ = &permit;
         }))
@@ -257,7 +317,7 @@ fn media_type(file: &File) -> HeaderValue {
     HeaderValue::try_from(&file.media_type).unwrap_or(HeaderValue::from_static("application/octet-stream"))
 }
 
-/// A file that a record names exists, unless the model was deleted a moment ago or the store is unavailable.
+/// A file that a record names is missing only if the model was deleted in the meantime.
 impl From<ArtifactError> for Problem {
     fn from(error: ArtifactError) -> Self {
         match error {

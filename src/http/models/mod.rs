@@ -1,19 +1,19 @@
-//! Models: requested, read, cancelled, deleted, and downloaded.
+//! Models: requesting, reading, cancelling and deleting them, and downloading their files.
 //!
 //! | file | subject |
 //! |---|---|
-//! | `request` | from a body to a specification and what is stored with it |
+//! | `request` | from a body to a well-formed request |
+//! | `model` | bodies of responses and events; the parameter `view`, references |
 //! | `create`, `retry` | `POST /models`, `POST /models/validate`, `POST /models/{id}/retry` |
-//! | `read`, `select`, `detail`, `links` | `GET /models`, `GET`, `DELETE /models/{id}`; its parameters and references |
+//! | `read` | `GET /models`; `GET`, `DELETE /models/{id}`, `POST /models/{id}/cancel` |
+//! | `select` | query parameters that filter lists |
 //! | `bulk` | cancelling and deleting many models |
-//! | `files`, `manifest` | `GET /models/{id}/files/{name}`, `GET /models/{id}/manifest` |
+//! | `files` | downloads, report and manifest |
 
 pub(in crate::http) mod bulk;
 pub(in crate::http) mod create;
-pub(in crate::http) mod detail;
 pub(in crate::http) mod files;
-pub(in crate::http) mod links;
-pub(in crate::http) mod manifest;
+pub(in crate::http) mod model;
 pub(in crate::http) mod read;
 pub(in crate::http) mod request;
 pub(in crate::http) mod retry;

@@ -1,22 +1,22 @@
 //! `GET /models`, `GET`, `DELETE /models/{id}`, `POST /models/{id}/cancel`: list, read, delete and cancel models.
 
-use super::detail::Detail;
-use super::links::At;
+use super::files::find_model;
+use super::model::{Detail, LinkBase, Model, ModelList};
 use super::select::{self, Conditions};
 use crate::http::AppState;
 use crate::http::access::{Caller, audited};
-use crate::http::dto::{Model, ModelList};
 use crate::http::wire::conditional::ETag;
 use crate::http::wire::extract::{ModelId, Parameters, no_model};
 use crate::http::wire::problem::Problem;
 use crate::http::wire::responses::{BadParameters, ModelMissing, StoreAway};
-use crate::jobs::{Job, JobProgress, ListFilter};
+use crate::jobs::{Job, JobId, JobProgress, ListFilter};
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
-/// The tag of a model's state: its version, and its position in the queue, which changes without a new version.
+/// The entity tag of a job: its version, and its position in the queue, which changes without a new
+/// version.
 pub(in crate::http) fn tag(job: &Job) -> ETag {
     match job.queue_position {
         None | Some(0) => ETag::strong(job.version),
@@ -24,19 +24,19 @@ pub(in crate::http) fn tag(job: &Job) -> ETag {
     }
 }
 
-/// The model as a response.
+/// A model as a response.
 pub(in crate::http) fn answer(
     state: &AppState,
     status: StatusCode,
     job: &Job,
     detail: Detail,
-    at: At,
+    base: LinkBase,
 ) -> Result<Response, Problem> {
-    let model = Model::of(job, state.limits.keep, detail, at);
+    let model = Model::of(job, state.limits.keep, detail, base);
     Ok((status, [(header::ETAG, tag(job).header()?)], Json(model)).into_response())
 }
 
-/// When to ask again for a model that has not ended: after the time that it will take, between 1 and 30 seconds.
+/// `Retry-After` of a job that has not ended: its remaining time, between 1 and 30 seconds.
 pub(in crate::http) fn retry_after(job: &Job) -> HeaderValue {
     let eta = job.progress.and_then(JobProgress::eta_seconds).unwrap_or(1.0);
     HeaderValue::from(eta.ceil().clamp(1.0, 30.0) as u32)
@@ -66,7 +66,7 @@ pub(in crate::http) async fn list(
     let (limit, before) = select::page(&parameters, &mut faults);
     Problem::check(faults)?;
     let page = state.store.list(&ListFilter { limit, before, ..filter }).await?;
-    let models = page.jobs.iter().map(|job| Model::of(job, state.limits.keep, detail, At::Root)).collect();
+    let models = page.jobs.iter().map(|job| Model::of(job, state.limits.keep, detail, LinkBase::Root)).collect();
     Ok(Json(ModelList { models, next: page.next.map(|id| id.to_string()) }))
 }
 
@@ -98,12 +98,12 @@ pub(in crate::http) async fn get(
     let mut faults = parameters.faults(&["view"], &[]);
     let detail = Detail::read(&parameters, Detail::Full, &mut faults);
     Problem::check(faults)?;
-    let job = caller.model(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
+    let job = find_model(&state, &caller, id).await?;
     let cache = HeaderValue::from_static("no-cache");
     let mut response = if tag(&job).matches_none(&headers) {
         tag(&job).not_modified(cache)?
     } else {
-        let mut response = answer(&state, StatusCode::OK, &job, detail, At::Models)?;
+        let mut response = answer(&state, StatusCode::OK, &job, detail, LinkBase::Models)?;
         response.headers_mut().insert(header::CACHE_CONTROL, cache);
         response
     };
@@ -126,15 +126,9 @@ pub(in crate::http) async fn cancel(
     caller: Caller,
     ModelId(id): ModelId,
 ) -> Result<Response, Problem> {
-    // The owner of a job never changes.
-    caller.model(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
-    let store = state.store.clone();
-    let cancelled = audited(&caller, "model cancelled", id, async move { store.cancel(id).await });
-    let job = cancelled.await?.ok_or_else(|| no_model(id))?;
-    if let Some(checkpoint) = job.checkpoint.clone().filter(|_| job.status.is_ended()) {
-        state.forget(vec![checkpoint]).await;
-    }
-    answer(&state, StatusCode::OK, &job, Detail::Full, At::Model)
+    find_model(&state, &caller, id).await?;
+    let job = cancel_job(&state, &caller, "model cancelled", id).await?.ok_or_else(|| no_model(id))?;
+    answer(&state, StatusCode::OK, &job, Detail::Full, LinkBase::Model)
 }
 
 /// Delete a model and its files. It is cancelled if it has not ended.
@@ -150,10 +144,38 @@ pub(in crate::http) async fn delete(
     caller: Caller,
     ModelId(id): ModelId,
 ) -> Result<StatusCode, Problem> {
-    caller.model(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
+    find_model(&state, &caller, id).await?;
+    delete_job(&state, &caller, "model deleted", id).await?.ok_or_else(|| no_model(id))
+}
+
+/// Cancels a job and removes its checkpoint. `None` if the job does not exist. The caller must have
+/// access to the job, which cannot change: the owner of a job stays the same.
+pub(in crate::http) async fn cancel_job(
+    state: &AppState,
+    caller: &Caller,
+    action: &'static str,
+    id: JobId,
+) -> Result<Option<Job>, Problem> {
     let store = state.store.clone();
-    let deleted = audited(&caller, "model deleted", id, async move { store.delete(id).await });
-    let keys = deleted.await?.ok_or_else(|| no_model(id))?;
+    let job = audited(caller, action, id, async move { store.cancel(id).await }).await?;
+    if let Some(job) = &job
+        && job.status.is_ended()
+    {
+        state.forget(job.checkpoint.iter().cloned().collect()).await;
+    }
+    Ok(job)
+}
+
+/// Deletes a job and its files. `None` if the job does not exist.
+pub(in crate::http) async fn delete_job(
+    state: &AppState,
+    caller: &Caller,
+    action: &'static str,
+    id: JobId,
+) -> Result<Option<StatusCode>, Problem> {
+    let store = state.store.clone();
+    let deleted = audited(caller, action, id, async move { store.delete(id).await }).await?;
+    let Some(keys) = deleted else { return Ok(None) };
     state.forget(keys).await;
-    Ok(StatusCode::NO_CONTENT)
+    Ok(Some(StatusCode::NO_CONTENT))
 }

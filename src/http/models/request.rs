@@ -1,31 +1,30 @@
-//! Bodies of requests: from JSON to a [`ModelRequest`], with all faults in one response.
+//! Body of a request for a model: from JSON to a [`ModelRequest`], with all faults in one response.
 //!
-//! The schema of a request is beside its checks; a test compares the two.
+//! The schema of a request is next to its checks; a test compares the two.
 
 use crate::generate::{Backend, Output, Outputs};
-use crate::http::wire::faults::{Fault, Faults};
+use crate::http::wire::faults::escape;
 use crate::jobs::Priority;
 use crate::model::{BodyKind, LengthUnit};
-use crate::spec::DEFAULT_PRESET;
+use crate::spec::{DEFAULT_PRESET, JsonReader, SEED_MAX};
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 
-/// Greatest seed: 2^53 − 1, the greatest integer that all JSON readers represent exactly.
-pub const SEED_MAX: u64 = (1 << 53) - 1;
-/// Most members of `outputs` and of `bodies`: more than there are formats, so that each invalid one of a short list is named.
-const OUTPUTS_MAX: usize = 16;
-/// Most labels of a model.
-pub(super) const LABELS_MAX: usize = 16;
-/// Longest key of a label, in characters.
-pub(super) const LABEL_KEY_MAX: usize = 64;
-/// Longest value of a label, in characters.
-pub(super) const LABEL_VALUE_MAX: usize = 256;
+/// Maximum length of `outputs` and of `bodies`. There are fewer formats, so in a short list each
+/// invalid member is named.
+const MAX_CHOICES: usize = 16;
+/// Maximum number of labels of a model.
+pub(super) const MAX_LABELS: usize = 16;
+/// Maximum length of the key of a label, in characters.
+const MAX_LABEL_KEY_CHARS: usize = 64;
+/// Maximum length of the value of a label, in characters.
+const MAX_LABEL_VALUE_CHARS: usize = 256;
 
 const MEMBERS: [&str; 10] =
     ["preset", "seed", "spec", "outputs", "bodies", "units", "backend", "labels", "priority", "reuse"];
 
-/// A request whose members are well formed. The spec is checked later, by resolving it on the preset.
+/// A request whose members are well formed. Resolving the spec on the preset checks it later.
 #[derive(Clone, Debug, PartialEq)]
 pub(in crate::http) struct ModelRequest {
     pub(in crate::http) preset: String,
@@ -39,33 +38,33 @@ pub(in crate::http) struct ModelRequest {
 }
 
 impl ModelRequest {
-    /// Reads a body. Adds faults to `faults`, and replaces invalid members by their defaults.
-    pub(in crate::http) fn read(body: &Value, faults: &mut Faults) -> Self {
-        Self::read_members(body, &MEMBERS, faults)
+    /// Reads a body. Invalid members get their defaults, so that the other members are checked,
+    /// too.
+    pub(in crate::http) fn read(reader: &mut JsonReader, body: &Value) -> Self {
+        Self::read_members(reader, body, &MEMBERS)
     }
 
-    /// Reads a body that may have the members in `known`.
-    pub(in crate::http) fn read_members(body: &Value, known: &[&str], faults: &mut Faults) -> Self {
+    /// Reads a body that may have the members `known`.
+    pub(in crate::http) fn read_members(reader: &mut JsonReader, body: &Value, known: &[&str]) -> Self {
         let empty = Map::new();
-        let members = body.as_object().unwrap_or_else(|| {
-            faults.push(Fault::at("", format!("must be an object, not {}", describe(body))));
-            &empty
-        });
+        let members = reader.object("", body).unwrap_or(&empty);
         for name in members.keys().filter(|name| !known.contains(&name.as_str())) {
             let detail = format!("is unknown; the members are {}", known.join(", "));
-            faults.push(Fault::at(format!("/{}", escape(name)), detail));
+            reader.fault::<()>(format!("/{}", escape(name)), detail);
         }
+        let member = |name: &str| members.get(name);
+        let preset = member("preset").map_or(DEFAULT_PRESET, |v| reader.text("/preset", v).unwrap_or_default());
+        let seed = member("seed").filter(|_| known.contains(&"seed"));
         Self {
-            preset: members.get("preset").map_or_else(|| DEFAULT_PRESET.to_owned(), |v| text(v, "/preset", faults)),
-            seed: members.get("seed").filter(|_| known.contains(&"seed")).and_then(|v| seed(v, "/seed", faults)),
-            spec: members.get("spec").map_or_else(|| json!({}), |v| spec(v, faults)),
-            outputs: outputs(members, faults),
-            backend: members
-                .get("backend")
-                .map_or(Backend::Auto, |v| choice(v, "/backend", faults).unwrap_or_default()),
-            labels: members.get("labels").map_or_else(BTreeMap::new, |v| labels(v, faults)),
-            priority: members.get("priority").map_or_else(Priority::default, |v| priority(v, faults)),
-            reuse: members.get("reuse").is_none_or(|v| flag(v, "/reuse", faults)),
+            preset: preset.to_owned(),
+            seed: seed.and_then(|v| reader.integer("/seed", v, 0..=SEED_MAX)),
+            spec: member("spec").and_then(|v| reader.object("/spec", v)).cloned().unwrap_or_default().into(),
+            outputs: read_outputs(reader, members),
+            backend: member("backend")
+                .map_or(Backend::Auto, |v| read_choice(reader, "/backend", v).unwrap_or_default()),
+            labels: member("labels").map_or_else(BTreeMap::new, |v| read_labels(reader, v)),
+            priority: member("priority").and_then(|v| read_priority(reader, v)).unwrap_or_default(),
+            reuse: member("reuse").and_then(|v| reader.flag("/reuse", v)).unwrap_or(true),
         }
     }
 
@@ -88,10 +87,10 @@ impl ModelRequest {
                 "units": { "anyOf": [{ "$ref": "#/components/schemas/LengthUnit" }, { "type": "null" }],
                     "description": "Unit of coordinates in `obj`, `stl`, `stl-ascii`, `ply`, `vtp` and `centreline`. By default `obj` is in metres and the others in millimetres. glTF is always in metres." },
                 "backend": { "$ref": "#/components/schemas/Backend" },
-                "labels": { "type": "object", "maxProperties": LABELS_MAX,
+                "labels": { "type": "object", "maxProperties": MAX_LABELS,
                     "description": "Names and values of the client's own, to find models by.",
-                    "propertyNames": { "minLength": 1, "maxLength": LABEL_KEY_MAX, "pattern": "^[^:\\u0000]+$" },
-                    "additionalProperties": { "type": "string", "maxLength": LABEL_VALUE_MAX, "pattern": "^[^\\u0000]*$" } },
+                    "propertyNames": { "minLength": 1, "maxLength": MAX_LABEL_KEY_CHARS, "pattern": "^[^:\\u0000]+$" },
+                    "additionalProperties": { "type": "string", "maxLength": MAX_LABEL_VALUE_CHARS, "pattern": "^[^\\u0000]*$" } },
                 "priority": { "type": "integer", "minimum": Priority::MIN, "maximum": Priority::MAX, "default": 0,
                     "description": "Of the queued models, those of higher priority are started first." },
                 "reuse": { "type": "boolean", "default": true,
@@ -101,170 +100,96 @@ impl ModelRequest {
     }
 }
 
-fn text(value: &Value, pointer: &str, faults: &mut Faults) -> String {
-    value.as_str().map_or_else(
-        || {
-            faults.push(Fault::at(pointer, format!("must be a string, not {}", describe(value))));
-            String::new()
-        },
-        str::to_owned,
-    )
+/// Reads a priority.
+pub(in crate::http) fn read_priority(reader: &mut JsonReader, value: &Value) -> Option<Priority> {
+    Priority::try_from(reader.integer("/priority", value, Priority::MIN..=Priority::MAX)?).ok()
 }
 
-fn flag(value: &Value, pointer: &str, faults: &mut Faults) -> bool {
-    value.as_bool().unwrap_or_else(|| {
-        faults.push(Fault::at(pointer, format!("must be true or false, not {}", describe(value))));
-        true
-    })
+fn read_choice<T: DeserializeOwned>(reader: &mut JsonReader, at: &str, value: &Value) -> Option<T> {
+    // The message of serde quotes the name and lists the valid ones: "unknown variant `x`, expected
+    // one of …". No valid name is longer than 40 characters.
+    let name: String = reader.text(at, value)?.chars().take(41).collect();
+    serde_json::from_value(name.into()).map_or_else(|error| reader.fault(at, error.to_string()), Some)
 }
 
-pub(in crate::http) fn seed(value: &Value, pointer: &str, faults: &mut Faults) -> Option<u64> {
-    let whole = value.as_u64().or_else(|| {
-        // 62.0 is an integer in JSON.
-        value.as_f64().filter(|x| x.fract() == 0.0 && (0.0..=SEED_MAX as f64).contains(x)).map(|x| x as u64)
-    });
-    let seed = whole.filter(|&s| s <= SEED_MAX);
-    if seed.is_none() {
-        faults.push(Fault::at(pointer, format!("must be an integer from 0 to {SEED_MAX}, not {}", describe(value))));
-    }
-    seed
-}
-
-pub(in crate::http) fn priority(value: &Value, faults: &mut Faults) -> Priority {
-    #[expect(clippy::cast_possible_truncation, reason = "saturating, and then out of range")]
-    let whole = value.as_i64().or_else(|| value.as_f64().filter(|x| x.fract() == 0.0).map(|x| x as i64));
-    whole.and_then(|n| Priority::try_from(n).ok()).unwrap_or_else(|| {
-        let (min, max) = (Priority::MIN, Priority::MAX);
-        faults.push(Fault::at("/priority", format!("must be an integer from {min} to {max}, not {}", describe(value))));
-        Priority::default()
-    })
-}
-
-fn spec(value: &Value, faults: &mut Faults) -> Value {
-    if value.is_object() {
-        return value.clone();
-    }
-    faults.push(Fault::at("/spec", format!("must be an object, not {}", describe(value))));
-    json!({})
-}
-
-fn choice<T: DeserializeOwned>(value: &Value, pointer: &str, faults: &mut Faults) -> Option<T> {
-    let Some(name) = value.as_str() else {
-        faults.push(Fault::at(pointer, format!("must be a string, not {}", describe(value))));
-        return None;
-    };
-    // The message of serde lists the valid ones: "unknown variant `x`, expected one of …". No name is longer than 40.
-    let name: String = name.chars().take(41).collect();
-    serde_json::from_value(name.into()).map_err(|e| faults.push(Fault::at(pointer, e.to_string()))).ok()
-}
-
-fn outputs(members: &Map<String, Value>, faults: &mut Faults) -> Outputs {
+fn read_outputs(reader: &mut JsonReader, members: &Map<String, Value>) -> Outputs {
     let default = Outputs::default();
     let bodies = members.get("bodies").map_or(default.bodies, |value| {
         if value.as_array().is_some_and(Vec::is_empty) {
-            faults.push(Fault::at("/bodies", "must name at least one body"));
+            reader.fault::<()>("/bodies", "must name at least one body");
         }
-        distinct::<BodyKind>(value, "/bodies", faults)
+        read_choices::<BodyKind>(reader, "/bodies", value).unwrap_or_default()
     });
-    Outputs {
-        formats: members.get("outputs").map_or(default.formats, |value| distinct::<Output>(value, "/outputs", faults)),
-        bodies,
-        units: (members.get("units").filter(|value| !value.is_null()))
-            .and_then(|value| choice::<LengthUnit>(value, "/units", faults)),
-    }
+    let formats = members
+        .get("outputs")
+        .map_or(default.formats, |value| read_choices::<Output>(reader, "/outputs", value).unwrap_or_default());
+    let units = members.get("units").filter(|value| !value.is_null());
+    let units = units.and_then(|value| read_choice::<LengthUnit>(reader, "/units", value));
+    Outputs { formats, bodies, units }
 }
 
-/// A list of different names.
-fn distinct<T: DeserializeOwned + PartialEq>(value: &Value, pointer: &str, faults: &mut Faults) -> Vec<T> {
-    let Some(items) = value.as_array() else {
-        faults.push(Fault::at(pointer, format!("must be an array, not {}", describe(value))));
-        return Vec::new();
-    };
-    if items.len() > OUTPUTS_MAX {
-        faults.push(Fault::at(pointer, format!("may have at most {OUTPUTS_MAX} members, not {}", items.len())));
-        return Vec::new();
+/// Reads a list of different names.
+fn read_choices<T: DeserializeOwned + PartialEq>(reader: &mut JsonReader, at: &str, value: &Value) -> Option<Vec<T>> {
+    let items = reader.array(at, value)?;
+    if items.len() > MAX_CHOICES {
+        return reader.fault(at, format!("may have at most {MAX_CHOICES} members, not {}", items.len()));
     }
-    let mut found = Vec::new();
+    let mut choices = Vec::new();
     for (i, item) in items.iter().enumerate() {
-        let pointer = format!("{pointer}/{i}");
-        match choice(item, &pointer, faults) {
-            Some(item) if found.contains(&item) => faults.push(Fault::at(pointer, "is given more than once")),
-            Some(item) => found.push(item),
-            None => {}
+        let at = format!("{at}/{i}");
+        let Some(choice) = read_choice(reader, &at, item) else { continue };
+        if choices.contains(&choice) {
+            reader.fault::<()>(at, "is given more than once");
+        } else {
+            choices.push(choice);
         }
     }
-    found
+    Some(choices)
 }
 
-pub(in crate::http) fn labels(value: &Value, faults: &mut Faults) -> BTreeMap<String, String> {
-    let Some(members) = value.as_object() else {
-        faults.push(Fault::at("/labels", format!("must be an object, not {}", describe(value))));
-        return BTreeMap::new();
-    };
-    if members.len() > LABELS_MAX {
-        faults.push(Fault::at("/labels", format!("may have at most {LABELS_MAX} members, not {}", members.len())));
-    }
+/// Reads labels. Invalid ones are left out.
+pub(in crate::http) fn read_labels(reader: &mut JsonReader, value: &Value) -> BTreeMap<String, String> {
     let mut labels = BTreeMap::new();
+    let Some(members) = reader.object("/labels", value) else { return labels };
+    if members.len() > MAX_LABELS {
+        let detail = format!("may have at most {MAX_LABELS} members, not {}", members.len());
+        reader.fault::<()>("/labels", detail);
+    }
     for (key, value) in members {
-        let pointer = format!("/labels/{}", escape(key));
-        let length = key.chars().count();
-        if !(1..=LABEL_KEY_MAX).contains(&length) || key.contains([':', '\0']) {
-            let detail = format!("the key must have 1 to {LABEL_KEY_MAX} characters, none of them a colon or NUL");
-            faults.push(Fault::at(&pointer, detail));
+        let at = format!("/labels/{}", escape(key));
+        if !(1..=MAX_LABEL_KEY_CHARS).contains(&key.chars().count()) || key.contains([':', '\0']) {
+            let detail =
+                format!("the key must have 1 to {MAX_LABEL_KEY_CHARS} characters, none of them a colon or NUL");
+            reader.fault::<()>(&at, detail);
         }
-        match value.as_str() {
-            Some(text) if text.chars().count() <= LABEL_VALUE_MAX && !text.contains('\0') => {
-                labels.insert(key.clone(), text.to_owned());
-            }
-            Some(_) => {
-                let detail = format!("may have at most {LABEL_VALUE_MAX} characters, none of them NUL");
-                faults.push(Fault::at(pointer, detail));
-            }
-            None => faults.push(Fault::at(pointer, format!("must be a string, not {}", describe(value)))),
+        let Some(text) = reader.text(&at, value) else { continue };
+        if text.chars().count() <= MAX_LABEL_VALUE_CHARS && !text.contains('\0') {
+            labels.insert(key.clone(), text.to_owned());
+        } else {
+            let detail = format!("may have at most {MAX_LABEL_VALUE_CHARS} characters, none of them NUL");
+            reader.fault::<()>(at, detail);
         }
     }
     labels
 }
 
-/// A member name as part of a JSON pointer, cut after 100 characters.
-pub(in crate::http) fn escape(name: &str) -> String {
-    let name: String = name.chars().take(100).collect();
-    name.replace('~', "~0").replace('/', "~1")
-}
-
-/// A short description of a value.
-pub(in crate::http) fn describe(value: &Value) -> String {
-    match value {
-        Value::Null => "null".into(),
-        Value::Bool(b) => b.to_string(),
-        Value::Number(n) => n.to_string(),
-        Value::String(s) if s.chars().count() <= 40 => Value::from(s.as_str()).to_string(),
-        Value::String(_) => "a long string".into(),
-        Value::Array(_) => "an array".into(),
-        Value::Object(_) => "an object".into(),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::http::wire::faults::body_reader;
 
     fn read(body: &Value) -> Result<ModelRequest, Vec<String>> {
-        let mut faults = Faults::default();
-        let request = ModelRequest::read(body, &mut faults);
-        if faults.is_empty() {
-            Ok(request)
-        } else {
-            Err(faults.into_parts().0.into_iter().filter_map(|f| f.pointer).collect())
-        }
+        let mut reader = body_reader();
+        let request = ModelRequest::read(&mut reader, body);
+        reader.finish(Some(request)).map_err(|faults| faults.into_iter().map(|fault| fault.pointer).collect())
     }
 
     #[test]
     fn a_long_name_is_not_repeated_in_full() {
-        let mut faults = Faults::default();
-        ModelRequest::read(&json!({ "backend": "b".repeat(100_000) }), &mut faults);
-        let (kept, _) = faults.into_parts();
-        assert!(kept[0].detail.contains("cpu-single") && kept[0].detail.len() < 200, "{}", kept[0].detail);
+        let mut reader = body_reader();
+        ModelRequest::read(&mut reader, &json!({ "backend": "b".repeat(100_000) }));
+        let detail = &reader.faults()[0].detail;
+        assert!(detail.contains("cpu-single") && detail.len() < 200, "{detail}");
     }
 
     #[test]

@@ -1,13 +1,12 @@
-//! `POST /models/{id}/retry`: a failed model again.
+//! `POST /models/{id}/retry`: grows a failed model again, as a new model.
 
-use super::create::{Accepted, check_limits, created, earlier, key_of, new_job, queue};
-use super::links::At;
+use super::create::{CheckedModel, check_limits, created, earlier, key_of, new_job, queue};
+use super::files::find_model;
+use super::model::{LinkBase, Model};
 use super::request::ModelRequest;
 use crate::http::AppState;
 use crate::http::access::Caller;
-use crate::http::dto::Model;
-use crate::http::wire::extract::{ModelId, no_model};
-use crate::http::wire::faults::Fault;
+use crate::http::wire::extract::ModelId;
 use crate::http::wire::problem::{Kind, Problem};
 use crate::http::wire::responses::{ModelMissing, NotFailed, QueueFull, RetryProblems, StoreAwayOrOpening};
 use crate::jobs::{Job, NewJob, Quota, Status, Submitted};
@@ -46,39 +45,42 @@ pub(in crate::http) async fn retry(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let key = key_of(&headers, &json!({ "retry_of": id }))?;
-    let failed = caller.model(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
+    let failed = find_model(&state, &caller, id).await?;
     if failed.status != Status::Failed {
         let status = failed.status.name();
         let detail = format!("The status of the model is {status}. Only a failed model can be retried.");
         return Err(Problem::new(Kind::NotFailed, detail));
     }
-    // Of the same owner, whoever retries it. An admin's own quota and keys of idempotency are not those of the owner.
+    // The new model belongs to the owner of the failed one. If an admin retries it, no quota
+    // applies, and the idempotency key contains the admin's name: it must not match a key of the
+    // owner.
     let owner = failed.owner.clone();
     let (quota, key) = match caller.owner() {
         by if by == owner.as_deref() => (caller.quota(), key),
         by => (Quota::default(), key.map(|(key, body)| (format!("{key}\u{1f}{}", by.unwrap_or_default()), body))),
     };
-    let submitted = match again(&state, &failed).await {
-        Ok(Accepted { request, spec, .. }) => {
+    let submitted = match check_again(&state, &failed).await {
+        Ok(CheckedModel { request, spec, .. }) => {
             let new = new_job(&caller, request, &spec);
-            queue(&state, &caller, NewJob { idempotency: key, owner, quota, retry_of: Some(id), ..new }).await?
+            let new = NewJob { idempotency: key, owner, quota, retry_of: Some(id), ..new };
+            queue(&state, &caller, "model retried", new).await?
         }
         Err(refusal) => Submitted::Replayed(earlier(&state, owner.as_deref(), key).await.ok_or(refusal)?),
     };
-    created(&state, &submitted, submitted.job(), At::Model)
+    created(&state, &submitted, submitted.job(), LinkBase::Model)
 }
 
-/// The request of a failed model, checked as a new one is: limits may have changed since.
-async fn again(state: &AppState, failed: &Job) -> Result<Accepted, Problem> {
-    let fault = |f: &crate::spec::Fault| Fault::at(format!("/spec{}", f.pointer), &f.detail);
-    // On its preset, which has values for parameters that are newer than the model.
+/// Checks the request of a failed model like a new one, because limits may have changed.
+async fn check_again(state: &AppState, failed: &Job) -> Result<CheckedModel, Problem> {
+    // The preset has values for parameters that are newer than the model.
     let spec = match preset(&failed.preset) {
         Some(preset) => ModelSpec::resolve(preset, &failed.spec),
         None => ModelSpec::from_json(&failed.spec),
     };
     let spec = spec.map_err(|faults| {
         let detail = "The spec of the model is not valid in this version of the service; see errors.";
-        Problem::new(Kind::InvalidRequest, detail).with_errors(faults.iter().map(fault).collect())
+        Problem::new(Kind::InvalidRequest, detail)
+            .with_errors(faults.into_iter().map(|fault| fault.within("/spec")).collect::<Vec<_>>())
     })?;
     let request = ModelRequest {
         preset: failed.preset.clone(),

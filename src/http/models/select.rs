@@ -1,9 +1,9 @@
 //! Query parameters that select models.
 
-use super::request::LABELS_MAX;
+use super::request::MAX_LABELS;
 use crate::http::access::Caller;
 use crate::http::wire::extract::{Parameters, parse_id};
-use crate::http::wire::faults::{Fault, Faults};
+use crate::http::wire::faults::{Faults, RequestFault};
 use crate::jobs::{BatchId, JobId, ListFilter, Status};
 use jiff::Timestamp;
 use utoipa::IntoParams;
@@ -35,40 +35,44 @@ pub(super) struct Conditions {
     created_before: Option<String>,
 }
 
-/// Names of the parameters that narrow lists of models, and requests to cancel or delete many.
+/// Names of the parameters that filter lists of models, and requests to cancel or delete many
+/// models.
 pub(in crate::http) const CONDITIONS: [&str; 7] =
     ["status", "preset", "label", "batch", "owner", "created_after", "created_before"];
 
-/// Most ids of one request.
-const IDS_MAX: usize = 100;
-/// Members of a page by default.
-const PAGE: u32 = 20;
-/// Most members of a page.
-const PAGE_MAX: u32 = 100;
+/// Maximum number of ids in a request.
+const MAX_IDS: usize = 100;
+/// Default number of members of a page.
+const DEFAULT_PAGE: u32 = 20;
+/// Maximum number of members of a page.
+const MAX_PAGE: u32 = 100;
 
-/// The models that the parameters select among those that the caller sees. Parameters of other names are passed over; which
-/// ones a route has is checked by [`Parameters::faults`].
+/// The filter that the parameters describe, limited to models that the caller may see. Ignores
+/// parameters with other names; [`Parameters::faults`] checks which ones a route has.
 pub(in crate::http) fn read(parameters: &Parameters, caller: &Caller, faults: &mut Faults) -> ListFilter {
     let mut filter = ListFilter { owner: caller.only().map(str::to_owned), ..ListFilter::default() };
     for (name, value) in &parameters.0 {
         if let Err(detail) = add(&mut filter, name, value, caller) {
-            faults.push(Fault::parameter(name, detail));
+            faults.push(RequestFault::parameter(name, detail));
         }
     }
     filter
 }
 
-/// Adds the condition of one parameter. Fails with what is wrong with its value.
+/// Adds the condition of one parameter to the filter.
+///
+/// # Errors
+/// Returns the detail of the fault.
 fn add(filter: &mut ListFilter, name: &str, value: &str, caller: &Caller) -> Result<(), String> {
     match name {
-        // No record holds NUL, and PostgreSQL refuses it in a query.
+        // No record contains NUL, and PostgreSQL refuses it in a query.
         "preset" | "label" | "owner" if value.contains('\0') => return Err("must not contain NUL".into()),
         "status" => {
             let status = serde_json::from_value::<Status>(value.into());
             filter.status = Some(status.map_err(|_| "must be queued, running, succeeded, failed or cancelled")?);
         }
         "preset" => filter.preset = Some(value.to_owned()),
-        "label" if filter.labels.len() == LABELS_MAX => return Err(format!("may be given at most {LABELS_MAX} times")),
+        "label" if filter.labels.len() == MAX_LABELS => return Err(format!("may be given at most {MAX_LABELS} times")),
         "label" => {
             let (key, value) = value.split_once(':').ok_or("must be a key and a value, separated by a colon")?;
             filter.labels.push((key.to_owned(), value.to_owned()));
@@ -89,27 +93,39 @@ fn add(filter: &mut ListFilter, name: &str, value: &str, caller: &Caller) -> Res
     Ok(())
 }
 
-/// The page that the parameters ask for: how many members, and before which id.
+/// The requested page: its number of members, and the id before which it starts.
 pub(in crate::http) fn page(parameters: &Parameters, faults: &mut Faults) -> (u32, Option<JobId>) {
-    let limit = parameters.get("limit").map_or(Some(PAGE), |value| value.parse().ok());
-    let limit = limit.filter(|limit| (1..=PAGE_MAX).contains(limit)).unwrap_or_else(|| {
-        faults.push(Fault::parameter("limit", format!("must be an integer from 1 to {PAGE_MAX}")));
-        PAGE
+    let limit = parameters.get("limit").map_or(Some(DEFAULT_PAGE), |value| value.parse().ok());
+    let limit = limit.filter(|limit| (1..=MAX_PAGE).contains(limit)).unwrap_or_else(|| {
+        faults.push(RequestFault::parameter("limit", format!("must be an integer from 1 to {MAX_PAGE}")));
+        DEFAULT_PAGE
     });
     let before = parameters.get("cursor").and_then(|value| {
         let id = parse_id(value);
         if id.is_none() {
-            faults.push(Fault::parameter("cursor", "must be the `next` of a page"));
+            faults.push(RequestFault::parameter("cursor", "must be the `next` of a page"));
         }
         id
     });
     (limit, before)
 }
 
+/// Reads the parameter `name`, `true` or `false`; false if it is absent.
+pub(in crate::http) fn flag(parameters: &Parameters, name: &str, faults: &mut Faults) -> bool {
+    match parameters.get(name) {
+        Some("true") => true,
+        None | Some("false") => false,
+        Some(_) => {
+            faults.push(RequestFault::parameter(name, "must be true or false"));
+            false
+        }
+    }
+}
+
 fn ids(value: &str) -> Result<Vec<JobId>, String> {
     let texts: Vec<&str> = value.split(',').collect();
-    if texts.len() > IDS_MAX {
-        return Err(format!("may have at most {IDS_MAX} ids, not {}", texts.len()));
+    if texts.len() > MAX_IDS {
+        return Err(format!("may have at most {MAX_IDS} ids, not {}", texts.len()));
     }
     let id = |text: &&str| {
         parse_id(text.trim()).ok_or_else(|| format!("must be ids of models, separated by commas; `{text}` is none"))
@@ -155,7 +171,7 @@ mod tests {
 
     #[test]
     fn each_fault_names_its_parameter() {
-        let many = [ID; IDS_MAX + 1].join(",");
+        let many = [ID; MAX_IDS + 1].join(",");
         let wrong = [
             ("ids", ""),
             ("ids", "7"),

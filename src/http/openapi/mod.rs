@@ -17,9 +17,9 @@ mod schemas;
 pub(in crate::http) mod shapes;
 mod spec;
 
-use super::dto::{DeletedEvent, ModelEvent};
+use super::models::model::{DeletedEvent, ModelEvent};
 use crate::generate::{Backend, Output};
-use crate::http::wire::faults::Fault;
+use crate::http::wire::faults::RequestFault;
 use crate::http::wire::problem::ProblemBody;
 use crate::measure::Certificate;
 use crate::model::{BodyKind, LengthUnit};
@@ -32,7 +32,7 @@ use utoipa::OpenApi;
 
 #[derive(OpenApi)]
 #[openapi(
-    components(schemas(crate::http::models::detail::Detail, ProblemBody, Fault, Backend, Output, BodyKind, LengthUnit, crate::http::pictures::sections::Format, crate::http::pictures::slides::Stain, crate::render::NamedView, super::batches::table::TableFormat,
+    components(schemas(crate::http::models::model::Detail, ProblemBody, RequestFault, Backend, Output, BodyKind, LengthUnit, crate::http::pictures::sections::SectionFormat, crate::http::pictures::slides::Stain, crate::render::NamedView, super::batches::table::TableFormat,
         super::batches::archive::ArchiveFormat, ModelEvent, DeletedEvent, Certificate)),
     tags(
         (name = "models", description = "Request, find, cancel and delete models"),

@@ -2,7 +2,7 @@
 
 use super::spec;
 use crate::http::Limits;
-use crate::http::batches::BatchRequest;
+use crate::http::batches::request::BatchRequest;
 use crate::http::models::request::ModelRequest;
 use crate::http::wire::problem::{Kind, TYPE_PREFIX};
 use serde_json::{Value, json};

@@ -1,4 +1,5 @@
-//! `GET /models/{id}/course`: the centre line that a model follows, with a frame at each place.
+//! `GET /models/{id}/course`: the centre line that a model follows, with a local frame at each
+//! point.
 
 use crate::export::course::CourseDocument;
 use crate::http::AppState;
@@ -7,7 +8,7 @@ use crate::http::models::files::{IMMUTABLE, find_model};
 use crate::http::wire::blocking::blocking;
 use crate::http::wire::conditional::ETag;
 use crate::http::wire::extract::ModelId;
-use crate::http::wire::problem::Problem;
+use crate::http::wire::problem::{Kind, Problem};
 use crate::http::wire::responses::{ModelMissing, StoreAway};
 use axum::Json;
 use axum::extract::State;
@@ -58,7 +59,7 @@ pub(in crate::http) async fn course(
     let course =
         blocking("Making the course", move || CourseDocument::of_stored(&job.spec)).await?.ok_or_else(|| {
             tracing::error!("a stored specification has no course");
-            Problem::new(crate::http::wire::problem::Kind::Internal, "The course of the model cannot be read.")
+            Problem::new(Kind::Internal, "The course of the model cannot be read.")
         })?;
     let headers = [(header::ETAG, tag.header()?), (header::CACHE_CONTROL, IMMUTABLE)];
     Ok((headers, Json(CourseAnswer { model: id.0, course })).into_response())

@@ -2,8 +2,8 @@
 //! picture.
 
 use super::draw::turn;
-use super::sections::{Format, Png, SVG, representation};
-use super::slides::{PARAMETERS, Place, Stain, Style, respond};
+use super::sections::{Png, SVG, SectionFormat, representation};
+use super::slides::{PARAMETERS, SlideSource, SlideStyle, Stain, respond};
 use super::surfaces;
 use crate::export::cut::CutDocument;
 use crate::export::svg::cut_svg;
@@ -14,7 +14,7 @@ use crate::http::models::files::{IMMUTABLE, find_model};
 use crate::http::wire::blocking::blocking;
 use crate::http::wire::conditional::ETag;
 use crate::http::wire::extract::{ModelId, Parameters};
-use crate::http::wire::faults::{Fault, Faults};
+use crate::http::wire::faults::{Faults, RequestFault};
 use crate::http::wire::problem::{Kind, Problem};
 use crate::http::wire::responses::{CutMissing, CutProblems, Inacceptable, PictureAway};
 use crate::jobs::Job;
@@ -55,7 +55,7 @@ pub(super) struct CutAnswer {
         ("z_um" = Option<f64>, Query, minimum = -1e12, maximum = 1e12, description = "Place along the tube of a plane across it, µm: along its centre line, if it is bent; u and v are x and y of the cross section there"),
         ("origin_um" = Option<String>, Query, pattern = "^[-+0-9.eE ]+(,[-+0-9.eE ]+){2}$", description = "A point of the plane, µm: `x,y,z`; with `normal`, instead of `z_um`", example = "0,0,30000"),
         ("normal" = Option<String>, Query, pattern = "^[-+0-9.eE ]+(,[-+0-9.eE ]+){2}$", description = "Normal of the plane, of any length: `x,y,z`", example = "0,1,0"),
-        ("format" = Option<Format>, Query, description = "`json`, `svg` or `png`; takes precedence over `Accept`. `size`, `stain` and `labels` ask for `png`"),
+        ("format" = Option<SectionFormat>, Query, description = "`json`, `svg` or `png`; takes precedence over `Accept`. `size`, `stain` and `labels` ask for `png`"),
         ("size" = Option<u32>, Query, minimum = 32, maximum = 2048, description = "Longer side of a PNG picture, pixels; 1024 by default"),
         ("stain" = Option<Stain>, Query, description = "Stain of a PNG picture: `he`, haematoxylin and eosin, the default"),
         ("labels" = Option<bool>, Query, description = "`true`: the tissue of each pixel as an 8-bit grey value, without a scale bar, instead of a stain"),
@@ -81,22 +81,22 @@ pub(in crate::http) async fn cut(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let job = find_model(&state, &caller, id).await?;
-    let (across, format, style) = asked(&parameters, &headers)?;
+    let (plane, format, style) = read_parameters(&parameters, &headers)?;
     let (file, kind) = surfaces::file(&job)?;
-    let plane = across.plane(&job).await?;
+    let plane = plane.resolve(&job).await?;
     let key = format!("{}-{:x}", file.sha256, plane.digest());
     let vary = (header::VARY, HeaderValue::from_static("accept"));
-    if format == Format::Png {
-        let place = Place { job: &job, key: &key, index: plane.digest() as u32 };
+    if format == SectionFormat::Png {
+        let source = SlideSource { job: &job, key: &key, index: plane.digest() as u32 };
         let read = async {
             let body = surfaces::read(&state, &file, kind).await?;
             blocking("Making the cut", move || borders(&body, &plane)).await?
         };
-        let mut response = respond(&state, &caller, place, style, &method, &headers, read).await?;
+        let mut response = respond(&state, &caller, source, style, &method, &headers, read).await?;
         response.headers_mut().insert(vary.0, vary.1);
         return Ok(response);
     }
-    let tag = ETag::strong(format_args!("{key}-{}", if format == Format::Svg { "svg" } else { "json" }));
+    let tag = ETag::strong(format_args!("{key}-{}", if format == SectionFormat::Svg { "svg" } else { "json" }));
     if tag.matches_none(&headers) {
         return Ok(([vary], tag.not_modified(IMMUTABLE)?).into_response());
     }
@@ -109,24 +109,24 @@ pub(in crate::http) async fn cut(
     });
     let cut = made.await??;
     let headers = [(header::ETAG, tag.header()?), (header::CACHE_CONTROL, IMMUTABLE), vary];
-    if format == Format::Svg {
+    if format == SectionFormat::Svg {
         let kind = (header::CONTENT_TYPE, HeaderValue::from_static(SVG));
         return Ok((headers, [kind], cut_svg(&cut)).into_response());
     }
     Ok((headers, Json(CutAnswer { model: id.0, file: file.name, cut: cut.into() })).into_response())
 }
 
-/// Which plane is asked for.
+/// The plane of a request.
 #[derive(Clone, Copy)]
-enum Asked {
-    /// Across the tube, at a place along it.
+enum CutPlane {
+    /// Across the tube, at a distance along it, µm.
     Across(f64),
     Through(Plane),
 }
 
-impl Asked {
-    /// The plane in the files of a model, which may be bent.
-    async fn plane(self, job: &Job) -> Result<Plane, Problem> {
+impl CutPlane {
+    /// The plane in the coordinates of a model, which may be bent.
+    async fn resolve(self, job: &Job) -> Result<Plane, Problem> {
         let z_um = match self {
             Self::Through(plane) => return Ok(plane),
             Self::Across(z_um) => z_um,
@@ -157,7 +157,7 @@ fn missed(body: &Body<'_>, plane: &Plane) -> Problem {
     Problem::new(Kind::CutNotFound, detail)
 }
 
-/// Where the plane meets mucosa and outside.
+/// Intersections of the plane with the mucosa and with the outer wall.
 fn borders(body: &Body<'_>, plane: &Plane) -> Result<[Border; 2], Problem> {
     let found = body.borders(plane).ok_or_else(|| {
         tracing::error!("a stored surface has no patches");
@@ -166,31 +166,33 @@ fn borders(body: &Body<'_>, plane: &Plane) -> Result<[Border; 2], Problem> {
     if found.iter().all(|border| border.lines.is_empty()) { Err(missed(body, plane)) } else { Ok(found) }
 }
 
-/// The plane, the representation, and what it shows if it is a picture.
-fn asked(parameters: &Parameters, headers: &HeaderMap) -> Result<(Asked, Format, Style), Problem> {
+/// Reads the plane, the representation, and the style of a picture.
+fn read_parameters(
+    parameters: &Parameters,
+    headers: &HeaderMap,
+) -> Result<(CutPlane, SectionFormat, SlideStyle), Problem> {
     let [size, stain, labels] = PARAMETERS;
     let mut faults = parameters.faults(&["z_um", "origin_um", "normal", "format", size, stain, labels], &[]);
-    let plane = plane(parameters, &mut faults);
+    let plane = read_plane(parameters, &mut faults);
     let (format, style) = representation(parameters, headers, faults)?;
     Ok((plane, format, style))
 }
 
-fn plane(parameters: &Parameters, faults: &mut Faults) -> Asked {
-    let anything = Asked::Across(0.0);
+fn read_plane(parameters: &Parameters, faults: &mut Faults) -> CutPlane {
     let mut fault = |name: &str, detail: &str| {
-        faults.push(Fault::parameter(name, detail));
-        anything
+        faults.push(RequestFault::parameter(name, detail));
+        CutPlane::Across(0.0)
     };
     match [parameters.get("z_um"), parameters.get("origin_um"), parameters.get("normal")] {
         [Some(z), None, None] => match number(z) {
-            Some(z) => Asked::Across(z),
+            Some(z) => CutPlane::Across(z),
             None => fault("z_um", "must be a number of micrometres"),
         },
         [None, Some(origin), Some(normal)] => match (vector(origin), vector(normal)) {
             (None, _) => fault("origin_um", "must be three numbers, x,y,z"),
             (_, None) => fault("normal", "must be three numbers, x,y,z"),
             (Some(origin), Some(normal)) => {
-                Plane::through(origin, normal).map_or_else(|| fault("normal", "must not be zero"), Asked::Through)
+                Plane::through(origin, normal).map_or_else(|| fault("normal", "must not be zero"), CutPlane::Through)
             }
         },
         [None, None, None] => fault("z_um", "is required, or origin_um and normal"),
@@ -200,7 +202,7 @@ fn plane(parameters: &Parameters, faults: &mut Faults) -> Asked {
     }
 }
 
-/// A place, far from where squares overflow.
+/// Parses a coordinate. The bound prevents overflows of squares.
 fn number(text: &str) -> Option<f64> {
     text.trim().parse().ok().filter(|x: &f64| x.abs() <= 1e12)
 }

@@ -1,11 +1,13 @@
-//! Drawing on request: a few pictures at a time on blocking threads, others wait for a bounded time, and those that were asked
-//! for lately are kept in memory, since many clients show the same ones.
+//! Drawing on request. A few pictures are drawn at a time, on blocking threads; other requests wait
+//! for a bounded time. Recent pictures are kept in memory, because many clients show the same ones.
 
 use super::queue::Turn;
 use crate::clock::Stopwatch;
 use crate::http::AppState;
 use crate::http::access::Caller;
 use crate::http::wire::conditional::ETag;
+use crate::http::wire::extract::Parameters;
+use crate::http::wire::faults::{Faults, RequestFault};
 use crate::http::wire::problem::{Kind, Problem};
 use crate::mesh::LoftError;
 use crate::render::{MEDIA_TYPE, RenderError};
@@ -16,15 +18,16 @@ use bytes::Bytes;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
 
-/// Longest side of a picture, pixels.
-pub(super) const SIZES: RangeInclusive<u32> = 32..=2048;
-/// Longest side if none is asked for.
-pub(super) const SIZE: u32 = 1024;
+/// Longer side of a picture, in pixels.
+const SIZES: RangeInclusive<u32> = 32..=2048;
+/// Default of the longer side, in pixels.
+const DEFAULT_SIZE: u32 = 1024;
 
-/// A model never changes, but another version of the service may draw it in another way.
+/// `Cache-Control` of pictures. A model never changes, but another version of the service may draw
+/// it differently.
 pub(super) const A_DAY: HeaderValue = HeaderValue::from_static("private, max-age=86400");
 
-/// Why a picture was not drawn.
+/// Failure to draw a picture or page.
 #[derive(Debug, thiserror::Error)]
 pub(in crate::http) enum DrawError {
     #[error("the sections cannot be lofted")]
@@ -35,13 +38,18 @@ pub(in crate::http) enum DrawError {
     Page(#[source] ReportError),
 }
 
-/// The size that a parameter asks for; `Err` with a sentence if it is none.
-pub(in crate::http) fn size(text: Option<&str>) -> Result<u32, String> {
-    text.map_or(Some(SIZE), |text| text.parse().ok().filter(|size| SIZES.contains(size)))
-        .ok_or_else(|| format!("must be a whole number from {} to {}", SIZES.start(), SIZES.end()))
+/// Reads the parameter `size`.
+pub(super) fn read_size(parameters: &Parameters, faults: &mut Faults) -> u32 {
+    let Some(text) = parameters.get("size") else { return DEFAULT_SIZE };
+    text.parse().ok().filter(|size| SIZES.contains(size)).unwrap_or_else(|| {
+        let detail = format!("must be a whole number from {} to {}", SIZES.start(), SIZES.end());
+        faults.push(RequestFault::parameter("size", detail));
+        DEFAULT_SIZE
+    })
 }
 
-/// The picture with this tag: one that is kept, or one that is drawn, when it is its turn, from what `read` gives.
+/// The picture with this tag, if it is kept. Otherwise waits for a turn, reads the input of the
+/// picture and draws it.
 pub(in crate::http) async fn picture<T: Send + 'static>(
     state: &AppState,
     caller: &Caller,
@@ -57,21 +65,22 @@ pub(in crate::http) async fn picture<T: Send + 'static>(
     if let Some(png) = kept(state, tag) {
         return Ok(png);
     }
-    let shown = read.await?;
+    let input = read.await?;
     let (pictures, metrics, tag) = (Arc::clone(&state.pictures), state.metrics.clone(), tag.clone());
     let drawn = tokio::task::spawn_blocking(move || {
-        // The turn is over when the threads are free, and the picture is kept, even if the client has gone.
+        // Even if the client disconnects, the turn lasts as long as the thread works, and the
+        // picture is kept.
         let _turn = turn;
         let begun = Stopwatch::start();
-        let png = Bytes::from(draw(shown)?);
+        let png = Bytes::from(draw(input)?);
         metrics.picture_drawn(begun.elapsed());
-        pictures.keep(tag, png.clone());
+        pictures.keep_picture(tag, png.clone());
         Ok::<_, DrawError>(png)
     });
     drawn.await.map_err(|error| failed(&error))?.map_err(|error| failed(&error))
 }
 
-/// The answer with a picture.
+/// The response with a picture.
 pub(in crate::http) fn answer(state: &AppState, method: &Method, tag: &ETag, png: Bytes) -> Result<Response, Problem> {
     if method == Method::GET {
         state.metrics.bytes_out(png.len() as u64);
@@ -82,12 +91,12 @@ pub(in crate::http) fn answer(state: &AppState, method: &Method, tag: &ETag, png
 }
 
 fn kept(state: &AppState, tag: &ETag) -> Option<Bytes> {
-    let png = state.pictures.kept(tag)?;
+    let png = state.pictures.picture(tag)?;
     state.metrics.picture("kept");
     Some(png)
 }
 
-/// Room for one more picture that is drawn.
+/// Waits for a turn to draw.
 pub(in crate::http) async fn turn(state: &AppState, caller: &Caller) -> Result<Turn, Problem> {
     state.pictures.turn(caller.owner(), state.limits.picture_wait).await.ok_or_else(|| {
         state.metrics.picture("refused");

@@ -1,14 +1,13 @@
-//! What is drawn or cut from a stored model when it is asked for.
+//! Pictures and other views of stored models, created on request.
 //!
 //! | file | subject |
 //! |---|---|
 //! | `preview`, `slides` | pictures of a model, and of its sections as histological slides |
-//! | `sections`, `cut`, `course` | recorded sections, planar cuts of the surface, the centreline |
+//! | `sections`, `cut`, `course` | recorded sections, planar cuts of the surface, the centre line |
 //! | `report_page` | the report as a page |
-//! | `queue`, `draw` | how many pictures are drawn at a time, and the answer with one |
-//! | `surfaces`, `bodies` | surfaces that are read from the artifact store, and those kept in memory |
+//! | `draw`, `queue` | drawing a picture; turns, and the pictures and surfaces kept in memory |
+//! | `surfaces` | surfaces, read from the artifact store |
 
-pub(in crate::http) mod bodies;
 pub(in crate::http) mod course;
 pub(in crate::http) mod cut;
 pub(in crate::http) mod draw;

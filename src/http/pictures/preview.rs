@@ -1,15 +1,13 @@
 //! `GET /models/{id}/preview.png`: a picture of a model, drawn on request.
-//!
-//! [`super::draw`] says how requests for pictures share the threads.
 
-use super::draw::{A_DAY, SIZE, answer, picture, size};
+use super::draw::{A_DAY, answer, picture, read_size};
 use super::sections;
 use crate::http::AppState;
 use crate::http::access::Caller;
 use crate::http::models::files::{find, permit};
 use crate::http::wire::conditional::ETag;
 use crate::http::wire::extract::{ModelId, Parameters};
-use crate::http::wire::faults::Fault;
+use crate::http::wire::faults::RequestFault;
 use crate::http::wire::problem::Problem;
 use crate::http::wire::responses::{BadParameters, FileMissing, PictureAway};
 use crate::jobs::File;
@@ -47,13 +45,13 @@ pub(in crate::http) async fn preview(
     method: Method,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let (view, size) = options(&parameters)?;
+    let (view, size) = read_parameters(&parameters)?;
     let (job, file) = find(&state, &caller, id, "sections.bin").await?;
     let tag = ETag::strong(format_args!("{}-{}-{size}-{}", file.sha256, view.name(), env!("CARGO_PKG_VERSION")));
     if tag.matches_none(&headers) {
         return tag.not_modified(A_DAY);
     }
-    let png = picture(&state, &caller, &tag, shown(&state, &file, view, size), move |sections| {
+    let png = picture(&state, &caller, &tag, sections_in_view(&state, &file, view, size), move |sections| {
         let mesh = tube(&sections, &job.spec)?;
         drop(sections);
         Ok(mesh_png(&mesh, &view.of(&mesh, size))?)
@@ -62,22 +60,24 @@ pub(in crate::http) async fn preview(
     answer(&state, &method, &tag, png)
 }
 
-fn options(parameters: &Parameters) -> Result<(NamedView, u32), Problem> {
+fn read_parameters(parameters: &Parameters) -> Result<(NamedView, u32), Problem> {
     let mut faults = parameters.faults(&["view", "size"], &[]);
     let view = parameters.get("view").map_or(Ok(NamedView::default()), str::parse).unwrap_or_else(|error| {
-        faults.push(Fault::parameter("view", error.to_string()));
+        faults.push(RequestFault::parameter("view", error.to_string()));
         NamedView::default()
     });
-    let size = size(parameters.get("size")).unwrap_or_else(|detail| {
-        faults.push(Fault::parameter("size", detail));
-        SIZE
-    });
+    let size = read_size(parameters, &mut faults);
     Problem::check(faults)?;
     Ok((view, size))
 }
 
-/// The sections in a picture; no others are read.
-pub(super) async fn shown(state: &AppState, file: &File, view: NamedView, size: u32) -> Result<Vec<Section>, Problem> {
+/// Reads the sections that a picture shows, and no others.
+pub(super) async fn sections_in_view(
+    state: &AppState,
+    file: &File,
+    view: NamedView,
+    size: u32,
+) -> Result<Vec<Section>, Problem> {
     let _download = permit(state)?;
     let entries = sections::read_index(state, file).await?;
     let end = match end(view, entries.len()) {

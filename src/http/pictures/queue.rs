@@ -1,127 +1,155 @@
-//! What the requests for pictures share: turns to draw, and the pictures that were asked for lately.
+//! State of the pictures of a service: turns to draw them, and the results of recent requests.
 
+use crate::geometry::cut::Body;
 use crate::http::wire::conditional::ETag;
+use crate::lock::Mutex;
 use bytes::Bytes;
 use std::collections::{HashMap, VecDeque};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-/// Most bytes of pictures in memory.
-const KEPT_BYTES: usize = 16 << 20;
-/// Most requests that wait for a turn or have one.
-const MOST_WAITING: usize = 64;
-/// Most of them from keys of one owner, so that others get a place. A browser asks for six at a time.
-const MOST_OF_OWNER: usize = 16;
+/// Maximum size of the kept pictures, in bytes.
+const MAX_PICTURE_BYTES: usize = 16 << 20;
+/// Maximum size of the kept surfaces, in bytes. The surface used last is kept even if it is larger.
+const MAX_SURFACE_BYTES: usize = 128 << 20;
+/// Maximum number of requests that wait for a turn or have one.
+const MAX_REQUESTS: usize = 64;
+/// Maximum number of these requests per owner, which leaves places for other owners. A browser
+/// sends six at a time.
+const MAX_REQUESTS_OF_OWNER: usize = 16;
 
-/// Turns and pictures.
+/// A surface of a model, prepared for cuts.
+pub(super) type Surface = Arc<Body<'static>>;
+
+/// Turns to draw, recent pictures and recent surfaces.
 pub(in crate::http) struct Pictures {
     turns: Arc<Semaphore>,
-    waiting: Arc<Mutex<Waiting>>,
-    recent: Mutex<Kept>,
+    requests: Arc<Mutex<PictureRequests>>,
+    pictures: Mutex<Recent<ETag, Bytes>>,
+    surfaces: Mutex<Recent<String, Surface>>,
 }
 
-/// Permission to draw a picture, until it is dropped.
+/// The turn of a request to draw, until it is dropped.
 pub(in crate::http) struct Turn {
-    _place: Place,
+    _place: QueuePlace,
     _permit: OwnedSemaphorePermit,
 }
 
 impl Pictures {
-    /// Gives at most `most` turns at a time.
-    pub(in crate::http) fn new(most: usize) -> Self {
-        Self { turns: Arc::new(Semaphore::new(most)), waiting: Arc::default(), recent: Mutex::default() }
+    /// Grants at most `max_turns` turns at a time.
+    pub(in crate::http) fn new(max_turns: usize) -> Self {
+        Self {
+            turns: Arc::new(Semaphore::new(max_turns)),
+            requests: Arc::default(),
+            pictures: Mutex::default(),
+            surfaces: Mutex::default(),
+        }
     }
 
-    /// A turn to draw, first come, first served; none if `wait` passes before, or if too many wait.
+    /// Waits for a turn, first come, first served. `None` if the turn takes longer than `wait`, or
+    /// if too many requests wait.
     pub(in crate::http) async fn turn(&self, owner: Option<&str>, wait: Duration) -> Option<Turn> {
-        let place = Place::new(&self.waiting, owner)?;
+        let place = QueuePlace::new(&self.requests, owner)?;
         let permit = tokio::time::timeout(wait, Arc::clone(&self.turns).acquire_owned()).await.ok()?.ok()?;
         Some(Turn { _place: place, _permit: permit })
     }
 
-    /// The picture with this tag, if it is in memory.
-    pub(in crate::http) fn kept(&self, tag: &ETag) -> Option<Bytes> {
-        self.recent().get(tag)
+    /// The picture with this tag, if it is kept.
+    pub(super) fn picture(&self, tag: &ETag) -> Option<Bytes> {
+        self.pictures.lock().get(tag)
     }
 
-    /// Keeps a picture as long as there is room.
-    pub(in crate::http) fn keep(&self, tag: ETag, png: Bytes) {
-        self.recent().put(tag, png);
+    /// Keeps a picture.
+    pub(super) fn keep_picture(&self, tag: ETag, png: Bytes) {
+        // A larger picture would displace all others.
+        if png.len() <= MAX_PICTURE_BYTES {
+            self.pictures.lock().put(tag, png, MAX_PICTURE_BYTES, Bytes::len);
+        }
     }
 
-    fn recent(&self) -> MutexGuard<'_, Kept> {
-        lock(&self.recent)
+    /// The surface in the file with this SHA-256, if it is kept.
+    pub(super) fn surface(&self, sha256: &str) -> Option<Surface> {
+        self.surfaces.lock().get(sha256)
+    }
+
+    /// Keeps a surface.
+    pub(super) fn keep_surface(&self, sha256: &str, surface: Surface) {
+        self.surfaces.lock().put(sha256.to_owned(), surface, MAX_SURFACE_BYTES, |surface| surface.bytes());
     }
 }
 
-/// Number of requests that wait or draw, in all and by owner of their key.
+/// Number of requests that wait for a turn or have one, in total and by owner of their key.
 #[derive(Default)]
-struct Waiting {
+struct PictureRequests {
     all: usize,
     by_owner: HashMap<String, usize>,
 }
 
-/// One of the requests in [`Waiting`].
-struct Place {
-    waiting: Arc<Mutex<Waiting>>,
+/// A request that [`PictureRequests`] counts, until it is dropped.
+struct QueuePlace {
+    requests: Arc<Mutex<PictureRequests>>,
     owner: Option<String>,
 }
 
-impl Place {
-    fn new(waiting: &Arc<Mutex<Waiting>>, owner: Option<&str>) -> Option<Self> {
-        let mut now = lock(waiting);
-        let own = owner.and_then(|owner| now.by_owner.get(owner).copied()).unwrap_or(0);
-        if now.all >= MOST_WAITING || own >= MOST_OF_OWNER {
+impl QueuePlace {
+    fn new(requests: &Arc<Mutex<PictureRequests>>, owner: Option<&str>) -> Option<Self> {
+        let mut counts = requests.lock();
+        let own = owner.and_then(|owner| counts.by_owner.get(owner).copied()).unwrap_or(0);
+        if counts.all >= MAX_REQUESTS || own >= MAX_REQUESTS_OF_OWNER {
             return None;
         }
-        now.all += 1;
+        counts.all += 1;
         if let Some(owner) = owner {
-            now.by_owner.insert(owner.to_owned(), own + 1);
+            counts.by_owner.insert(owner.to_owned(), own + 1);
         }
-        Some(Self { waiting: Arc::clone(waiting), owner: owner.map(str::to_owned) })
+        Some(Self { requests: Arc::clone(requests), owner: owner.map(str::to_owned) })
     }
 }
 
-impl Drop for Place {
+impl Drop for QueuePlace {
     fn drop(&mut self) {
-        let mut now = lock(&self.waiting);
-        now.all -= 1;
+        let mut counts = self.requests.lock();
+        counts.all -= 1;
         if let Some(owner) = &self.owner
-            && let Some(own) = now.by_owner.get_mut(owner)
+            && let Some(own) = counts.by_owner.get_mut(owner)
         {
             *own -= 1;
             if *own == 0 {
-                now.by_owner.remove(owner);
+                counts.by_owner.remove(owner);
             }
         }
     }
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+/// Values by key, the one used last at the back.
+struct Recent<K, V>(VecDeque<(K, V)>);
+
+impl<K, V> Default for Recent<K, V> {
+    fn default() -> Self {
+        Self(VecDeque::new())
+    }
 }
 
-/// Pictures by entity tag, those used last at the back.
-#[derive(Default)]
-struct Kept(VecDeque<(ETag, Bytes)>);
-
-impl Kept {
-    fn get(&mut self, tag: &ETag) -> Option<Bytes> {
-        let place = self.0.iter().position(|(kept, _)| kept == tag)?;
+impl<K: PartialEq, V: Clone> Recent<K, V> {
+    fn get<Q: ?Sized>(&mut self, key: &Q) -> Option<V>
+    where
+        K: std::borrow::Borrow<Q>,
+        Q: PartialEq,
+    {
+        let place = self.0.iter().position(|(kept, _)| kept.borrow() == key)?;
         let entry = self.0.remove(place)?;
-        let png = entry.1.clone();
+        let value = entry.1.clone();
         self.0.push_back(entry);
-        Some(png)
+        Some(value)
     }
 
-    fn put(&mut self, tag: ETag, png: Bytes) {
-        if png.len() > KEPT_BYTES {
-            return;
-        }
-        self.0.retain(|(kept, _)| *kept != tag);
-        self.0.push_back((tag, png));
-        while self.0.iter().map(|(_, png)| png.len()).sum::<usize>() > KEPT_BYTES {
+    /// Adds a value. Removes those used longest ago until all have at most `max_bytes`, but never
+    /// the new one.
+    fn put(&mut self, key: K, value: V, max_bytes: usize, bytes: impl Fn(&V) -> usize) {
+        self.0.retain(|(kept, _)| *kept != key);
+        self.0.push_back((key, value));
+        while self.0.len() > 1 && self.0.iter().map(|(_, value)| bytes(value)).sum::<usize>() > max_bytes {
             self.0.pop_front();
         }
     }
@@ -130,20 +158,21 @@ impl Kept {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::sample::tube;
 
     #[tokio::test]
     async fn no_owner_takes_all_places() {
         let pictures = Pictures::new(1);
-        let ask = |owner| Place::new(&pictures.waiting, owner);
-        let mut of_one: Vec<Place> = (0..MOST_OF_OWNER).map(|_| ask(Some("a")).unwrap()).collect();
-        assert!(ask(Some("a")).is_none());
-        let others: Vec<Place> = (MOST_OF_OWNER..MOST_WAITING).map(|_| ask(None).unwrap()).collect();
-        assert!(ask(Some("b")).is_none(), "all places are taken");
+        let request = |owner| QueuePlace::new(&pictures.requests, owner);
+        let mut of_one: Vec<QueuePlace> = (0..MAX_REQUESTS_OF_OWNER).map(|_| request(Some("a")).unwrap()).collect();
+        assert!(request(Some("a")).is_none());
+        let others: Vec<QueuePlace> = (MAX_REQUESTS_OF_OWNER..MAX_REQUESTS).map(|_| request(None).unwrap()).collect();
+        assert!(request(Some("b")).is_none(), "all places are taken");
         drop(of_one.pop());
         assert!(pictures.turn(Some("a"), Duration::from_secs(60)).await.is_some());
         drop((of_one, others));
-        let now = lock(&pictures.waiting);
-        assert!(now.all == 0 && now.by_owner.is_empty());
+        let counts = pictures.requests.lock();
+        assert!(counts.all == 0 && counts.by_owner.is_empty());
     }
 
     #[tokio::test]
@@ -152,22 +181,41 @@ mod tests {
         assert!(pictures.turn(Some("a"), Duration::from_millis(1)).await.is_none());
         let waits = pictures.turn(Some("a"), Duration::from_secs(60));
         assert!(tokio::time::timeout(Duration::from_millis(1), waits).await.is_err());
-        assert_eq!(lock(&pictures.waiting).all, 0);
+        assert_eq!(pictures.requests.lock().all, 0);
     }
 
     #[test]
     fn pictures_that_were_not_used_for_longest_go_first() {
-        let mut kept = Kept::default();
-        let third = || Bytes::from(vec![0; KEPT_BYTES / 3]);
+        let pictures = Pictures::new(1);
+        let keep = |name: &str, bytes: usize| pictures.keep_picture(ETag::strong(name), Bytes::from(vec![0; bytes]));
+        let is_kept = |name: &str| pictures.picture(&ETag::strong(name)).is_some();
         for name in ["a", "b", "c"] {
-            kept.put(ETag::strong(name), third());
+            keep(name, MAX_PICTURE_BYTES / 3);
         }
-        assert!(kept.get(&ETag::strong("a")).is_some());
-        kept.put(ETag::strong("c"), third());
-        kept.put(ETag::strong("d"), third());
-        let left = ["a", "b", "c", "d"].map(|name| kept.get(&ETag::strong(name)).is_some());
-        assert_eq!(left, [true, false, true, true]);
-        kept.put(ETag::strong("e"), Bytes::from(vec![0; KEPT_BYTES + 1]));
-        assert_eq!(kept.0.len(), 3, "what is too large does not displace others");
+        assert!(is_kept("a"));
+        keep("c", MAX_PICTURE_BYTES / 3);
+        keep("d", MAX_PICTURE_BYTES / 3);
+        assert_eq!(["a", "b", "c", "d"].map(is_kept), [true, false, true, true]);
+        keep("e", MAX_PICTURE_BYTES + 1);
+        assert_eq!(pictures.pictures.lock().0.len(), 3, "what is too large does not displace others");
+    }
+
+    #[test]
+    fn the_surfaces_used_last_are_kept() {
+        let pictures = Pictures::new(1);
+        let surface = |vertices: usize| {
+            let mesh = tube(3, 1, 0.0);
+            Arc::new(Body::new(vec![[0.0; 3]; vertices], mesh.triangles, &[], 1e6))
+        };
+        let is_kept = |name: &str| pictures.surface(name).is_some();
+        // Three of them exceed the limit.
+        for name in ["a", "b"] {
+            pictures.keep_surface(name, surface(MAX_SURFACE_BYTES / 30));
+        }
+        assert!(is_kept("a"));
+        pictures.keep_surface("c", surface(MAX_SURFACE_BYTES / 30));
+        assert_eq!(["a", "b", "c"].map(is_kept), [true, false, true]);
+        pictures.keep_surface("large", surface(MAX_SURFACE_BYTES));
+        assert!(is_kept("large") && !is_kept("a") && !is_kept("c"));
     }
 }

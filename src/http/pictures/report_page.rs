@@ -1,7 +1,8 @@
-//! `GET /models/{id}/report.html`: the report of a model as a page, made on request like a picture.
+//! `GET /models/{id}/report.html`: the report of a model as a page, created on request like a
+//! picture.
 
 use super::draw::{A_DAY, DrawError, picture};
-use super::preview::shown;
+use super::preview::sections_in_view;
 use super::{sections, surfaces};
 use crate::http::AppState;
 use crate::http::access::Caller;
@@ -20,7 +21,7 @@ use axum::http::{HeaderMap, HeaderValue, Method, header};
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
 
-/// The page has its style and its pictures in it; nothing else is loaded, and nothing runs.
+/// The page contains its style and pictures. It loads nothing else and runs no scripts.
 const POLICY: HeaderValue =
     HeaderValue::from_static("default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'");
 
@@ -77,15 +78,15 @@ pub(in crate::http) async fn page(
     Ok((headers, html).into_response())
 }
 
-/// The stored report, the strip, and the sections of the picture of the tube. The strip shows cuts if the surface leans and can be
-/// cut.
+/// Reads the stored report, the strip of sections, and the sections for the picture of the tube. If
+/// the surface leans and can be cut, the strip shows cuts.
 async fn read(
     state: &AppState,
     job: &Job,
     stored: &File,
     sections_bin: &File,
 ) -> Result<(Bytes, Strip, Vec<Section>), Problem> {
-    let tube = shown(state, sections_bin, report::VIEW, report::PICTURE).await?;
+    let tube = sections_in_view(state, sections_bin, report::VIEW, report::PICTURE).await?;
     let (stored, chosen) = {
         let _download = permit(state)?;
         let entries = sections::read_index(state, sections_bin).await?;

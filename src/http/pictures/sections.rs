@@ -1,8 +1,8 @@
 //! `GET /models/{id}/sections/{k}`: one cross section, as JSON, as a drawing, or as a stained or labelled picture.
 //!
-//! Reads only the trailer, the index and this section from the artifact store, never the whole file.
+//! Only the trailer, the index and this section are read from the artifact store.
 
-use super::slides::{PARAMETERS, Place, Stain, Style, respond};
+use super::slides::{PARAMETERS, SlideSource, SlideStyle, Stain, respond};
 use crate::export::sections_bin::{SectionEntry, SectionsError, TRAILER_LEN, Trailer, read_section_from_bytes};
 use crate::export::svg::section_svg;
 use crate::http::AppState;
@@ -11,7 +11,7 @@ use crate::http::models::files::{IMMUTABLE, find, permit};
 use crate::http::wire::blocking::blocking;
 use crate::http::wire::conditional::ETag;
 use crate::http::wire::extract::{ModelId, Parameters, PathTexts};
-use crate::http::wire::faults::{Fault, Faults};
+use crate::http::wire::faults::{Faults, RequestFault};
 use crate::http::wire::headers::accept;
 use crate::http::wire::problem::{Kind, Problem};
 use crate::http::wire::responses::{BadParameters, Inacceptable, PictureAway, SectionMissing};
@@ -33,8 +33,8 @@ const PNG: &str = crate::render::MEDIA_TYPE;
 
 /// Representations of a section.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ToSchema)]
-#[schema(rename_all = "lowercase")]
-pub(in crate::http) enum Format {
+#[schema(as = Format, rename_all = "lowercase")]
+pub(in crate::http) enum SectionFormat {
     /// `application/json`.
     Json,
     /// `image/svg+xml`.
@@ -101,7 +101,7 @@ impl From<Ring> for RingAnswer {
     params(
         ("id" = Uuid, Path, description = "Id of the model"),
         ("k" = u32, Path, minimum = 0, description = "Index of the section, from 0 at the isthmus end"),
-        ("format" = Option<Format>, Query, description = "`json`, `svg` or `png`; takes precedence over `Accept`. `size`, `stain` and `labels` ask for `png`"),
+        ("format" = Option<SectionFormat>, Query, description = "`json`, `svg` or `png`; takes precedence over `Accept`. `size`, `stain` and `labels` ask for `png`"),
         ("size" = Option<u32>, Query, minimum = 32, maximum = 2048, description = "Longer side of a PNG picture, pixels; 1024 by default"),
         ("stain" = Option<Stain>, Query, description = "Stain of a PNG picture: `he`, haematoxylin and eosin, the default"),
         ("labels" = Option<bool>, Query, description = "`true`: the tissue of each pixel as an 8-bit grey value, without a scale bar, instead of a stain"),
@@ -133,26 +133,27 @@ pub(in crate::http) async fn section(
     let (job, file) = find(&state, &caller, id, "sections.bin").await?;
     let k = path.get("k");
     let k = k.parse::<u64>().map_err(|_| no_section(&format!("`{k}` is not the index of a section.")))?;
-    if format == Format::Png {
+    if format == SectionFormat::Png {
         let key = format!("{}-{k}", file.sha256);
-        let place = Place { job: &job, key: &key, index: u32::try_from(k).unwrap_or(u32::MAX) };
+        let source = SlideSource { job: &job, key: &key, index: u32::try_from(k).unwrap_or(u32::MAX) };
         let read = async {
             let _permit = permit(&state)?;
             Ok(read(&state, &file, k).await?.1.borders())
         };
-        let mut response = respond(&state, &caller, place, style, &method, &headers, read).await?;
+        let mut response = respond(&state, &caller, source, style, &method, &headers, read).await?;
         response.headers_mut().insert(header::VARY, HeaderValue::from_static("accept"));
         return Ok(response);
     }
     let _permit = permit(&state)?;
-    let tag = ETag::strong(format_args!("{}-{k}-{}", file.sha256, if format == Format::Svg { "svg" } else { "json" }));
+    let tag =
+        ETag::strong(format_args!("{}-{k}-{}", file.sha256, if format == SectionFormat::Svg { "svg" } else { "json" }));
     let (count, section) = read(&state, &file, k).await?;
     let vary = (header::VARY, HeaderValue::from_static("accept"));
     if tag.matches_none(&headers) {
         return Ok(([vary], tag.not_modified(IMMUTABLE)?).into_response());
     }
     let headers = [(header::ETAG, tag.header()?), (header::CACHE_CONTROL, IMMUTABLE), vary];
-    if format == Format::Svg {
+    if format == SectionFormat::Svg {
         let kind = (header::CONTENT_TYPE, HeaderValue::from_static(SVG));
         return Ok((headers, [kind], section_svg(&section)).into_response());
     }
@@ -170,35 +171,34 @@ pub(in crate::http) async fn section(
     Ok((headers, Json(answer)).into_response())
 }
 
-/// The representation, and what it shows if it is a picture; fails if there are faults, those found before included.
+/// Reads the representation, and the style of a picture. Fails if there are `faults`, including
+/// earlier ones.
 pub(in crate::http) fn representation(
     parameters: &Parameters,
     headers: &HeaderMap,
     mut faults: Faults,
-) -> Result<(Format, Style), Problem> {
-    let of_pictures = PARAMETERS.into_iter().find(|name| parameters.get(name).is_some());
-    let offers: &[&str] = if of_pictures.is_some() { &[PNG] } else { &[JSON, SVG, PNG] };
+) -> Result<(SectionFormat, SlideStyle), Problem> {
+    let picture_parameter = PARAMETERS.into_iter().find(|name| parameters.get(name).is_some());
+    let offers: &[&str] = if picture_parameter.is_some() { &[PNG] } else { &[JSON, SVG, PNG] };
     let format = match parameters.get("format") {
-        Some("json") => Some(Format::Json),
-        Some("svg") => Some(Format::Svg),
-        Some("png") => Some(Format::Png),
+        Some("json") => Some(SectionFormat::Json),
+        Some("svg") => Some(SectionFormat::Svg),
+        Some("png") => Some(SectionFormat::Png),
         Some(_) => {
-            faults.push(Fault::parameter("format", "must be json, svg or png"));
+            faults.push(RequestFault::parameter("format", "must be json, svg or png"));
             None
         }
         None => accept(headers, offers).map(|best| match best {
-            SVG => Format::Svg,
-            PNG => Format::Png,
-            _ => Format::Json,
+            SVG => SectionFormat::Svg,
+            PNG => SectionFormat::Png,
+            _ => SectionFormat::Json,
         }),
     };
-    if let (Some(name), Some(Format::Json | Format::Svg)) = (of_pictures, format) {
-        faults.push(Fault::parameter(name, "is for pictures only (format=png)"));
+    if let (Some(name), Some(SectionFormat::Json | SectionFormat::Svg)) = (picture_parameter, format) {
+        faults.push(RequestFault::parameter(name, "is for pictures only (format=png)"));
     }
-    let style = Style::read(parameters, &mut faults);
-    if !faults.is_empty() {
-        return Err(Problem::invalid(faults));
-    }
+    let style = SlideStyle::read(parameters, &mut faults);
+    Problem::check(faults)?;
     let offers = offers.join(", ");
     let format = format.ok_or_else(|| Problem::new(Kind::NotAcceptable, format!("It is served as {offers}.")))?;
     Ok((format, style))
@@ -208,7 +208,7 @@ fn no_section(detail: &str) -> Problem {
     Problem::new(Kind::SectionNotFound, detail)
 }
 
-/// The number of sections in `file`, and the one of index `k`.
+/// Reads the section with the index `k`. Returns the number of sections, too.
 async fn read(state: &AppState, file: &File, k: u64) -> Result<(u64, Section), Problem> {
     let entries = read_index(state, file).await?;
     let entry = usize::try_from(k).ok().and_then(|k| entries.get(k).copied());
@@ -219,7 +219,7 @@ async fn read(state: &AppState, file: &File, k: u64) -> Result<(u64, Section), P
     Ok((entries.len() as u64, section))
 }
 
-/// The index of a `sections.bin`; its sections are not read.
+/// Reads the index of a `sections.bin`.
 pub(super) async fn read_index(state: &AppState, file: &File) -> Result<Vec<SectionEntry>, Problem> {
     let end = file.bytes.checked_sub(TRAILER_LEN as u64).ok_or_else(|| damaged(&SectionsError::NotSections))?;
     let tail = part(state, file, end..file.bytes).await?;
@@ -232,7 +232,7 @@ pub(super) async fn read_index(state: &AppState, file: &File) -> Result<Vec<Sect
     trailer.parse_index(&index).map_err(|error| damaged(&error))
 }
 
-/// Sections of a `sections.bin` by their entries in its index; no others are read.
+/// Reads the sections of a `sections.bin` that have these entries in its index.
 pub(super) async fn read_entries(
     state: &AppState,
     file: &File,

@@ -1,11 +1,12 @@
-//! Sections as PNG: stained, or as label images; see docs/histology.md.
+//! Sections and cuts as PNG: stained, or with tissue labels; see docs/histology.md.
 
-use super::draw::{A_DAY, DrawError, SIZE, answer, picture, size};
+use super::draw::{A_DAY, DrawError, answer, picture, read_size};
 use crate::http::AppState;
 use crate::http::access::Caller;
+use crate::http::models::select::flag;
 use crate::http::wire::conditional::ETag;
 use crate::http::wire::extract::Parameters;
-use crate::http::wire::faults::{Fault, Faults};
+use crate::http::wire::faults::{Faults, RequestFault};
 use crate::http::wire::headers::UM_PER_PIXEL;
 use crate::http::wire::problem::{Kind, Problem};
 use crate::jobs::Job;
@@ -18,7 +19,7 @@ use axum::response::Response;
 use serde_json::{Value, json};
 use utoipa::ToSchema;
 
-/// The parameters of pictures of sections.
+/// Parameters of pictures of sections.
 pub(super) const PARAMETERS: [&str; 3] = ["size", "stain", "labels"];
 
 /// Stains.
@@ -30,60 +31,51 @@ pub(in crate::http) enum Stain {
     He,
 }
 
-/// What a picture shows.
+/// Size and content of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::http) struct Style {
+pub(in crate::http) struct SlideStyle {
     size: u32,
     labels: bool,
 }
 
-impl Style {
-    /// Reads the parameters of a picture.
+impl SlideStyle {
+    /// Reads the parameters [`PARAMETERS`].
     pub(in crate::http) fn read(parameters: &Parameters, faults: &mut Faults) -> Self {
-        let labels = match parameters.get("labels") {
-            Some("true") => true,
-            None | Some("false") => false,
-            Some(_) => {
-                faults.push(Fault::parameter("labels", "must be true or false"));
-                false
-            }
-        };
+        let labels = flag(parameters, "labels", faults);
         match parameters.get("stain") {
-            Some("he") if labels => faults.push(Fault::parameter("stain", "must be absent: labels are not stained")),
+            Some("he") if labels => {
+                faults.push(RequestFault::parameter("stain", "must be absent: labels are not stained"))
+            }
             None | Some("he") => {}
-            Some(_) => faults.push(Fault::parameter("stain", "must be he")),
+            Some(_) => faults.push(RequestFault::parameter("stain", "must be he")),
         }
-        let size = size(parameters.get("size")).unwrap_or_else(|detail| {
-            faults.push(Fault::parameter("size", detail));
-            SIZE
-        });
-        Self { size, labels }
+        Self { size: read_size(parameters, faults), labels }
     }
 }
 
 /// A section or a cut of a model.
-pub(in crate::http) struct Place<'a> {
+pub(in crate::http) struct SlideSource<'a> {
     pub(in crate::http) job: &'a Job,
-    /// Identifies the file and the place.
+    /// Part of the entity tag: identifies the file and the section or cut.
     pub(in crate::http) key: &'a str,
-    /// Number that the texture depends on.
+    /// Number that varies the texture.
     pub(in crate::http) index: u32,
 }
 
-/// The picture of a section or cut, whose borders `read` reads.
+/// The picture of a section or cut; `read` reads its borders.
 pub(in crate::http) async fn respond(
     state: &AppState,
     caller: &Caller,
-    place: Place<'_>,
-    style: Style,
+    source: SlideSource<'_>,
+    style: SlideStyle,
     method: &Method,
     headers: &HeaderMap,
     read: impl Future<Output = Result<[Border; 2], Problem>>,
 ) -> Result<Response, Problem> {
-    let Place { job, key, index } = place;
-    let Style { size, labels } = style;
+    let SlideSource { job, key, index } = source;
+    let SlideStyle { size, labels } = style;
     let what = if labels { "labels" } else { "he" };
-    // Seed and layers are those of the record, which its digest covers.
+    // The digest covers the seed and the layers.
     let version = env!("CARGO_PKG_VERSION");
     let tag = ETag::strong(format_args!("{}-{key}-{what}-{size}-{version}", job.digest));
     if tag.matches_none(headers) {
@@ -104,7 +96,7 @@ pub(in crate::http) async fn respond(
     Ok(response)
 }
 
-/// The layers of a model. One that was requested before layers were parameters has those of its preset.
+/// Layers of a model. Models of versions without these parameters have the layers of their preset.
 fn layers(job: &Job) -> Result<Layers, Problem> {
     let preset = preset(&job.preset).unwrap_or(&presets()[0]);
     let of = |patch: &Value| ModelSpec::resolve(preset, patch).ok().map(|spec| spec.histology.layers());

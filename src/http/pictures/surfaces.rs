@@ -1,8 +1,8 @@
-//! Surfaces of models as they are cut, read from the artifact store.
+//! Surfaces of models, read from the artifact store to cut them.
 
+use super::queue::Surface;
 use crate::export::convert::Converted;
 use crate::export::read::{Format, ReadError, parse};
-use crate::geometry::cut::Body;
 use crate::http::AppState;
 use crate::http::models::files::{permit, whole};
 use crate::http::wire::blocking::blocking;
@@ -10,7 +10,7 @@ use crate::http::wire::problem::{Kind, Problem};
 use crate::jobs::{File, Job};
 use std::sync::Arc;
 
-/// The files that can be cut, those that are read fastest first.
+/// Files that can be cut, those that are fastest to read first.
 const FILES: [(&str, Format); 5] = [
     ("model.glb", Format::Gltf),
     ("model.ply", Format::Ply),
@@ -18,10 +18,10 @@ const FILES: [(&str, Format); 5] = [
     ("model.obj", Format::Obj),
     ("model.stl", Format::Stl),
 ];
-/// Largest file that is cut.
-const MOST_BYTES: u64 = 256 << 20;
+/// Maximum size of a file that is cut, in bytes.
+const MAX_BYTES: u64 = 256 << 20;
 
-/// The file of the tissue's surface that is cut.
+/// The file of a model that is cut: the surface of the tissue.
 pub(in crate::http) fn file(job: &Job) -> Result<(File, Format), Problem> {
     let of = |(name, format)| job.files.iter().find(|file| file.name == name).map(|file| (file.clone(), format));
     let found = FILES.into_iter().find_map(of).ok_or_else(|| {
@@ -33,9 +33,9 @@ pub(in crate::http) fn file(job: &Job) -> Result<(File, Format), Problem> {
         };
         Problem::new(Kind::FileNotFound, detail)
     })?;
-    if found.0.bytes > MOST_BYTES {
+    if found.0.bytes > MAX_BYTES {
         let detail = format!(
-            "{} has {} bytes; the service cuts surfaces of at most {MOST_BYTES}. Download it and use `oviduct cut`.",
+            "{} has {} bytes; the service cuts surfaces of at most {MAX_BYTES}. Download it and use `oviduct cut`.",
             found.0.name, found.0.bytes
         );
         return Err(Problem::new(Kind::SurfaceTooLarge, detail));
@@ -43,13 +43,9 @@ pub(in crate::http) fn file(job: &Job) -> Result<(File, Format), Problem> {
     Ok(found)
 }
 
-/// The surface in a file.
-pub(in crate::http) async fn read(
-    state: &AppState,
-    file: &File,
-    format: Format,
-) -> Result<Arc<Body<'static>>, Problem> {
-    if let Some(body) = state.bodies.kept(&file.sha256) {
+/// Reads the surface in a file.
+pub(in crate::http) async fn read(state: &AppState, file: &File, format: Format) -> Result<Surface, Problem> {
+    if let Some(body) = state.pictures.surface(&file.sha256) {
         return Ok(body);
     }
     let bytes = {
@@ -65,6 +61,6 @@ pub(in crate::http) async fn read(
         tracing::error!(%error, "a surface cannot be read");
         Problem::new(Kind::Internal, "The surface of the model cannot be read.")
     })?;
-    state.bodies.keep(&file.sha256, &body);
+    state.pictures.keep_surface(&file.sha256, Arc::clone(&body));
     Ok(body)
 }

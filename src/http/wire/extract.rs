@@ -1,6 +1,6 @@
 //! Extractors whose rejections are problems.
 
-use super::faults::{Fault, Faults};
+use super::faults::{Faults, RequestFault};
 use super::problem::{Kind, Problem};
 use crate::http::access::TICKET;
 use crate::jobs::{self, JobId};
@@ -73,9 +73,12 @@ impl Parameters {
         for (name, _) in &self.0 {
             let again = !seen.insert(name);
             if !known.contains(&name.as_str()) {
-                faults.push(Fault::parameter(name, format!("is unknown; the parameters are {}", known.join(", "))));
+                faults.push(RequestFault::parameter(
+                    name,
+                    format!("is unknown; the parameters are {}", known.join(", ")),
+                ));
             } else if again && !repeatable.contains(&name.as_str()) {
-                faults.push(Fault::parameter(name, "is given more than once"));
+                faults.push(RequestFault::parameter(name, "is given more than once"));
             }
         }
         faults

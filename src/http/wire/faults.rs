@@ -1,17 +1,44 @@
-//! The faults of a request. While it is read all are counted, and the first ones kept: a body of a megabyte can have half a
-//! million faults, which would take hundreds of megabytes.
+//! Faults of a request: reading a body, and the faults that a response lists.
+//!
+//! A body of 1 MB can have 500,000 faults. All are counted, but only the first ones are kept,
+//! because all of them would take hundreds of megabytes.
 
+use crate::spec::{Fault, JsonReader};
 use serde::Serialize;
+use serde_json::Value;
 use utoipa::ToSchema;
 
-/// Most faults that a response lists.
-const KEPT: usize = 100;
-/// Longest name of a place, in characters; a client may send names of any length.
-const PLACE_MAX: usize = 300;
+/// Maximum number of faults that a response lists.
+const MAX_LISTED: usize = 100;
+/// Maximum length of a pointer or parameter name in a response, in characters. Clients may send
+/// names of any length.
+const MAX_PLACE_CHARS: usize = 300;
+
+/// A reader of request bodies.
+pub(in crate::http) fn body_reader() -> JsonReader {
+    JsonReader::new(MAX_LISTED, describe)
+}
+
+/// A short description of a JSON value.
+fn describe(value: &Value) -> String {
+    match value {
+        Value::String(text) if text.chars().count() > 40 => "a long string".to_owned(),
+        Value::Array(_) => "an array".to_owned(),
+        Value::Object(_) => "an object".to_owned(),
+        scalar => scalar.to_string(),
+    }
+}
+
+/// The first 100 characters of a member name, escaped for a JSON pointer.
+pub(in crate::http) fn escape(name: &str) -> String {
+    let name: String = name.chars().take(100).collect();
+    name.replace('~', "~0").replace('/', "~1")
+}
 
 /// One fault of a request: where, and what.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, ToSchema)]
-pub(in crate::http) struct Fault {
+#[schema(as = Fault)]
+pub(in crate::http) struct RequestFault {
     /// JSON pointer into the body, such as `/spec/collision/gap_um`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(nullable = false)]
@@ -28,73 +55,67 @@ pub(in crate::http) struct Fault {
     pub detail: String,
 }
 
-impl Fault {
-    /// A fault of the body.
-    pub(in crate::http) fn at(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
-        Self { pointer: Some(pointer.into()), parameter: None, header: None, detail: detail.into() }
-    }
-
+impl RequestFault {
     /// A fault of a query parameter.
-    pub(in crate::http) fn parameter(name: impl Into<String>, detail: impl Into<String>) -> Self {
-        Self { pointer: None, parameter: Some(name.into()), header: None, detail: detail.into() }
+    pub(in crate::http) fn parameter(name: &str, detail: impl Into<String>) -> Self {
+        Self { pointer: None, parameter: Some(shorten(name)), header: None, detail: detail.into() }
     }
 
     /// A fault of a request header.
-    pub(in crate::http) fn header(name: impl Into<String>, detail: impl Into<String>) -> Self {
-        Self { pointer: None, parameter: None, header: Some(name.into()), detail: detail.into() }
+    pub(in crate::http) fn header(name: &str, detail: impl Into<String>) -> Self {
+        Self { pointer: None, parameter: None, header: Some(name.to_owned()), detail: detail.into() }
     }
 }
 
-/// Faults found so far.
+impl From<Fault> for RequestFault {
+    fn from(Fault { pointer, detail }: Fault) -> Self {
+        Self { pointer: Some(shorten(&pointer)), parameter: None, header: None, detail }
+    }
+}
+
+fn shorten(place: &str) -> String {
+    place.chars().take(MAX_PLACE_CHARS).collect()
+}
+
+/// The first [`MAX_LISTED`] faults of a request, and the number of the others.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(in crate::http) struct Faults {
-    kept: Vec<Fault>,
-    left_out: usize,
+    pub(super) listed: Vec<RequestFault>,
+    pub(super) left_out: usize,
 }
 
 impl Faults {
-    /// Whether there are none.
     pub(in crate::http) fn is_empty(&self) -> bool {
-        self.kept.is_empty()
+        self.listed.is_empty()
     }
 
-    /// Adds a fault.
-    pub(in crate::http) fn push(&mut self, fault: Fault) {
-        if self.kept.len() < KEPT {
-            let shorten = |place: Option<String>| {
-                place.map(|text| match text.char_indices().nth(PLACE_MAX) {
-                    Some((end, _)) => text[..end].to_owned(),
-                    None => text,
-                })
-            };
-            self.kept.push(Fault { pointer: shorten(fault.pointer), parameter: shorten(fault.parameter), ..fault });
+    pub(in crate::http) fn push(&mut self, fault: impl Into<RequestFault>) {
+        if self.listed.len() < MAX_LISTED {
+            self.listed.push(fault.into());
         } else {
             self.left_out += 1;
         }
     }
+}
 
-    /// Whether a fault at this place of the body is among those kept.
-    pub(in crate::http) fn names(&self, pointer: &str) -> bool {
-        self.kept.iter().any(|fault| fault.pointer.as_deref() == Some(pointer))
-    }
-
-    /// Those kept, and the number of the others.
-    pub(in crate::http) fn into_parts(self) -> (Vec<Fault>, usize) {
-        (self.kept, self.left_out)
+impl From<JsonReader> for Faults {
+    fn from(reader: JsonReader) -> Self {
+        let (faults, left_out) = reader.into_parts();
+        Self { listed: faults.into_iter().map(Into::into).collect(), left_out }
     }
 }
 
-impl Extend<Fault> for Faults {
-    fn extend<I: IntoIterator<Item = Fault>>(&mut self, faults: I) {
-        faults.into_iter().for_each(|fault| self.push(fault));
+impl From<Vec<Fault>> for Faults {
+    fn from(faults: Vec<Fault>) -> Self {
+        let mut reader = body_reader();
+        reader.extend("", faults);
+        reader.into()
     }
 }
 
-impl From<Fault> for Faults {
-    fn from(fault: Fault) -> Self {
-        let mut faults = Self::default();
-        faults.push(fault);
-        faults
+impl<F: Into<RequestFault>> From<[F; 1]> for Faults {
+    fn from([fault]: [F; 1]) -> Self {
+        Self { listed: vec![fault.into()], left_out: 0 }
     }
 }
 
@@ -104,17 +125,19 @@ mod tests {
 
     #[test]
     fn the_first_faults_are_kept_and_all_are_counted() {
+        let faults =
+            Faults::from((0..250).map(|n| Fault::new(format!("/outputs/{n}"), "is wrong")).collect::<Vec<_>>());
+        assert_eq!(faults.listed.last().and_then(|fault| fault.pointer.as_deref()), Some("/outputs/99"));
+        assert_eq!((faults.listed.len(), faults.left_out), (100, 150));
         let mut faults = Faults::default();
         assert!(faults.is_empty());
-        faults.extend((0..250).map(|n| Fault::at(format!("/outputs/{n}"), "is wrong")));
-        assert!(faults.names("/outputs/99") && !faults.names("/outputs/100"));
-        let (kept, left_out) = faults.into_parts();
-        assert_eq!((kept.len(), left_out), (100, 150));
+        (0..250).for_each(|_| faults.push(RequestFault::parameter("label", "is wrong")));
+        assert_eq!((faults.listed.len(), faults.left_out), (100, 150));
     }
 
     #[test]
     fn very_long_places_are_cut() {
-        let (kept, _) = Faults::from(Fault::at("ä".repeat(1000), "is unknown")).into_parts();
-        assert_eq!(kept[0].pointer.as_ref().map(|p| p.chars().count()), Some(PLACE_MAX));
+        let fault = RequestFault::from(Fault::new("ä".repeat(1000), "is unknown"));
+        assert_eq!(fault.pointer.map(|pointer| pointer.chars().count()), Some(MAX_PLACE_CHARS));
     }
 }

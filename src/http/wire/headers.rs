@@ -1,6 +1,6 @@
 //! Request headers: `Prefer` (RFC 7240), `Idempotency-Key`, `Accept`, `Last-Event-ID`.
 
-use super::faults::Fault;
+use super::faults::RequestFault;
 use super::problem::Problem;
 use axum::http::{HeaderMap, HeaderName, header};
 use std::time::Duration;
@@ -52,7 +52,7 @@ pub(in crate::http) fn refuses_redirect(headers: &HeaderMap) -> bool {
 
 /// The idempotency key: 1 to 255 visible ASCII characters, without the quotes of a structured string.
 pub(in crate::http) fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
-    let fault = |detail: &str| Err(Problem::invalid(Fault::header(IDEMPOTENCY_KEY.as_str(), detail)));
+    let fault = |detail: &str| Err(Problem::invalid([RequestFault::header(IDEMPOTENCY_KEY.as_str(), detail)]));
     let mut values = headers.get_all(IDEMPOTENCY_KEY).iter();
     let Some(value) = values.next() else { return Ok(None) };
     if values.next().is_some() {

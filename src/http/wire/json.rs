@@ -170,49 +170,10 @@ impl<'de> Visitor<'de> for StrictVisitor {
     }
 }
 
-/// The canonical text of a value: members sorted, no spaces, whole numbers without a fraction. Equal requests have
-/// equal texts, whatever their layout; idempotency keys are compared with a hash of it.
-pub(in crate::http) fn canonical(value: &Value) -> String {
-    let mut out = String::new();
-    write_canonical(value, &mut out);
-    out
-}
-
-fn write_canonical(value: &Value, out: &mut String) {
-    match value {
-        Value::Array(items) => {
-            out.push('[');
-            for (i, item) in items.iter().enumerate() {
-                out.push_str(if i > 0 { "," } else { "" });
-                write_canonical(item, out);
-            }
-            out.push(']');
-        }
-        Value::Object(map) => {
-            let mut members: Vec<_> = map.iter().collect();
-            members.sort_by_key(|(key, _)| key.as_str());
-            out.push('{');
-            for (i, (key, item)) in members.into_iter().enumerate() {
-                out.push_str(if i > 0 { "," } else { "" });
-                out.push_str(&Value::from(key.as_str()).to_string());
-                out.push(':');
-                write_canonical(item, out);
-            }
-            out.push('}');
-        }
-        Value::Number(number) => match number.as_f64() {
-            Some(x) if number.is_f64() && x.fract() == 0.0 && x.abs() < 9e15 => out.push_str(&(x as i64).to_string()),
-            _ => out.push_str(&number.to_string()),
-        },
-        other => out.push_str(&other.to_string()),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use serde_json::json;
 
     fn place(bytes: &[u8]) -> (u64, u64) {
         let problem = parse(bytes).unwrap_err();
@@ -248,22 +209,7 @@ mod tests {
         place(&vec![b'['; 500_000]);
     }
 
-    #[test]
-    fn canonical_text_ignores_layout() {
-        let a = parse(br#"{"b": [1.0, 2.5], "a": {"y": null, "x": "\u0041"}}"#).unwrap();
-        assert_eq!(canonical(&a), r#"{"a":{"x":"A","y":null},"b":[1,2.5]}"#);
-        assert_ne!(canonical(&json!({"a": 1})), canonical(&json!({"a": "1"})));
-    }
-
     proptest! {
-        #[test]
-        fn canonical_text_keeps_the_value(n in -9_000_000_000_000_000i64..9_000_000_000_000_000, s in ".*", f in -1e300..1e300f64) {
-            let value = json!({"n": n, s: [f, true]});
-            let back = parse(canonical(&value).as_bytes()).unwrap();
-            prop_assert_eq!(canonical(&back), canonical(&value));
-            prop_assert_eq!(&back["n"], &value["n"]);
-        }
-
         #[test]
         fn any_bytes_are_a_value_or_a_problem(bytes in prop::collection::vec(any::<u8>(), 0..64)) {
             let ours = parse(&bytes).is_ok();

@@ -3,8 +3,7 @@
 //! A handler returns a [`Problem`]. The envelope around the router writes its body, because only there the
 //! request id and the path are known. `type` is `urn:oviduct:problem:{slug}`; slugs are stable, see [`Kind`].
 
-pub(in crate::http) use super::faults::Fault;
-use super::faults::Faults;
+use super::faults::{Faults, RequestFault};
 use axum::http::{HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
@@ -152,7 +151,7 @@ impl Kind {
 pub(in crate::http) struct Problem {
     kind: Kind,
     detail: String,
-    errors: Vec<Fault>,
+    errors: Vec<RequestFault>,
     members: Map<String, Value>,
     headers: Vec<(HeaderName, HeaderValue)>,
 }
@@ -166,7 +165,7 @@ impl Problem {
     /// A request with these faults. The first ones are listed in `errors`, the others counted.
     #[must_use]
     pub(in crate::http) fn invalid(faults: impl Into<Faults>) -> Self {
-        let (errors, left_out) = faults.into().into_parts();
+        let Faults { listed: errors, left_out } = faults.into();
         let detail = match errors.len() + left_out {
             1 => "One value is invalid; see errors.".to_owned(),
             n if left_out > 0 => format!("{n} values are invalid; errors lists the first {}.", errors.len()),
@@ -189,8 +188,8 @@ impl Problem {
 
     /// Adds faults.
     #[must_use]
-    pub(in crate::http) fn with_errors(self, errors: Vec<Fault>) -> Self {
-        Self { errors, ..self }
+    pub(in crate::http) fn with_errors(self, faults: impl Into<Faults>) -> Self {
+        Self { errors: faults.into().listed, ..self }
     }
 
     /// Adds an extension member.
@@ -264,7 +263,7 @@ pub(in crate::http) struct ProblemBody {
     /// The faults of the request.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[schema(required = false)]
-    pub errors: Vec<Fault>,
+    pub errors: Vec<RequestFault>,
     /// Members of some types: `line` and `column` (invalid-json), `prediction` and `limit` (cost-limit),
     /// `errors_left_out` (invalid-request), `condition` (not-ready), `workers` (workers-stuck).
     #[serde(flatten)]
@@ -281,7 +280,7 @@ impl From<crate::jobs::StoreError> for Problem {
                 Kind::IdempotencyConflict,
                 "The key was used before with another body. Use a new key, or send the same body.",
             )
-            .with_errors(vec![Fault::header("idempotency-key", "was used before with another body")]),
+            .with_errors([RequestFault::header("idempotency-key", "was used before with another body")]),
             StoreError::QueueFull { limit } => {
                 Self::new(Kind::QueueFull, format!("The queue is at its limit of {limit} models. Try again later."))
                     .with("limit", limit)
@@ -341,7 +340,7 @@ mod tests {
 
     #[test]
     fn a_body_has_all_members() {
-        let problem = Problem::invalid(Fault::at("/seed", "must be an integer")).with("limit", 3);
+        let problem = Problem::invalid([crate::spec::Fault::new("/seed", "must be an integer")]).with("limit", 3);
         let body = serde_json::to_value(problem.body("/models", "r1")).unwrap();
         insta::assert_json_snapshot!(body);
     }

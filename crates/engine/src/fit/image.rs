@@ -3,7 +3,7 @@
 use super::target::{Target, refused};
 use crate::measure::micrograph::{MAX_BYTES, Micrograph, MicrographError, Reading};
 use crate::measure::morphometry::Quantity;
-use crate::spec::{Fault, members};
+use crate::spec::{Fault, JsonReader};
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use serde_json::Value;
@@ -137,26 +137,25 @@ fn values(image: &SectionImage) -> Result<Vec<(String, f64)>, (&'static str, Str
 /// "tolerance" }]`, with `png` as base64.
 ///
 /// # Errors
-/// All faults, with pointers that begin with `/images`.
+/// Returns all faults, with pointers that start with `/images`.
 pub fn read_images(list: &Value) -> Result<Vec<Target>, Vec<Fault>> {
     let Some(items) = list.as_array().filter(|items| items.len() <= MOST_IMAGES) else {
         return Err(vec![Fault::new("/images", format!("must be an array of at most {MOST_IMAGES} objects"))]);
     };
-    let (mut images, mut faults) = (Vec::new(), Vec::new());
-    for (i, item) in items.iter().enumerate() {
-        images.extend(read_image(item, &format!("/images/{i}"), &mut faults));
-    }
-    if !faults.is_empty() {
-        return Err(faults);
-    }
+    let mut reader = JsonReader::default();
+    let read = |(i, item): (usize, &Value)| read_image(&mut reader, item, &format!("/images/{i}"));
+    let images: Vec<SectionImage> = items.iter().enumerate().filter_map(read).collect();
+    let images = reader.finish(Some(images))?;
     let at = |(i, member, detail): ImageFault| Fault::new(format!("/images/{i}/{member}"), detail);
     image_targets(&images).map_err(|faults| faults.into_iter().map(at).collect())
 }
 
-fn read_image(item: &Value, at: &str, faults: &mut Vec<Fault>) -> Option<SectionImage> {
-    let before = faults.len();
-    let members = members(at, item, &["region", "png", "pixel_um", "tissue", "quantities", "tolerance"], faults)?;
-    let mut wrong = |name: &str, detail: &str| faults.push(Fault::new(format!("{at}/{name}"), detail));
+fn read_image(reader: &mut JsonReader, item: &Value, at: &str) -> Option<SectionImage> {
+    let before = reader.count();
+    let members = reader.members(at, item, &["region", "png", "pixel_um", "tissue", "quantities", "tolerance"])?;
+    let mut wrong = |name: &str, detail: &str| {
+        reader.fault::<()>(format!("{at}/{name}"), detail);
+    };
     let given = |name: &str| members.get(name).filter(|value| !value.is_null());
     let region = given("region").and_then(Value::as_str).unwrap_or_else(|| {
         wrong("region", "must be the name of a region");
@@ -194,7 +193,7 @@ fn read_image(item: &Value, at: &str, faults: &mut Vec<Fault>) -> Option<Section
     if !tolerance.is_some_and(|tolerance| (0.001..=1.0).contains(&tolerance)) {
         wrong("tolerance", "must be a number from 0.001 to 1");
     }
-    if faults.len() > before {
+    if reader.count() > before {
         return None;
     }
     let reading = Reading { pixel_um: pixel_um?, tissue };

@@ -1,13 +1,17 @@
-//! The request for a fit as JSON: targets, what is varied, and how much is computed.
+//! Request for a fit as JSON: targets, varied parameters, and the effort of the search.
 
 use super::target::{TOLERANCE, Target, refused};
 use super::variable::Variable;
 use crate::generate::{Cost, Outputs};
-use crate::spec::{DEFAULT_PRESET, End, Fault, Integrator, Lever, ModelSpec, Preset, members, preset, presets};
+use crate::spec::{
+    DEFAULT_PRESET, End, Fault, Integrator, JsonReader, Lever, ModelSpec, Preset, SEED_MAX, integer_in, preset, presets,
+};
 use serde_json::{Map, Value, json};
 use sha2::{Digest, Sha256};
+use std::fmt::Display;
+use std::ops::RangeInclusive;
 
-/// Members of a request.
+/// Members of a request that describe the fit.
 pub const MEMBERS: [&str; 9] =
     ["preset", "spec", "targets", "targets_csv", "vary", "evaluations", "seeds", "models", "seed"];
 /// Maximum number of targets.
@@ -26,8 +30,8 @@ const REFINED: u32 = 6;
 pub(super) const EARLY_SEEDS: u32 = 4;
 /// Maximum absolute number in a target; no measure comes near it.
 const LARGEST: f64 = 1e12;
-/// Maximum seed. The last of the seeds counted from the seed of a request must not exceed it.
-const SEED_MAX: u64 = (1 << 53) - 1;
+/// Maximum of `seed`. All seeds that are counted from it are valid.
+const FIRST_SEED_MAX: u64 = SEED_MAX - (EARLY_SEEDS * SEEDS[0] + MODELS[0]) as u64;
 
 /// Specification of a fit, valid by construction.
 #[derive(Clone, Debug, PartialEq)]
@@ -54,40 +58,44 @@ impl FitSpec {
     /// the caller reads.
     ///
     /// # Errors
-    /// All faults.
+    /// Returns all faults.
     pub fn read(body: &Value, measured: Vec<Target>, others: &[&str]) -> Result<Self, Vec<Fault>> {
-        let mut faults = Vec::new();
-        let Some(members) = members("", body, &[&MEMBERS[..], others].concat(), &mut faults) else {
-            return Err(faults);
-        };
-        let preset = preset_of(members, &mut faults);
-        let start = preset.and_then(|preset| spec_of(preset, members, &mut faults));
+        let mut reader = JsonReader::default();
+        let fit = Self::read_members(&mut reader, body, measured, others);
+        reader.finish(fit)
+    }
+
+    fn read_members(reader: &mut JsonReader, body: &Value, measured: Vec<Target>, others: &[&str]) -> Option<Self> {
+        let members = reader.members("", body, &[&MEMBERS[..], others].concat())?;
+        let preset = read_preset(reader, members);
+        let start = preset.and_then(|preset| read_spec(reader, preset, members));
         let mut targets = measured;
-        targets.extend(targets_of(members, &mut faults));
+        targets.extend(read_targets(reader, members));
         if let Some(text) = members.get("targets_csv") {
-            targets.extend(csv_of(text, &mut faults));
+            targets.extend(read_csv(reader, text).into_iter().flatten());
         }
-        if targets.is_empty() && faults.is_empty() {
-            faults.push(Fault::new("/targets", "at least one target is needed"));
+        if targets.is_empty() && reader.count() == 0 {
+            reader.fault::<()>("/targets", "at least one target is needed");
         }
         if targets.len() > MOST_TARGETS {
             let detail = format!("there are {} targets; at most {MOST_TARGETS} are allowed", targets.len());
-            faults.push(Fault::new("/targets", detail));
+            reader.fault::<()>("/targets", detail);
         }
-        let variables = start.as_ref().map(|start| variables_of(members, &targets, start, &mut faults));
-        let mut number = |name: &str, [most, usual]: [u32; 2]| {
-            count(members, name, [1, u64::from(most)], u64::from(usual), &mut faults)
-        };
-        let [evaluations, seeds, models] =
-            [number("evaluations", EVALUATIONS), number("seeds", SEEDS), number("models", MODELS)].map(|n| n as u32);
-        let seed =
-            count(members, "seed", [0, SEED_MAX - u64::from(EARLY_SEEDS * SEEDS[0] + MODELS[0])], 0, &mut faults);
-        match (preset, start, variables) {
-            (Some(preset), Some(start), Some(variables)) if faults.is_empty() => {
-                Ok(Self { preset, start, targets, variables, evaluations, seeds, models, seed })
-            }
-            _ => Err(faults),
-        }
+        let variables = start.as_ref().and_then(|start| read_variables(reader, members, &targets, start));
+        let evaluations = read_integer(reader, members, "evaluations", 1..=EVALUATIONS[0], EVALUATIONS[1]);
+        let seeds = read_integer(reader, members, "seeds", 1..=SEEDS[0], SEEDS[1]);
+        let models = read_integer(reader, members, "models", 1..=MODELS[0], MODELS[1]);
+        let seed = read_integer(reader, members, "seed", 0..=FIRST_SEED_MAX, 0);
+        Some(Self {
+            preset: preset?,
+            start: start?,
+            targets,
+            variables: variables?,
+            evaluations: evaluations?,
+            seeds: seeds?,
+            models: models?,
+            seed: seed?,
+        })
     }
 
     /// The request with all defaults, as JSON that [`FitSpec::read`] reads.
@@ -178,73 +186,61 @@ fn given<'a>(members: &'a Map<String, Value>, name: &str) -> Option<&'a Value> {
     members.get(name).filter(|value| !value.is_null())
 }
 
-fn preset_of(members: &Map<String, Value>, faults: &mut Vec<Fault>) -> Option<&'static Preset> {
+fn read_preset(reader: &mut JsonReader, members: &Map<String, Value>) -> Option<&'static Preset> {
     let name = members.get("preset").map_or(Some(DEFAULT_PRESET), Value::as_str);
-    let found = name.and_then(preset);
-    if found.is_none() {
+    name.and_then(preset).or_else(|| {
         let names: Vec<&str> = presets().iter().map(|preset| preset.name.as_str()).collect();
-        faults.push(Fault::new("/preset", format!("is unknown; the presets are {}", names.join(", "))));
-    }
-    found
+        reader.fault("/preset", format!("is unknown; the presets are {}", names.join(", ")))
+    })
 }
 
-fn spec_of(preset: &'static Preset, members: &Map<String, Value>, faults: &mut Vec<Fault>) -> Option<ModelSpec> {
+fn read_spec(reader: &mut JsonReader, preset: &'static Preset, members: &Map<String, Value>) -> Option<ModelSpec> {
     let none = json!({});
-    let patch = members.get("spec").unwrap_or(&none);
-    let resolved = ModelSpec::resolve(preset, patch);
+    let resolved = ModelSpec::resolve(preset, members.get("spec").unwrap_or(&none));
     if resolved.as_ref().is_ok_and(|spec| spec.recorded() != (0..=spec.steps)) {
-        faults.push(Fault::new(
+        reader.fault::<()>(
             "/spec/piece",
             "must be the whole tube: from 0 to 1; models of a piece can be made of the result",
-        ));
+        );
     }
-    resolved
-        .map_err(|found| faults.extend(found.into_iter().map(|f| Fault::new(format!("/spec{}", f.pointer), f.detail))))
-        .ok()
+    resolved.map_err(|faults| reader.extend("/spec", faults)).ok()
 }
 
-fn targets_of(members: &Map<String, Value>, faults: &mut Vec<Fault>) -> Vec<Target> {
+fn read_targets(reader: &mut JsonReader, members: &Map<String, Value>) -> Vec<Target> {
     let Some(list) = members.get("targets") else { return Vec::new() };
     let Some(items) = list.as_array() else {
-        faults.push(Fault::new("/targets", "must be an array of objects"));
+        reader.fault::<()>("/targets", "must be an array of objects");
         return Vec::new();
     };
     let items = items.iter().take(MOST_TARGETS + 1).enumerate();
-    items.filter_map(|(i, item)| target_of(item, &format!("/targets/{i}"), faults)).collect()
+    items.filter_map(|(i, item)| read_target(reader, item, &format!("/targets/{i}"))).collect()
 }
 
-fn target_of(item: &Value, at: &str, faults: &mut Vec<Fault>) -> Option<Target> {
-    let before = faults.len();
-    let members = members(at, item, &["region", "quantity", "value", "low", "high", "source"], faults)?;
+fn read_target(reader: &mut JsonReader, item: &Value, at: &str) -> Option<Target> {
+    let before = reader.count();
+    let members = reader.members(at, item, &["region", "quantity", "value", "low", "high", "source"])?;
     let number = |name: &str| {
         let value = given(members, name)?;
         let number = value.as_f64().filter(|x| x.is_finite());
-        if number.is_none() {
-            faults.push(Fault::new(format!("{at}/{name}"), "must be a number"));
-        }
-        number
+        number.or_else(|| reader.fault(format!("{at}/{name}"), "must be a number"))
     };
     let range = ["value", "low", "high"].map(number);
     let mut text = |name: &str| {
         let text = members.get(name).and_then(Value::as_str);
-        if text.is_none() {
-            faults.push(Fault::new(format!("{at}/{name}"), "must be a string"));
-        }
-        text
+        text.or_else(|| reader.fault(format!("{at}/{name}"), "must be a string"))
     };
     let (region, quantity) = (text("region"), text("quantity"));
-    let source = given(members, "source").map(|source| {
-        let text = source.as_str().filter(|text| text.chars().count() <= 300);
-        if text.is_none() {
-            faults.push(Fault::new(format!("{at}/source"), "must be a string of at most 300 characters"));
-        }
-        text.unwrap_or_default().to_owned()
+    let source = given(members, "source").and_then(|source| {
+        let text = source.as_str().filter(|text| text.chars().count() <= 300).map(str::to_owned);
+        text.or_else(|| reader.fault(format!("{at}/source"), "must be a string of at most 300 characters"))
     });
-    if faults.len() > before {
+    if reader.count() > before {
         return None;
     }
-    let made = target(region?, quantity?, range, source);
-    made.map_err(|(member, detail)| faults.push(Fault::new(format!("{at}/{member}"), detail))).ok()
+    match target(region?, quantity?, range, source) {
+        Ok(target) => Some(target),
+        Err((member, detail)) => reader.fault(format!("{at}/{member}"), detail),
+    }
 }
 
 fn target(
@@ -276,44 +272,34 @@ fn target(
     Ok(Target { region: region.into(), quantity: quantity.into(), value, low, high, source })
 }
 
-/// Reads targets from CSV with the header `region,quantity,value,low,high` in any order. The last
-/// three columns may be missing or empty.
-fn csv_of(text: &Value, faults: &mut Vec<Fault>) -> Vec<Target> {
-    let at = "/targets_csv";
-    let Some(text) = text.as_str() else {
-        faults.push(Fault::new(at, "must be a string"));
-        return Vec::new();
-    };
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
-    let header = match reader.headers() {
-        Ok(header) => header.clone(),
-        Err(error) => {
-            faults.push(Fault::new(at, format!("cannot be read: {error}")));
-            return Vec::new();
-        }
-    };
+/// Reads targets from CSV with a header: `region,quantity,value,low,high`, in any order; the last
+/// three may be missing or empty.
+fn read_csv(reader: &mut JsonReader, text: &Value) -> Option<Vec<Target>> {
     const NAMES: [&str; 5] = ["region", "quantity", "value", "low", "high"];
+    let at = "/targets_csv";
+    let Some(text) = text.as_str() else { return reader.fault(at, "must be a string") };
+    let mut csv = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
+    let header = match csv.headers() {
+        Ok(header) => header.clone(),
+        Err(error) => return reader.fault(at, format!("cannot be read: {error}")),
+    };
     if let Some(name) = header.iter().find(|name| !NAMES.contains(name)) {
         let name: String = name.chars().take(40).collect();
-        faults.push(Fault::new(at, format!("column `{name}` is unknown; the columns are {}", NAMES.join(", "))));
-        return Vec::new();
+        return reader.fault(at, format!("column `{name}` is unknown; the columns are {}", NAMES.join(", ")));
     }
     if let Some(name) = NAMES[..2].iter().find(|name| !header.iter().any(|column| column == **name)) {
-        faults.push(Fault::new(at, format!("column `{name}` is missing; the first line names the columns")));
-        return Vec::new();
+        return reader.fault(at, format!("column `{name}` is missing; the first line names the columns"));
     }
     let mut targets = Vec::new();
-    for (row, record) in (1..).zip(reader.records()) {
-        if row > MOST_TARGETS + 1 {
-            break;
-        }
-        let made = record.map_err(|error| error.to_string()).and_then(|record| csv_target(&header, &record));
-        match made {
+    for (row, record) in (1..).zip(csv.records().take(MOST_TARGETS + 1)) {
+        match record.map_err(|error| error.to_string()).and_then(|record| csv_target(&header, &record)) {
             Ok(target) => targets.push(target),
-            Err(detail) => faults.push(Fault::new(at, format!("row {row}: {detail}"))),
+            Err(detail) => {
+                reader.fault::<()>(at, format!("row {row}: {detail}"));
+            }
         }
     }
-    targets
+    Some(targets)
 }
 
 fn csv_target(header: &csv::StringRecord, record: &csv::StringRecord) -> Result<Target, String> {
@@ -329,74 +315,72 @@ fn csv_target(header: &csv::StringRecord, record: &csv::StringRecord) -> Result<
     target(cell("region"), cell("quantity"), range, None).map_err(|(member, detail)| format!("{member}: {detail}"))
 }
 
-fn variables_of(
+fn read_variables(
+    reader: &mut JsonReader,
     members: &Map<String, Value>,
     targets: &[Target],
     start: &ModelSpec,
-    faults: &mut Vec<Fault>,
-) -> Vec<Variable> {
+) -> Option<Vec<Variable>> {
     let Some(list) = given(members, "vary") else {
-        return Variable::chosen(targets, start);
+        return Some(Variable::chosen(targets, start));
     };
     let Some(items) = list.as_array().filter(|items| (1..=MOST_VARIABLES).contains(&items.len())) else {
-        faults.push(Fault::new("/vary", format!("must be an array of 1 to {MOST_VARIABLES} objects")));
-        return Vec::new();
+        return reader.fault("/vary", format!("must be an array of 1 to {MOST_VARIABLES} objects"));
     };
     let mut variables: Vec<Variable> = Vec::new();
     for (i, item) in items.iter().enumerate() {
         let at = format!("/vary/{i}");
-        let Some(variable) = variable_of(item, &at, start, faults) else { continue };
-        // Both ends, or the whole.
+        let Some(variable) = read_variable(reader, item, &at, start) else { continue };
+        // A parameter may vary as a whole, or at each end.
         let overlaps = |other: &Variable| {
             other.lever.pointer == variable.lever.pointer
                 && (other.end == variable.end || other.end.is_none() || variable.end.is_none())
         };
         if variables.iter().any(overlaps) {
-            faults.push(Fault::new(format!("{at}/parameter"), "is given more than once"));
+            reader.fault::<()>(format!("{at}/parameter"), "is given more than once");
         }
         variables.push(variable);
     }
-    variables
+    Some(variables)
 }
 
-fn variable_of(item: &Value, at: &str, start: &ModelSpec, faults: &mut Vec<Fault>) -> Option<Variable> {
-    let before = faults.len();
-    let members = members(at, item, &["parameter", "end", "from", "to"], faults)?;
-    let pointer = members.get("parameter").and_then(Value::as_str);
-    let lever = pointer.map_or_else(|| Err("must be the JSON pointer of a parameter".to_owned()), Lever::at);
-    let lever = lever.map_err(|detail| faults.push(Fault::new(format!("{at}/parameter"), detail))).ok();
-    let end = given(members, "end").and_then(|value| {
-        let end: Result<End, _> = serde_json::from_value(value.clone());
-        end.map_err(|_| faults.push(Fault::new(format!("{at}/end"), "must be isthmus or ampulla"))).ok()
+fn read_variable(reader: &mut JsonReader, item: &Value, at: &str, start: &ModelSpec) -> Option<Variable> {
+    let before = reader.count();
+    let members = reader.members(at, item, &["parameter", "end", "from", "to"])?;
+    let lever = match members.get("parameter").and_then(Value::as_str).map(Lever::at) {
+        Some(Ok(lever)) => Some(lever),
+        Some(Err(detail)) => reader.fault(format!("{at}/parameter"), detail),
+        None => reader.fault(format!("{at}/parameter"), "must be the JSON pointer of a parameter"),
+    };
+    let end: Option<End> = given(members, "end").and_then(|value| {
+        let end = serde_json::from_value(value.clone()).ok();
+        end.or_else(|| reader.fault(format!("{at}/end"), "must be isthmus or ampulla"))
     });
     let bounds = ["from", "to"].map(|name| {
         let value = given(members, name)?;
-        if !value.is_number() {
-            faults.push(Fault::new(format!("{at}/{name}"), "must be a number"));
-        }
-        value.as_f64()
+        value.as_f64().or_else(|| reader.fault(format!("{at}/{name}"), "must be a number"))
     });
-    if faults.len() > before {
+    if reader.count() > before {
         return None;
     }
-    let made = Variable::new(lever?, end, start, bounds);
-    made.map_err(|(member, detail)| faults.push(Fault::new(format!("{at}/{member}"), detail))).ok()
+    match Variable::new(lever?, end, start, bounds) {
+        Ok(variable) => Some(variable),
+        Err((member, detail)) => reader.fault(format!("{at}/{member}"), detail),
+    }
 }
 
-fn count(
+/// Reads an integer; `default` if it is absent or null.
+fn read_integer<T: TryFrom<i64> + PartialOrd + Display>(
+    reader: &mut JsonReader,
     members: &Map<String, Value>,
     name: &str,
-    [least, most]: [u64; 2],
-    usual: u64,
-    faults: &mut Vec<Fault>,
-) -> u64 {
-    let Some(value) = given(members, name) else { return usual };
-    // 62.0 is an integer in JSON.
-    let real = || value.as_f64().filter(|x| x.fract() == 0.0 && (0.0..=SEED_MAX as f64).contains(x)).map(|x| x as u64);
-    let number = value.as_u64().or_else(real).filter(|n| (least..=most).contains(n));
-    number.unwrap_or_else(|| {
-        faults.push(Fault::new(format!("/{name}"), format!("must be an integer from {least} to {most}")));
-        usual
+    range: RangeInclusive<T>,
+    default: T,
+) -> Option<T> {
+    let Some(value) = given(members, name) else { return Some(default) };
+    integer_in(value, &range).or_else(|| {
+        let detail = format!("must be an integer from {} to {}", range.start(), range.end());
+        reader.fault(format!("/{name}"), detail)
     })
 }
 

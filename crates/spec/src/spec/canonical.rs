@@ -38,6 +38,7 @@ fn normalise(value: &mut Value) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
     use serde_json::json;
 
     #[test]
@@ -46,5 +47,16 @@ mod tests {
         assert_eq!(canonical_json(&json!({"b": 62.0, "a": [1, 0.5]})), r#"{"a":[1,0.5],"b":62}"#);
         assert_eq!(canonical_json(&json!([0.1, 1e300, true, null])), "[0.1,1e+300,true,null]");
         assert_eq!(canonical_json(&json!(u64::MAX)), u64::MAX.to_string());
+        assert_ne!(canonical_json(&json!({"a": 1})), canonical_json(&json!({"a": "1"})));
+    }
+
+    proptest! {
+        #[test]
+        fn the_text_keeps_the_value(n in -9_000_000_000_000_000i64..9_000_000_000_000_000, s in ".*", f in -1e300..1e300f64) {
+            let value = json!({"n": n, s: [f, true]});
+            let back: Value = serde_json::from_str(&canonical_json(&value)).unwrap();
+            prop_assert_eq!(canonical_json(&back), canonical_json(&value));
+            prop_assert_eq!(&back["n"], &value["n"]);
+        }
     }
 }

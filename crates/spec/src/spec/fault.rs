@@ -1,13 +1,11 @@
-//! Faults of a specification: their place and a hint for the correction.
+//! Faults of a JSON document: their place and a hint for the correction.
 
-use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value};
+use serde_json::Value;
 
-/// One fault and its place.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+/// A fault of a JSON document, such as a specification or the body of a request.
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Fault {
-    /// JSON pointer (RFC 6901) relative to the specification, such as `/collision/gap_um`; empty for the whole.
+    /// JSON pointer (RFC 6901) into the document, such as `/collision/gap_um`; empty for the whole.
     pub pointer: String,
     /// What is wrong, with the bound and its unit if there is one.
     pub detail: String,
@@ -17,6 +15,12 @@ impl Fault {
     /// Creates a fault at a pointer.
     pub fn new(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
         Self { pointer: pointer.into(), detail: detail.into() }
+    }
+
+    /// The same fault of a document that contains this one at the pointer `at`, such as `/spec`.
+    #[must_use]
+    pub fn within(self, at: &str) -> Self {
+        Self { pointer: format!("{at}{}", self.pointer), ..self }
     }
 }
 
@@ -30,46 +34,6 @@ impl std::fmt::Display for Fault {
 /// Pointer of member `name` of the value at `at`.
 pub(super) fn child(at: &str, name: &str) -> String {
     format!("{at}/{}", name.replace('~', "~0").replace('/', "~1"))
-}
-
-/// Maximum number of unknown members of an object that are named. The limit keeps the response to a
-/// small request small.
-const MAX_NAMED_UNKNOWN: usize = 64;
-
-/// Records the unknown members of the object at `at`: the first ones with a hint each, the others
-/// as a count.
-pub(super) fn unknown<'a>(
-    at: &str,
-    mut names: impl Iterator<Item = &'a String>,
-    hint: impl Fn(&str) -> String,
-    faults: &mut Vec<Fault>,
-) {
-    let named = names.by_ref().take(MAX_NAMED_UNKNOWN);
-    faults.extend(named.map(|n| Fault::new(child(at, n), format!("unknown field `{}`{}", shorten(n), hint(n)))));
-    let more = names.count();
-    if more > 0 {
-        faults.push(Fault::new(at, format!("has {more} more unknown fields")));
-    }
-}
-
-/// Returns the members of the object at `at`. Records a fault for each unknown member, or if the
-/// value is not an object.
-pub fn members<'a>(
-    at: &str,
-    value: &'a Value,
-    known: &[&str],
-    faults: &mut Vec<Fault>,
-) -> Option<&'a Map<String, Value>> {
-    let Some(members) = value.as_object() else {
-        faults.push(Fault::new(at, format!("must be an object, not {}", describe(value))));
-        return None;
-    };
-    let hint = |name: &str| match nearest(name, known.iter().copied()) {
-        Some(near) => format!("; did you mean `{near}`?"),
-        None => format!("; the fields are {}", known.join(", ")),
-    };
-    unknown(at, members.keys().filter(|name| !known.contains(&name.as_str())), hint, faults);
-    Some(members)
 }
 
 /// Short description of a value for a message.

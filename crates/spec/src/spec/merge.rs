@@ -7,25 +7,20 @@
 //! As in the RFC, a number replaces a whole schedule, an object replaces the members that it names,
 //! and the array `keys` is replaced as a whole.
 
-use super::fault::{Fault, child, describe, nearest, unknown};
+use super::fault::{child, nearest};
 use super::parameters::table;
+use super::reader::JsonReader;
 use super::table::{Field, Kind};
 use serde_json::{Map, Value, json};
 
 /// Applies `patch`, whose pointer is `at`, to `base`, the values of `fields`. Unknown members are
 /// dropped and recorded as faults; other values are copied unchecked.
-pub(super) fn merge(fields: &[Field], base: &Value, patch: &Value, at: &str, faults: &mut Vec<Fault>) -> Value {
+pub(super) fn merge(fields: &[Field], base: &Value, patch: &Value, at: &str, reader: &mut JsonReader) -> Value {
     let mut merged = base.as_object().cloned().unwrap_or_default();
-    let members = match patch {
-        Value::Object(members) => members,
-        Value::Null => return Value::Object(merged),
-        other => {
-            faults.push(Fault::new(at, format!("must be an object, not {}", describe(other))));
-            return Value::Object(merged);
-        }
-    };
+    let members = if patch.is_null() { None } else { reader.object(at, patch) };
+    let Some(members) = members else { return Value::Object(merged) };
     let known = |name: &str| fields.iter().any(|field| field.name == name);
-    unknown(at, members.keys().filter(|name| !known(name)), |name| hint(fields, name), faults);
+    reader.unknown(at, members.keys().filter(|name| !known(name)), |name| hint(fields, name));
     for (name, value) in members {
         let here = child(at, name);
         let Some(field) = fields.iter().find(|field| field.name == name) else {
@@ -34,7 +29,7 @@ pub(super) fn merge(fields: &[Field], base: &Value, patch: &Value, at: &str, fau
         let old = merged.get(name).cloned().unwrap_or_default();
         let new = match (&field.kind, value) {
             (_, Value::Null) => continue,
-            (Kind::Group(fields), _) => merge(fields, &old, value, &here, faults),
+            (Kind::Group(fields), _) => merge(fields, &old, value, &here, reader),
             (Kind::Schedule(_), Value::Object(members)) => schedule(&old, members),
             _ => value.clone(),
         };

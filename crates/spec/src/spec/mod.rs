@@ -8,7 +8,7 @@
 //! |---|---|
 //! | `parameters` | the table: names, units, bounds, meaning |
 //! | `table`, `bounds` | macros and types of the table |
-//! | `reader`, `read` | reading numbers, schedules and choices from JSON |
+//! | `reader`, `read` | reading requests from JSON; numbers, schedules and choices |
 //! | `merge` | merge patches |
 //! | `check`, `stability` | rules between parameters |
 //! | `preset`, `schema` | data files with sources, JSON Schema |
@@ -49,7 +49,7 @@ mod tests;
 pub use batch_key::batch_key;
 pub use canonical::canonical_json;
 pub use course::{Across, Bent};
-pub use fault::{Fault, members};
+pub use fault::Fault;
 pub use lever::{End, Lever, Setting};
 pub use parameters::{
     Collision, Containment, Contortion, Contraction, Course, CourseShape, Folds, Histology, Integrator, Labels, Lean,
@@ -57,6 +57,7 @@ pub use parameters::{
     Search, Solver, Spring, Sway, Toward, Variation, Variety, Wall,
 };
 pub use preset::{DEFAULT_PRESET, Preset, preset, presets};
+pub use reader::{JsonReader, SEED_MAX, integer_in};
 pub use schedule::{Ease, Fluctuation, Schedule};
 pub use schema::schema;
 
@@ -120,12 +121,11 @@ impl ModelSpec {
     }
 
     fn build(base: &Value, patches: &[&Value]) -> Result<Self, Vec<Fault>> {
-        let mut faults = Vec::new();
+        let mut reader = JsonReader::default();
         let mut values = base.clone();
         for patch in patches {
-            values = merge::merge(parameters::table(), &values, patch, "", &mut faults);
+            values = merge::merge(parameters::table(), &values, patch, "", &mut reader);
         }
-        let mut reader = reader::Reader::default();
         let mut parameters = read(&mut reader, &values);
         if parameters.is_none() {
             // Unreadable values are replaced by those of the base, so that the rules between the
@@ -135,19 +135,16 @@ impl ModelSpec {
                     *value = own.clone();
                 }
             }
-            parameters = read(&mut reader::Reader::default(), &values);
+            parameters = read(&mut JsonReader::default(), &values);
         }
-        faults.append(&mut reader.faults);
         if let Some(parameters) = &parameters {
-            faults.extend(check::faults(parameters, &reader.bad));
+            let faults = check::faults(parameters, &reader.bad);
+            reader.extend("", faults);
         }
-        match parameters {
-            Some(parameters) if faults.is_empty() => Ok(Self(parameters)),
-            _ => {
-                faults.sort_by(|a, b| a.pointer.cmp(&b.pointer));
-                Err(faults)
-            }
-        }
+        reader.finish(parameters).map(Self).map_err(|mut faults| {
+            faults.sort_by(|a, b| a.pointer.cmp(&b.pointer));
+            faults
+        })
     }
 
     /// The whole specification as canonical JSON: every field, sorted keys, a plain number for each
@@ -247,6 +244,6 @@ impl Parameters {
 }
 
 /// Reads all parameters.
-fn read(reader: &mut reader::Reader, values: &Value) -> Option<Parameters> {
+fn read(reader: &mut JsonReader, values: &Value) -> Option<Parameters> {
     Parameters::read(reader, reader::Site { at: "", unit: "" }, values, ())
 }

@@ -2,8 +2,8 @@
 
 use super::bounds::{Count, Range, out_of};
 use super::canonical::number;
-use super::fault::{Fault, child, describe};
-use super::reader::{Reader, Site};
+use super::fault::{child, describe};
+use super::reader::{JsonReader, Site};
 use super::schedule::{Ease, Fluctuation, Schedule};
 use super::table::{Kind, Parameter};
 use serde_json::{Value, json};
@@ -19,11 +19,11 @@ pub(super) const MAX_POINTS: usize = 1000;
 pub(super) const MAX_GRID: usize = 129;
 const MEMBERS: [&str; 3] = ["keys", "ease", "fluctuation"];
 
-impl Reader {
+impl JsonReader {
     fn keys(&mut self, site: Site<'_>, value: &Value, range: Range) -> Option<Vec<[f64; 2]>> {
         let at = child(site.at, "keys");
         let Some(items) = value.as_array() else {
-            return self.fault(at, format!("must be an array of [fraction, value] pairs, not {}", describe(value)));
+            return self.unexpected(at, "an array of [fraction, value] pairs", value);
         };
         if items.is_empty() {
             return self.fault(at, "has no keys; give at least [0, value] and [1, value]");
@@ -34,23 +34,23 @@ impl Reader {
         let keys: Vec<Option<[f64; 2]>> = (0..).zip(items).map(|(i, key)| self.key(site, &at, i, key, range)).collect();
         let fractions: Vec<Option<f64>> =
             items.iter().map(|key| key.get(0).and_then(Value::as_f64).filter(|u| (0.0..=1.0).contains(u))).collect();
-        let before = self.faults.len();
+        let before = self.count();
         if let Some(u) = fractions[0].filter(|u| *u != 0.0) {
-            self.faults.push(Fault::new(format!("{at}/0/0"), format!("is {u}; the first key must be at 0")));
+            self.fault::<()>(format!("{at}/0/0"), format!("is {u}; the first key must be at 0"));
         }
         let last = items.len() - 1;
         if let Some(u) = fractions[last].filter(|u| *u != 1.0) {
-            self.faults.push(Fault::new(format!("{at}/{last}/0"), format!("is {u}; the last key must be at 1")));
+            self.fault::<()>(format!("{at}/{last}/0"), format!("is {u}; the last key must be at 1"));
         }
         for (i, pair) in fractions.windows(2).enumerate() {
             if let [Some(a), Some(b)] = pair
                 && b <= a
             {
                 let detail = format!("is {b}, not above {a} of the key before it; keys must be in order");
-                self.faults.push(Fault::new(format!("{at}/{}/0", i + 1), detail));
+                self.fault::<()>(format!("{at}/{}/0", i + 1), detail);
             }
         }
-        if self.faults.len() > before { None } else { keys.into_iter().collect() }
+        if self.count() > before { None } else { keys.into_iter().collect() }
     }
 
     fn key(&mut self, site: Site<'_>, keys: &str, i: usize, key: &Value, range: Range) -> Option<[f64; 2]> {
@@ -86,8 +86,7 @@ impl Reader {
     fn fluctuation(&mut self, site: Site<'_>, value: &Value) -> Option<Option<Fluctuation>> {
         let at = child(site.at, "fluctuation");
         let Some(members) = value.as_object() else {
-            return self
-                .fault(at, format!("must be an object with \"amplitude\" and \"period\", not {}", describe(value)));
+            return self.unexpected(at, "an object with \"amplitude\" and \"period\"", value);
         };
         let known = self.only(&at, members, &["amplitude", "period"]);
         let at_amplitude = child(&at, "amplitude");
@@ -121,7 +120,7 @@ impl Parameter for f64 {
         Kind::Number(rule)
     }
 
-    fn read(reader: &mut Reader, site: Site<'_>, value: &Value, rule: Range) -> Option<Self> {
+    fn read(reader: &mut JsonReader, site: Site<'_>, value: &Value, rule: Range) -> Option<Self> {
         let v = reader.number(site.at, value)?;
         reader.bounded(site, v, rule)
     }
@@ -138,7 +137,7 @@ impl Parameter for u32 {
         Kind::Integer(rule)
     }
 
-    fn read(reader: &mut Reader, site: Site<'_>, value: &Value, rule: Count) -> Option<Self> {
+    fn read(reader: &mut JsonReader, site: Site<'_>, value: &Value, rule: Count) -> Option<Self> {
         let v = reader.number(site.at, value)?;
         if v.fract() != 0.0 {
             return reader.fault(site.at, format!("is {v}; it must be an integer"));
@@ -159,11 +158,8 @@ impl Parameter for bool {
         Kind::Bool
     }
 
-    fn read(reader: &mut Reader, site: Site<'_>, value: &Value, (): ()) -> Option<Self> {
-        match value.as_bool() {
-            Some(b) => Some(b),
-            None => reader.fault(site.at, format!("must be true or false, not {}", describe(value))),
-        }
+    fn read(reader: &mut JsonReader, site: Site<'_>, value: &Value, (): ()) -> Option<Self> {
+        reader.flag(site.at, value)
     }
 
     fn write(&self) -> Value {
@@ -178,10 +174,9 @@ impl<const N: usize> Parameter for Vec<[f64; N]> {
         Kind::Points(N, rule)
     }
 
-    fn read(reader: &mut Reader, site: Site<'_>, value: &Value, rule: Range) -> Option<Self> {
+    fn read(reader: &mut JsonReader, site: Site<'_>, value: &Value, rule: Range) -> Option<Self> {
         let Some(items) = value.as_array() else {
-            return reader
-                .fault(site.at, format!("must be an array of points [{}], not {}", coordinates(N), describe(value)));
+            return reader.unexpected(site.at, format_args!("an array of points [{}]", coordinates(N)), value);
         };
         if items.len() > MAX_POINTS {
             return reader.fault(site.at, format!("has {} points; at most {MAX_POINTS} are allowed", items.len()));
@@ -203,9 +198,9 @@ impl Parameter for Vec<Vec<f64>> {
         Kind::Grid(rule)
     }
 
-    fn read(reader: &mut Reader, site: Site<'_>, value: &Value, rule: Range) -> Option<Self> {
+    fn read(reader: &mut JsonReader, site: Site<'_>, value: &Value, rule: Range) -> Option<Self> {
         let Some(rows) = value.as_array() else {
-            return reader.fault(site.at, format!("must be an array of rows of numbers, not {}", describe(value)));
+            return reader.unexpected(site.at, "an array of rows of numbers", value);
         };
         if rows.len() > MAX_GRID || rows.len() == 1 {
             return reader.fault(site.at, format!("has {} rows; 0 or 2 to {MAX_GRID} are allowed", rows.len()));
@@ -235,13 +230,12 @@ impl Parameter for Schedule {
         Kind::Schedule(rule)
     }
 
-    fn read(reader: &mut Reader, site: Site<'_>, value: &Value, rule: Range) -> Option<Self> {
+    fn read(reader: &mut JsonReader, site: Site<'_>, value: &Value, rule: Range) -> Option<Self> {
         if let Some(v) = value.as_f64() {
             return reader.bounded(site, v + 0.0, rule).map(Self::constant);
         }
         let Some(members) = value.as_object() else {
-            let detail = format!("must be a number or an object with \"keys\", not {}", describe(value));
-            return reader.fault(site.at, detail);
+            return reader.unexpected(site.at, "a number or an object with \"keys\"", value);
         };
         let known = reader.only(site.at, members, &MEMBERS);
         let keys = match members.get("keys") {

@@ -4,7 +4,7 @@
 
 use super::bounds::{Count, Range};
 use super::fault::child;
-use super::reader::{Reader, Site};
+use super::reader::{JsonReader, Site};
 use serde_json::Value;
 
 /// A parameter or a group of parameters in the table.
@@ -53,14 +53,14 @@ pub(super) trait Parameter: Sized {
     /// Describes the type for the table.
     fn kind(rule: Self::Rule) -> Kind;
     /// Reads a value and records all faults. Returns `None` exactly if there is a fault.
-    fn read(reader: &mut Reader, site: Site<'_>, value: &Value, rule: Self::Rule) -> Option<Self>;
+    fn read(reader: &mut JsonReader, site: Site<'_>, value: &Value, rule: Self::Rule) -> Option<Self>;
     /// Canonical JSON of the value.
     fn write(&self) -> Value;
 }
 
 /// Reads member `name` of a group.
 pub(super) fn member<T: Parameter>(
-    reader: &mut Reader,
+    reader: &mut JsonReader,
     group: Site<'_>,
     value: &Value,
     name: &str,
@@ -112,7 +112,7 @@ macro_rules! group {
             }
 
             fn read(
-                reader: &mut $crate::spec::reader::Reader,
+                reader: &mut $crate::spec::reader::JsonReader,
                 site: $crate::spec::reader::Site<'_>,
                 value: &serde_json::Value,
                 (): (),
@@ -163,14 +163,14 @@ macro_rules! choice {
             }
 
             fn read(
-                reader: &mut $crate::spec::reader::Reader,
+                reader: &mut $crate::spec::reader::JsonReader,
                 site: $crate::spec::reader::Site<'_>,
                 value: &serde_json::Value,
                 (): (),
             ) -> Option<Self> {
                 match value.as_str() {
                     $( Some($name) => Some(Self::$Variant), )+
-                    _ => reader.not_a_choice(site, value, Self::NAMES),
+                    _ => reader.not_a_choice(site.at, value, &[ $($name),+ ]),
                 }
             }
 

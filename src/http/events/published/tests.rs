@@ -2,8 +2,7 @@
 
 use super::super::samples::{job, running};
 use super::*;
-use crate::http::models::detail::Detail;
-use crate::http::models::links::At;
+use crate::http::models::model::{Detail, LinkBase};
 use crate::jobs::{JobKind, ListFilter};
 use proptest::prelude::*;
 use std::collections::BTreeSet;
@@ -56,7 +55,7 @@ fn names(published: &mut Published, job: &Job, now: Duration) -> Vec<String> {
         return Vec::new();
     }
     let snapshot = published.latest(job.id).unwrap();
-    let events = snapshot.events_after(before, "1", Detail::Summary, At::Root).concat();
+    let events = snapshot.events_after(before, "1", Detail::Summary, LinkBase::Root).concat();
     let text = String::from_utf8(events).unwrap();
     text.lines().filter_map(|line| line.strip_prefix("event: ").map(str::to_owned)).collect()
 }
@@ -216,7 +215,7 @@ fn a_job_whose_snapshot_was_dropped_is_followed_to_its_end() {
     let end =
         Job { id: id(1), status: Status::Cancelled, version: 2, spec: serde_json::json!({ "steps": 2000 }), ..job() };
     published.offer(&end, Duration::ZERO, &timing(Duration::ZERO));
-    let events = published.latest(id(1)).unwrap().events_after(position, "2", Detail::Full, At::Root).concat();
+    let events = published.latest(id(1)).unwrap().events_after(position, "2", Detail::Full, LinkBase::Root).concat();
     let text = std::str::from_utf8(&events).unwrap();
     assert!(text.starts_with("event: end\n") && text.contains("\"spec\":{\"steps\":2000}"), "{text}");
     assert!(!published.has_open(&both));

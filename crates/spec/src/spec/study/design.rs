@@ -2,9 +2,6 @@
 
 use crate::random::{Stream, unit_f64, words};
 
-/// Maximum seed of a Latin hypercube: 2^53 − 1, exact in JSON.
-pub(super) const SEED_MAX: u64 = (1 << 53) - 1;
-
 /// Method of combining the values of several parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Design {

@@ -24,8 +24,8 @@ mod tests;
 pub use schema::schema;
 
 use super::fault::{Fault, child, describe};
-use super::reader::Reader;
-use design::{Design, SEED_MAX, grid, latin_hypercube};
+use super::reader::{JsonReader, SEED_MAX};
+use design::{Design, grid, latin_hypercube};
 use serde_json::{Map, Value};
 use source::{Requirements, Source};
 use target::target;
@@ -62,11 +62,9 @@ impl Study {
     /// # Errors
     /// Returns all faults, with pointers into `vary`, such as `/values/~1collision~1gap_um/to`.
     pub fn read(vary: &Value, max_points: usize) -> Result<Self, Vec<Fault>> {
-        let mut reader = Reader::default();
-        match read(&mut reader, vary, max_points) {
-            Some(study) if reader.faults.is_empty() => Ok(study),
-            _ => Err(reader.faults),
-        }
+        let mut reader = JsonReader::default();
+        let study = read(&mut reader, vary, max_points);
+        reader.finish(study)
     }
 
     /// Pointers of the varied parameters, sorted.
@@ -121,26 +119,26 @@ impl Study {
     }
 }
 
-fn read(reader: &mut Reader, vary: &Value, max_points: usize) -> Option<Study> {
+fn read(reader: &mut JsonReader, vary: &Value, max_points: usize) -> Option<Study> {
     let Some(members) = vary.as_object() else {
-        return reader.fault("", format!("must be an object with design and values, not {}", describe(vary)));
+        return reader.unexpected("", "an object with design and values", vary);
     };
     reader.only("", members, &MEMBERS);
     let design = match members.get("design") {
         None => reader.fault("/design", "is missing; the designs are grid, zip and lhs"),
         Some(name) => match Design::NAMES.iter().find(|(known, _)| name.as_str() == Some(known)) {
             Some((_, design)) => Some(*design),
-            None => reader.not_a_choice_of("/design", name, &Design::NAMES.map(|(name, _)| name)),
+            None => reader.not_a_choice("/design", name, &Design::NAMES.map(|(name, _)| name)),
         },
     };
     let hypercube = design == Some(Design::LatinHypercube);
     let samples = match members.get("samples") {
         None if hypercube => reader.fault("/samples", "is missing; give the number of points"),
-        Some(value) if hypercube => reader.size("/samples", value, 1, max_points),
+        Some(value) if hypercube => reader.integer("/samples", value, 1..=max_points),
         _ => None,
     };
     let seed = match members.get("seed") {
-        Some(value) if hypercube => reader.size("/seed", value, 0, SEED_MAX as usize).map(|seed| seed as u64),
+        Some(value) if hypercube => reader.integer("/seed", value, 0..=SEED_MAX),
         _ => Some(0),
     };
     if design.is_some() && !hypercube {
@@ -155,7 +153,7 @@ fn read(reader: &mut Reader, vary: &Value, max_points: usize) -> Option<Study> {
             read_sources(reader, values, requirements, design.is_some())
         }
         Some(Value::Object(_)) => reader.fault("/values", "is empty; give at least one parameter to vary"),
-        Some(other) => reader.fault("/values", format!("must be an object, not {}", describe(other))),
+        Some(other) => reader.unexpected("/values", "an object", other),
     };
     let (design, seed, varied) = (design?, seed?, varied?);
     let (pointers, sources): (Vec<String>, Vec<Source>) = varied.into_iter().unzip();
@@ -192,7 +190,7 @@ fn read(reader: &mut Reader, vary: &Value, max_points: usize) -> Option<Study> {
 
 /// Reads the parameters to vary and the sources of their values, sorted by pointer.
 fn read_sources(
-    reader: &mut Reader,
+    reader: &mut JsonReader,
     values: &Map<String, Value>,
     requirements: Requirements,
     has_design: bool,

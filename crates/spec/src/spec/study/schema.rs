@@ -1,7 +1,8 @@
 //! JSON Schema of a study.
 
-use super::design::{Design, SEED_MAX};
+use super::design::Design;
 use super::source::DISTRIBUTIONS;
+use crate::spec::reader::SEED_MAX;
 use serde_json::{Map, Value, json};
 
 /// Schema of a study of at most `max_points` points. Its discriminator names components of an

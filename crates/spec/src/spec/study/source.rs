@@ -3,8 +3,8 @@
 use super::distribution::{Distribution, Normal};
 use super::target::Target;
 use crate::spec::canonical::number;
-use crate::spec::fault::{child, describe};
-use crate::spec::reader::Reader;
+use crate::spec::fault::child;
+use crate::spec::reader::JsonReader;
 use serde_json::{Map, Value};
 
 /// Distributions by their names in JSON, with the members of each.
@@ -39,7 +39,7 @@ pub(super) struct Requirements {
 impl Source {
     /// Reads the values for `target`. `at` is the pointer of `value`.
     pub(super) fn read(
-        reader: &mut Reader,
+        reader: &mut JsonReader,
         at: &str,
         value: &Value,
         target: Target,
@@ -61,8 +61,8 @@ impl Source {
                 }
             }
             other => {
-                let forms = "must be a list of values, or an object with from and to or with a distribution";
-                reader.fault(at, format!("{forms}, not {}", describe(other)))
+                let forms = "a list of values, or an object with from and to or with a distribution";
+                reader.unexpected(at, forms, other)
             }
         }
     }
@@ -124,7 +124,7 @@ fn whole(value: f64, integer: bool) -> Value {
 
 /// State of reading a range or a distribution.
 struct SourceReader<'a> {
-    reader: &'a mut Reader,
+    reader: &'a mut JsonReader,
     at: &'a str,
     members: &'a Map<String, Value>,
     target: Target,
@@ -143,7 +143,7 @@ impl SourceReader<'_> {
     fn quantiles(&mut self, name: &Value) -> Option<Source> {
         let Some((name, own)) = DISTRIBUTIONS.iter().find(|(known, _)| name.as_str() == Some(known)) else {
             let names = DISTRIBUTIONS.map(|(name, _)| name);
-            return self.reader.not_a_choice_of(&child(self.at, "distribution"), name, &names);
+            return self.reader.not_a_choice(&child(self.at, "distribution"), name, &names);
         };
         let known = self.reader.only(self.at, self.members, &[&["distribution", "count"], *own].concat());
         let (distribution, count) = (self.distribution(name), self.count(1));
@@ -248,7 +248,7 @@ impl SourceReader<'_> {
             Some(_) if !self.requirements.requires_count => {
                 self.reader.fault(at, "is not valid in the design lhs; use samples")
             }
-            Some(value) => self.reader.size(&at, value, least, self.requirements.max_values).map(Some),
+            Some(value) => self.reader.integer(&at, value, least..=self.requirements.max_values).map(Some),
         }
     }
 }

@@ -1,22 +1,20 @@
-//! Bodies of responses. Members that do not apply are null, never absent.
+//! Bodies of responses and events about models. Members that do not apply are null, never absent.
 
-use super::batches::study::BatchStudy;
-use super::models::detail::Detail;
-use super::models::links::At;
-pub use super::openapi::shapes::ModelWarning;
-use super::openapi::shapes::Summary;
-use super::wire::problem::TYPE_PREFIX;
-use super::wire::responses::SpecPatch;
 use crate::generate::{Output, Progress, Stage};
-use crate::jobs::{
-    BackendReport, Job, JobProgress, LiveSection, Priority, Status, WorkerInfo, WorkerKind, WorkerState,
-};
+pub use crate::http::openapi::shapes::ModelWarning;
+use crate::http::openapi::shapes::Summary;
+use crate::http::wire::extract::Parameters;
+use crate::http::wire::faults::{Faults, RequestFault};
+use crate::http::wire::problem::TYPE_PREFIX;
+use crate::http::wire::responses::SpecPatch;
+use crate::jobs::{BackendReport, Job, JobProgress, LiveSection, Priority, Status};
 use crate::model::{BodyKind, LengthUnit};
 use crate::spec::ModelSpec;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
+use std::fmt::Display;
 use std::time::Duration;
 use utoipa::ToSchema;
 use uuid::Uuid;
@@ -135,11 +133,12 @@ pub struct ModelProblem {
 }
 
 impl Model {
-    /// The model of a job, in an answer whose URL lies `at`. Models are removed `keep` after their end.
+    /// The model of a job, with references relative to `base`. Models are removed `keep` after
+    /// their end.
     #[must_use]
-    pub(super) fn of(job: &Job, keep: Option<Duration>, detail: Detail, at: At) -> Self {
+    pub(in crate::http) fn of(job: &Job, keep: Option<Duration>, detail: Detail, base: LinkBase) -> Self {
         let file = |file: &crate::jobs::File| ModelFile {
-            href: format!("{}/files/{}", at.model(job.id), file.name),
+            href: format!("{}/files/{}", base.model(job.id), file.name),
             name: file.name.clone(),
             media_type: file.media_type.clone(),
             bytes: file.bytes,
@@ -161,7 +160,7 @@ impl Model {
             backend: job.backend.clone(),
             worker: job.worker.clone(),
             queue: Queue::of(job),
-            progress: if job.status == Status::Succeeded { Some(whole(job)) } else { reported(job) },
+            progress: if job.status == Status::Succeeded { Some(completed(job)) } else { reported(job) },
             attempts: job.attempts,
             created_at: job.created_at,
             started_at: job.started_at,
@@ -180,8 +179,7 @@ impl Model {
 }
 
 impl Queue {
-    /// Position and waiting time of a job.
-    pub(super) fn of(job: &Job) -> Self {
+    pub(in crate::http) fn of(job: &Job) -> Self {
         let left = job.started_at.or(job.finished_at);
         let wait_seconds = left.map(|at| at.duration_since(job.created_at).as_secs_f64().max(0.0));
         Self { position: job.queue_position, wait_seconds }
@@ -189,8 +187,7 @@ impl Queue {
 }
 
 impl ModelProblem {
-    /// The problem of a job.
-    pub(super) fn of(problem: &crate::jobs::Problem) -> Self {
+    pub(in crate::http) fn of(problem: &crate::jobs::Problem) -> Self {
         Self {
             r#type: format!("{TYPE_PREFIX}{}", problem.kind),
             title: problem.title.clone(),
@@ -199,17 +196,18 @@ impl ModelProblem {
     }
 }
 
-/// When a job is removed, `keep` after its end.
-pub(super) fn expires_at(job: &Job, keep: Option<Duration>) -> Option<Timestamp> {
+/// Time at which a job is removed: `keep` after its end.
+pub(in crate::http) fn expires_at(job: &Job, keep: Option<Duration>) -> Option<Timestamp> {
     job.finished_at.zip(keep).and_then(|(end, keep)| end.checked_add(keep).ok())
 }
 
-/// The progress that a worker last reported of a model.
+/// Progress that the worker of a model last reported.
 fn reported(job: &Job) -> Option<Progress> {
     job.progress.and_then(JobProgress::model)
 }
 
-/// A summary without the means by region, 150 numbers for tables of batches; the report of a model has them.
+/// The summary without the means by region: 150 numbers, which tables of batches and the report
+/// contain.
 fn without_means(mut summary: Value) -> Value {
     if let Some(members) = summary.as_object_mut() {
         members.remove("morphometry");
@@ -217,17 +215,19 @@ fn without_means(mut summary: Value) -> Value {
     summary
 }
 
-/// The warnings in the summary of a job. A summary of an older version has none.
+/// Warnings in the summary of a job. Summaries of older versions have none.
 fn warnings(job: &Job) -> Vec<ModelWarning> {
     let found = job.summary.as_ref().and_then(|summary| summary.get("warnings"));
     found.and_then(|list| Vec::deserialize(list).ok()).unwrap_or_default()
 }
 
-/// Progress of a succeeded model: complete, even if it was reused or ended before a worker reported any.
-fn whole(job: &Job) -> Progress {
+/// Progress of a succeeded model. The last progress that a worker reported may be older than the
+/// end, and a reused model has none.
+fn completed(job: &Job) -> Progress {
     let number = |value: Option<&Value>| value.and_then(Value::as_u64).and_then(|n| u32::try_from(n).ok()).unwrap_or(0);
     let found = |pointer: &str| number(job.summary.as_ref().and_then(|summary| summary.pointer(pointer)));
-    // Only a piece may end before the tube does; reading the whole spec takes time.
+    // Only a piece can end before the tube does. The whole spec is read only for a piece, because
+    // this takes time.
     let to = job.spec.pointer("/piece/to").and_then(Value::as_f64).unwrap_or(1.0);
     let piece = (to < 1.0).then(|| ModelSpec::from_json(&job.spec).ok()).flatten();
     let steps = piece.map_or_else(|| number(job.spec.get("steps")), |spec| *spec.recorded().end());
@@ -251,96 +251,6 @@ pub struct ModelList {
     pub next: Option<String>,
 }
 
-/// A batch: many models of one spec, or of the points of a study, requested together. Models that were deleted individually are not listed.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, ToSchema)]
-pub struct Batch {
-    /// Identifier, a UUIDv7.
-    pub id: Uuid,
-    /// Who submitted it; null if that was done without a key.
-    pub owner: Option<String>,
-    /// When it was accepted.
-    #[schema(value_type = String, format = DateTime)]
-    pub created_at: Timestamp,
-    /// Priority of its models.
-    #[schema(value_type = i64, minimum = -100, maximum = 100)]
-    pub priority: Priority,
-    /// Number of its models by status.
-    pub counts: BatchCounts,
-    /// Ids of its models, in the order of the seeds; of a study, in the order of the points, each with its seeds; then those of
-    /// retries. Absent in lists.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false)]
-    pub models: Option<Vec<Uuid>>,
-    /// The study that its models are the points of; null if it has none. Absent in lists.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(value_type = Option<BatchStudy>, required = false)]
-    pub study: Option<Option<BatchStudy>>,
-}
-
-/// A page of batches, newest first.
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct BatchList {
-    /// The batches.
-    pub batches: Vec<Batch>,
-    /// Value of `cursor` for the next page; null on the last page.
-    pub next: Option<String>,
-}
-
-/// What a request for many models did.
-#[derive(Clone, Copy, Debug, Serialize, ToSchema)]
-pub(super) struct Applied {
-    /// Number of models that were cancelled or deleted, or with `dry_run` would be.
-    #[schema(minimum = 0)]
-    pub count: u64,
-    /// Whether nothing was done.
-    pub dry_run: bool,
-}
-
-/// Number of models of a batch by status.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ToSchema)]
-pub struct BatchCounts {
-    /// All models.
-    #[schema(minimum = 0)]
-    pub total: u64,
-    /// Models that wait for a worker.
-    #[schema(minimum = 0)]
-    pub queued: u64,
-    /// Models that a worker grows.
-    #[schema(minimum = 0)]
-    pub running: u64,
-    /// Models that have succeeded.
-    #[schema(minimum = 0)]
-    pub succeeded: u64,
-    /// Models that have failed.
-    #[schema(minimum = 0)]
-    pub failed: u64,
-    /// Models that were cancelled.
-    #[schema(minimum = 0)]
-    pub cancelled: u64,
-}
-
-impl From<&crate::jobs::Batch> for Batch {
-    fn from(batch: &crate::jobs::Batch) -> Self {
-        let counts = &batch.counts;
-        Self {
-            id: batch.id.0,
-            owner: batch.owner.clone(),
-            created_at: batch.created_at,
-            priority: batch.priority,
-            counts: BatchCounts {
-                total: counts.total(),
-                queued: counts.queued,
-                running: counts.running,
-                succeeded: counts.succeeded,
-                failed: counts.failed,
-                cancelled: counts.cancelled,
-            },
-            models: Some(batch.jobs.iter().map(|job| job.0).collect()),
-            study: Some(BatchStudy::of(batch)),
-        }
-    }
-}
-
 /// The data of an event: the whole state of a model, without its spec unless `view=full`, and in `section` events its
 /// latest contour.
 #[derive(Clone, Debug, Serialize, ToSchema)]
@@ -355,7 +265,7 @@ pub struct ModelEvent {
 
 /// The data of the `end` event of a deleted model or fit.
 #[derive(Clone, Copy, Debug, Serialize, ToSchema)]
-pub(super) struct DeletedEvent {
+pub(in crate::http) struct DeletedEvent {
     /// Its id.
     pub id: Uuid,
     /// `deleted`.
@@ -365,78 +275,79 @@ pub(super) struct DeletedEvent {
 /// The status in the last event of what was deleted.
 #[derive(Clone, Copy, Debug, Serialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
-pub(super) enum Deleted {
+pub(in crate::http) enum Deleted {
     /// The model was deleted.
     Deleted,
 }
 
-/// A worker.
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct Worker {
-    /// Name, unique in the installation.
-    pub id: String,
-    /// Host name.
-    pub host: String,
-    /// Backend.
-    #[schema(value_type = crate::generate::Backend)]
-    pub backend: WorkerKind,
-    /// Name of the device.
-    pub device: String,
-    /// Id of the oldest model that it grows.
-    pub job: Option<Uuid>,
-    /// Ids of the models that it grows, oldest first: one, or those of a GPU batch.
-    pub jobs: Vec<Uuid>,
-    /// Number of models it has finished.
-    #[schema(minimum = 0)]
-    pub jobs_done: u64,
-    /// Last heartbeat.
-    #[schema(value_type = String, format = DateTime)]
-    pub heartbeat_at: Timestamp,
-    /// Whether it starts models, unless all workers are paused.
-    pub state: WorkerState,
-    /// Its own pause; null if it is active.
-    pub pause: Option<Pause>,
+/// How much of each model is sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+#[schema(as = View)]
+pub(in crate::http) enum Detail {
+    /// All but the spec, which never changes and is most of the bytes.
+    Summary,
+    /// All.
+    Full,
 }
 
-/// A pause of a worker or of all.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, ToSchema)]
-pub struct Pause {
-    /// When it began.
-    #[schema(value_type = String, format = DateTime)]
-    pub since: Timestamp,
-    /// Who asked for it; null if unknown, and for callers without the scope `admin`.
-    pub by: Option<String>,
-}
-
-impl From<crate::jobs::Pause> for Pause {
-    fn from(pause: crate::jobs::Pause) -> Self {
-        Self { since: pause.since, by: pause.by }
-    }
-}
-
-impl From<WorkerInfo> for Worker {
-    fn from(worker: WorkerInfo) -> Self {
-        let state = worker.state();
-        Self {
-            id: worker.id,
-            host: worker.host,
-            backend: worker.kind,
-            device: worker.device,
-            job: worker.jobs.first().map(|id| id.0),
-            jobs: worker.jobs.iter().map(|id| id.0).collect(),
-            jobs_done: worker.jobs_done,
-            heartbeat_at: worker.heartbeat_at,
-            state,
-            pause: worker.pause.map(Into::into),
+impl Detail {
+    /// Reads the parameter `view`; `default` if it is absent or invalid.
+    pub(in crate::http) fn read(parameters: &Parameters, default: Self, faults: &mut Faults) -> Self {
+        match parameters.get("view") {
+            None => default,
+            Some("summary") => Self::Summary,
+            Some("full") => Self::Full,
+            Some(_) => {
+                faults.push(RequestFault::parameter("view", "must be summary or full"));
+                default
+            }
         }
     }
 }
 
-/// Workers that sent a heartbeat within the last minutes.
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct WorkerList {
-    /// The pause of all workers; null while those that are active start models.
-    pub pause: Option<Pause>,
-    /// The workers.
-    pub workers: Vec<Worker>,
+/// The path that a response was requested from. Its references are relative to it (RFC 3986,
+/// section 4.2): a proxy may strip a prefix from paths, so the service never refers to a path from
+/// the root.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::http) enum LinkBase {
+    /// `/models`, `/events`, `/batches`.
+    Root,
+    /// `/models/{id}`.
+    Models,
+    /// `/models/{id}/events`, or another resource of a model.
+    Model,
+}
+
+impl LinkBase {
+    /// A reference to a model.
+    pub(in crate::http) fn model(self, id: impl Display) -> String {
+        match self {
+            Self::Root => format!("models/{id}"),
+            Self::Models => id.to_string(),
+            Self::Model => format!("../{id}"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn references_resolve_under_any_prefix() {
+        for prefix in ["http://localhost:8080", "https://lab.example/tools/oviduct"] {
+            for (at, paths) in [
+                (LinkBase::Root, vec!["/models", "/events", "/models?limit=3", "/batches"]),
+                (LinkBase::Models, vec!["/models/7", "/models/7?view=full"]),
+                (LinkBase::Model, vec!["/models/7/events", "/models/7/cancel", "/models/7/retry"]),
+            ] {
+                for path in paths {
+                    let base = reqwest::Url::parse(&format!("{prefix}{path}")).unwrap();
+                    let resolved = base.join(&format!("{}/files/model.glb", at.model(7))).unwrap();
+                    assert_eq!(resolved.as_str(), format!("{prefix}/models/7/files/model.glb"), "{path}");
+                }
+            }
+        }
+    }
 }
