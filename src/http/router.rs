@@ -1,4 +1,4 @@
-//! All routes, by what a key must allow for them.
+//! All routes, grouped by the access that they require.
 
 use super::access::Rule;
 use super::access::tickets;
@@ -15,8 +15,8 @@ use std::sync::{Arc, LazyLock};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-/// The routes with their descriptions. Each is in the group of its rule. Only the console's files, which everyone may read, are
-/// not among them.
+/// The routes with their descriptions, grouped by access rule. The files of the console are
+/// separate, because everyone may read them.
 fn routes() -> OpenApiRouter<AppState> {
     let open =
         OpenApiRouter::new().routes(routes!(health::alive)).routes(routes!(health::ready)).routes(routes!(docs::page));
@@ -78,19 +78,20 @@ fn routes() -> OpenApiRouter<AppState> {
         .merge(Rule::Admin.guard(admin))
 }
 
-/// The description of all routes.
+/// The OpenAPI description of all routes.
 pub(super) fn description() -> &'static Value {
     static DESCRIPTION: LazyLock<Value> = LazyLock::new(|| openapi::describe(routes().into_openapi()));
     &DESCRIPTION
 }
 
-/// The description of the service as YAML: what `openapi.yaml` holds.
+/// The OpenAPI description as YAML, the content of `openapi.yaml`.
 #[must_use]
 pub fn openapi_yaml() -> String {
     openapi::yaml(description())
 }
 
-/// The service. Every error response is a problem, every response has a request id.
+/// The router of the service. Every error response is a problem, and every response has a request
+/// id.
 pub fn router(state: AppState) -> Router {
     let counting = axum::middleware::from_fn_with_state(state.metrics.clone(), metrics::count);
     let routes = Router::from(routes()).merge(console::routes()).layer(Extension(Description(description)));
@@ -99,7 +100,8 @@ pub fn router(state: AppState) -> Router {
     enclose(compress(routes), &origins)
 }
 
-/// Health, readiness and metrics only: for a process without an API, and for an address that only operators reach.
+/// A router with health, readiness and metrics only, for processes without an API and for an
+/// address that only operators can reach.
 pub fn watch_router(state: AppState) -> Router {
     let routes = OpenApiRouter::new()
         .routes(routes!(health::alive))

@@ -1,4 +1,4 @@
-//! `GET /batches/{id}/archive`: files of all models of a batch, streamed.
+//! `GET /batches/{id}/archive`: a stream of the files of all models of a batch.
 //!
 //! The archive starts with `manifest.json`, which lists all models and the files that follow, from
 //! the records at the time of the request. If a file is missing or the artifact store fails, the
@@ -33,7 +33,7 @@ use utoipa::ToSchema;
 const CHUNK: usize = 64 << 10;
 /// Maximum number of chunks that wait for the client.
 const MAX_WAITING_CHUNKS: usize = 2;
-/// Name of the list of all models and files.
+/// Name of the entry that lists all models and files.
 const MANIFEST: &str = "manifest.json";
 /// Files that every model has.
 const COMMON_FILES: [&str; 2] = ["report.json", "sections.bin"];

@@ -1,7 +1,7 @@
 //! `POST /fits` and `POST /fits/validate`: from a request to a queued fit.
 
+use super::fit::{Fit, FitDetail, FitValidation};
 use super::request::{CheckedFit, FitRequest};
-use super::shape::{Fit, FitDetail, FitValidation};
 use crate::generate::{Backend, Cost, Outputs};
 use crate::http::AppState;
 use crate::http::access::Caller;

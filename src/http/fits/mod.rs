@@ -5,19 +5,19 @@
 //! | `request` | the body of a request |
 //! | `create` | `POST /fits`, `POST /fits/validate` |
 //! | `read` | list, read, cancel, delete |
-//! | `shape` | bodies of responses |
+//! | `fit` | bodies of responses |
 
 pub(super) mod create;
+mod fit;
 pub(super) mod read;
 mod request;
-mod shape;
 
 use crate::http::wire::extract::{PathTexts, parse_id};
 use crate::http::wire::problem::{Kind, Problem};
 use crate::jobs::JobId;
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
-pub(super) use shape::{Fit, FitDetail};
+pub(super) use fit::{Fit, FitDetail};
 
 /// Id of a fit in the path; 404 if it is not a UUID.
 pub(super) struct FitId(pub(super) JobId);

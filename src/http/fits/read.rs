@@ -1,6 +1,6 @@
 //! `GET /fits`; `GET`, `DELETE /fits/{id}`, `POST /fits/{id}/cancel`.
 
-use super::shape::{Fit, FitDetail, FitList};
+use super::fit::{Fit, FitDetail, FitList};
 use super::{FitId, no_fit};
 use crate::http::AppState;
 use crate::http::access::Caller;

@@ -1,4 +1,5 @@
-//! `POST /models/cancel`, `DELETE /models` and `POST /batches/{id}/cancel`: cancel or delete many models.
+//! Cancelling and deleting many models: `POST /models/cancel`, `DELETE /models` and
+//! `POST /batches/{id}/cancel`.
 //!
 //! Each transaction changes at most 100 models. If a request fails, some models may be changed
 //! already; the client can repeat it. If the client disconnects, the service completes the request.

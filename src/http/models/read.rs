@@ -1,4 +1,5 @@
-//! `GET /models`, `GET`, `DELETE /models/{id}`, `POST /models/{id}/cancel`: list, read, delete and cancel models.
+//! Listing, reading, cancelling and deleting models: `GET /models`; `GET`, `DELETE /models/{id}`;
+//! `POST /models/{id}/cancel`.
 
 use super::files::find_model;
 use super::model::{Detail, LinkBase, Model, ModelList};

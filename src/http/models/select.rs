@@ -1,4 +1,4 @@
-//! Query parameters that select models.
+//! Query parameters: filters of models, pages and flags.
 
 use super::request::MAX_LABELS;
 use crate::http::access::Caller;

@@ -1,5 +1,5 @@
-//! `GET /models/{id}/cut`: the stored surface of a model cut by a plane, as JSON, as a drawing, or as a stained or labelled
-//! picture.
+//! `GET /models/{id}/cut`: the intersection of a plane with the stored surface of a model, as JSON,
+//! as a drawing, or as a stained or labelled picture.
 
 use super::draw::turn;
 use super::sections::{Png, SVG, SectionFormat, representation};
