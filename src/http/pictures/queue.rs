@@ -4,6 +4,7 @@ use crate::geometry::cut::Body;
 use crate::http::wire::conditional::ETag;
 use crate::lock::Mutex;
 use bytes::Bytes;
+use std::borrow::Borrow;
 use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 use std::time::Duration;
@@ -132,10 +133,9 @@ impl<K, V> Default for Recent<K, V> {
 }
 
 impl<K: PartialEq, V: Clone> Recent<K, V> {
-    fn get<Q: ?Sized>(&mut self, key: &Q) -> Option<V>
+    fn get<Q: PartialEq + ?Sized>(&mut self, key: &Q) -> Option<V>
     where
-        K: std::borrow::Borrow<Q>,
-        Q: PartialEq,
+        K: Borrow<Q>,
     {
         let place = self.0.iter().position(|(kept, _)| kept.borrow() == key)?;
         let entry = self.0.remove(place)?;

@@ -44,7 +44,7 @@ impl SlideStyle {
         let labels = flag(parameters, "labels", faults);
         match parameters.get("stain") {
             Some("he") if labels => {
-                faults.push(RequestFault::parameter("stain", "must be absent: labels are not stained"))
+                faults.push(RequestFault::parameter("stain", "must be absent: labels are not stained"));
             }
             None | Some("he") => {}
             Some(_) => faults.push(RequestFault::parameter("stain", "must be he")),
