@@ -1,4 +1,4 @@
-//! All routes, grouped by the access that they require.
+//! All routes, grouped by their access rules.
 
 use super::access::Rule;
 use super::access::tickets;
@@ -15,8 +15,7 @@ use std::sync::{Arc, LazyLock};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-/// The routes with their descriptions, grouped by access rule. The files of the console are
-/// separate, because everyone may read them.
+/// The routes with their descriptions, except for the files of the console, which everyone may read.
 fn routes() -> OpenApiRouter<AppState> {
     let open =
         OpenApiRouter::new().routes(routes!(health::alive)).routes(routes!(health::ready)).routes(routes!(docs::page));
@@ -84,14 +83,13 @@ pub(super) fn description() -> &'static Value {
     &DESCRIPTION
 }
 
-/// The OpenAPI description as YAML, the content of `openapi.yaml`.
+/// The description of the service as YAML: the content of `openapi.yaml`.
 #[must_use]
 pub fn openapi_yaml() -> String {
     openapi::yaml(description())
 }
 
-/// The router of the service. Every error response is a problem, and every response has a request
-/// id.
+/// The service. Every error response is a problem, and every response has a request id.
 pub fn router(state: AppState) -> Router {
     let counting = axum::middleware::from_fn_with_state(state.metrics.clone(), metrics::count);
     let routes = Router::from(routes()).merge(console::routes()).layer(Extension(Description(description)));
@@ -100,8 +98,8 @@ pub fn router(state: AppState) -> Router {
     enclose(compress(routes), &origins)
 }
 
-/// A router with health, readiness and metrics only, for processes without an API and for an
-/// address that only operators can reach.
+/// Health, readiness and metrics only, for a process without an API and for an address that only
+/// operators reach.
 pub fn watch_router(state: AppState) -> Router {
     let routes = OpenApiRouter::new()
         .routes(routes!(health::alive))

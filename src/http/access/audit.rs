@@ -1,4 +1,5 @@
-//! Audit lines: who changed what. They have the target `oviduct::audit`, so that a filter can send them elsewhere.
+//! Audit lines: who changed what. Their target is `oviduct::audit`, so a log filter can separate
+//! them.
 
 use super::Caller;
 use crate::jobs::StoreError;
@@ -6,7 +7,8 @@ use std::fmt::Display;
 use std::future::Future;
 use tracing::Instrument;
 
-/// Records that `caller` did something with the model, batch or filter `subject`. The request's span has its id.
+/// Logs that `caller` did `action` to `subject`: a model, a batch or a filter. The span of the
+/// request contributes the request id.
 pub(in crate::http) fn audit(caller: &Caller, action: &'static str, subject: impl Display) {
     let (owner, key) = match caller {
         Caller::Anyone => ("", ""),
@@ -15,7 +17,8 @@ pub(in crate::http) fn audit(caller: &Caller, action: &'static str, subject: imp
     tracing::info!(target: "oviduct::audit", action, %subject, owner, key);
 }
 
-/// Makes a change and records it, unless there was nothing to change (`None`).
+/// Runs a change to completion and logs it, unless the change is `None`: there was nothing to
+/// change.
 pub(in crate::http) async fn audited<T: Send + 'static>(
     caller: &Caller,
     action: &'static str,
@@ -33,13 +36,14 @@ pub(in crate::http) async fn audited<T: Send + 'static>(
     .await
 }
 
-/// Does work to its end, also if the client closes the connection: no change is left without its audit line.
+/// Runs work to completion even if the client closes the connection, so every change gets its audit
+/// line.
 pub(in crate::http) async fn run_to_completion<T: Send + 'static>(work: impl Future<Output = T> + Send + 'static) -> T {
     match tokio::spawn(work.in_current_span()).await {
         Ok(output) => output,
         Err(error) => match error.try_into_panic() {
             Ok(panic) => std::panic::resume_unwind(panic),
-            // The process ends.
+            // The runtime is shutting down.
             Err(_) => std::future::pending().await,
         },
     }

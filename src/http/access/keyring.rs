@@ -1,4 +1,4 @@
-//! The keys, kept in memory and read again from time to time, so that a request costs no query.
+//! Cache of the API keys, so that a request costs no query.
 
 use crate::clock::Stopwatch;
 use crate::jobs::keys::{Key, Secret};
@@ -10,20 +10,21 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::task::JoinError;
 
-/// Longest time that a request waits for keys that are read again; then those read last count.
-const PATIENCE: Duration = Duration::from_millis(250);
+/// Maximum time for which a request waits for a refresh. After that, the cached keys stay in effect.
+const REFRESH_WAIT: Duration = Duration::from_millis(250);
 
-/// The keys as they were read.
+/// All keys at one moment.
 #[derive(Debug)]
 pub(super) struct Keys {
     by_prefix: BTreeMap<String, Arc<Key>>,
-    /// Time of the store when they were read.
+    /// Time of the store when the keys were read.
     at: Timestamp,
+    /// Time since then.
     age: Stopwatch,
 }
 
 impl Keys {
-    /// Whether none has ever been made.
+    /// True if no key was ever created.
     pub(super) fn is_empty(&self) -> bool {
         self.by_prefix.is_empty()
     }
@@ -33,12 +34,13 @@ impl Keys {
         self.at.checked_add(elapsed).unwrap_or(Timestamp::MAX)
     }
 
-    /// The key of this prefix, if it works.
+    /// The key with this prefix, if it is valid.
     pub(super) fn working(&self, prefix: &str) -> Option<Arc<Key>> {
         self.by_prefix.get(prefix).filter(|key| key.works_at(self.now())).cloned()
     }
 
-    /// The key with this secret, if it works. An unknown prefix takes as long as a wrong secret.
+    /// The key with this secret, if it is valid. An unknown prefix takes as long as a wrong secret,
+    /// so response times do not reveal prefixes.
     pub(super) fn working_with(&self, secret: &Secret) -> Option<Arc<Key>> {
         const NONE: &str = "0000000000000000000000000000000000000000000000000000000000000000";
         let hash = self.by_prefix.get(secret.prefix()).map_or(NONE, |key| &key.hash);
@@ -46,75 +48,81 @@ impl Keys {
     }
 }
 
-/// Keeps the keys.
-pub(super) struct Keyring(Arc<Shared>);
+/// The cache. Refreshes run in tasks that share its state.
+pub(super) struct Keyring(Arc<KeyCache>);
 
-struct Shared {
+struct KeyCache {
     store: Store,
-    refresh: Duration,
-    read: Mutex<Option<Arc<Keys>>>,
-    /// Held while they are read, with the time since the last failure.
-    reading: tokio::sync::Mutex<Option<Stopwatch>>,
+    refresh_interval: Duration,
+    keys: Mutex<Option<Arc<Keys>>>,
+    /// Held during a refresh. Contains the time since the last failure.
+    refreshing: tokio::sync::Mutex<Option<Stopwatch>>,
 }
 
 impl Keyring {
-    pub(super) fn new(store: Store, refresh: Duration) -> Self {
-        Self(Arc::new(Shared { store, refresh, read: Mutex::default(), reading: tokio::sync::Mutex::default() }))
+    pub(super) fn new(store: Store, refresh_interval: Duration) -> Self {
+        let (keys, refreshing) = (Mutex::default(), tokio::sync::Mutex::default());
+        Self(Arc::new(KeyCache { store, refresh_interval, keys, refreshing }))
     }
 
-    /// The keys. They are read again if that was done longer ago than the time of refresh; if the store does not answer in
-    /// time, those read last go on to count until it does.
+    /// The keys, at most as old as the refresh interval. If the store does not respond in time, the
+    /// cached keys stay in effect until it does.
     pub(super) async fn current(&self) -> Result<Arc<Keys>, StoreError> {
-        let last = self.0.last();
-        if let Some(keys) = last.clone().filter(|keys| keys.age.elapsed() < self.0.refresh) {
+        let cached = self.0.cached();
+        if let Some(keys) = cached.clone().filter(|keys| keys.age.elapsed() < self.0.refresh_interval) {
             return Ok(keys);
         }
-        // A slow store answers some time, although nobody waits for it any more.
-        let shared = Arc::clone(&self.0);
-        let reading = tokio::spawn(async move { shared.read_again().await });
+        // The task outlives this request, so a slow store still refreshes the cache.
+        let cache = Arc::clone(&self.0);
+        let refresh = tokio::spawn(async move { cache.refresh().await });
         let failed = |error: JoinError| StoreError::Database(format!("the keys could not be read: {error}").into());
-        let Some(last) = last else { return reading.await.map_err(failed)? };
-        match tokio::time::timeout(PATIENCE, reading).await {
-            Ok(Ok(Ok(keys))) => Ok(keys),
-            Ok(Ok(Err(_)) | Err(_)) | Err(_) => Ok(last),
-        }
+        let Some(cached) = cached else { return refresh.await.map_err(failed)? };
+        Ok(match tokio::time::timeout(REFRESH_WAIT, refresh).await {
+            Ok(Ok(Ok(keys))) => keys,
+            _ => cached,
+        })
     }
 }
 
-impl Shared {
-    fn last(&self) -> Option<Arc<Keys>> {
-        self.read.lock().clone()
+impl KeyCache {
+    fn cached(&self) -> Option<Arc<Keys>> {
+        self.keys.lock().clone()
     }
 
-    /// Reads the keys, one caller for all that wait. After a failure there is no other try for the time of refresh.
-    async fn read_again(&self) -> Result<Arc<Keys>, StoreError> {
+    /// Reads the keys once for all requests that wait. After a failure, the store is not asked again
+    /// during the refresh interval.
+    async fn refresh(&self) -> Result<Arc<Keys>, StoreError> {
         let waiting = Stopwatch::start();
-        let mut failed = self.reading.lock().await;
-        let last = self.last();
-        // Another caller has read them meanwhile.
-        if let Some(keys) = last.clone().filter(|keys| keys.age.elapsed() <= waiting.elapsed()) {
+        let mut failed = self.refreshing.lock().await;
+        let cached = self.cached();
+        // Another request refreshed the cache in the meantime.
+        if let Some(keys) = cached.clone().filter(|keys| keys.age.elapsed() <= waiting.elapsed()) {
             return Ok(keys);
         }
-        if failed.is_some_and(|failed| failed.elapsed() < self.refresh) {
-            return last.ok_or_else(|| StoreError::Database("the keys could not be read a moment ago".into()));
+        if failed.is_some_and(|failed| failed.elapsed() < self.refresh_interval) {
+            return cached.ok_or_else(|| StoreError::Database("the keys could not be read a moment ago".into()));
         }
         let (age, result) = (Stopwatch::start(), self.store.keys().await);
         *failed = result.is_err().then(Stopwatch::start);
         let (at, keys) = result.inspect_err(|error| tracing::warn!(%error, "the keys could not be read"))?;
-        if age.elapsed() > PATIENCE {
-            tracing::warn!(seconds = age.seconds(), "reading the keys was slow; those read before counted meanwhile");
+        if age.elapsed() > REFRESH_WAIT {
+            let seconds = age.seconds();
+            tracing::warn!(
+                seconds,
+                "the job store was slow to return the API keys; the previous keys stayed in effect"
+            );
         }
         let by_prefix = keys.into_iter().map(|key| (key.prefix.clone(), Arc::new(key))).collect();
         let keys = Arc::new(Keys { by_prefix, at, age });
-        if let Some(last) = last {
-            report_changes(&last, &keys);
+        if let Some(cached) = cached {
+            report_changes(&cached, &keys);
         }
-        *self.read.lock() = Some(Arc::clone(&keys));
+        *self.keys.lock() = Some(Arc::clone(&keys));
         Ok(keys)
     }
 }
 
-/// Logs keys that were made or revoked elsewhere.
+/// Logs keys that another process created or revoked.
 fn report_changes(before: &Keys, after: &Keys) {
     for (prefix, key) in &after.by_prefix {
         match before.by_prefix.get(prefix) {

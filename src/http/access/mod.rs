@@ -1,7 +1,7 @@
-//! Who sends a request, and what that allows: keys, tickets, quotas, and the checks of a service without keys.
+//! Access control: API keys, tickets, rate limits, quotas, and the checks of a service without keys.
 //!
-//! Each group of routes has a [`Rule`], which asks [`Access`] for the [`Caller`]. Handlers take the caller as an argument
-//! and show it only what it sees.
+//! Each group of routes has a [`Rule`], which gets the [`Caller`] from [`Access`]. Handlers take the
+//! caller as an argument and filter every resource by it.
 
 mod audit;
 mod bucket;
@@ -26,27 +26,28 @@ use keyring::{Keyring, Keys};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// What a service without any key does. As soon as one exists, every route but probes and pages asks for one.
+/// Behaviour of a service that has no key. As soon as a key exists, every route except probes and
+/// pages requires one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum WithoutKeys {
-    /// It serves anyone.
+    /// Serves anyone.
     #[default]
     Anyone,
-    /// It serves anyone on this machine: requests must be addressed to a loopback name, so that no page can reach it by a
-    /// name of its own that resolves to loopback.
+    /// Serves anyone on this machine. Requests must be addressed to a loopback name, so a page cannot
+    /// reach the service through a name of its own that resolves to a loopback address.
     Loopback,
-    /// It serves nobody.
+    /// Serves nobody.
     Nobody,
 }
 
-/// How requests are admitted.
+/// Options of access control.
 #[derive(Clone, Debug)]
 pub struct AccessOptions {
-    /// What it does without any key.
+    /// Behaviour while no key exists.
     pub without_keys: WithoutKeys,
-    /// Limits of keys that have none of their own.
+    /// Limits of keys without limits of their own.
     pub limits: KeyLimits,
-    /// Time after which the keys are read again: a new or revoked key takes effect within it.
+    /// Refresh interval of the cached keys. A new or revoked key takes effect within this time.
     pub refresh: Duration,
 }
 
@@ -56,12 +57,12 @@ impl Default for AccessOptions {
     }
 }
 
-/// Parameter of a ticket, and the name of its security scheme.
+/// Query parameter of a ticket, and name of its security scheme.
 pub(super) const TICKET: &str = "ticket";
-/// Name of the security scheme of keys.
+/// Name of the security scheme of API keys.
 pub(super) const BEARER: &str = "bearer";
 
-/// Finds out who sends a request.
+/// Identifies callers and counts their requests.
 pub(super) struct Access {
     store: Store,
     options: AccessOptions,
@@ -77,7 +78,7 @@ impl Access {
         Self { store, options, origins, keyring, buckets: Buckets::default() }
     }
 
-    /// Who sends a request, and the ticket that shows it, if it is one.
+    /// Returns the sender of a request, and the ticket if the request has one instead of a key.
     async fn caller(
         &self,
         method: &Method,
@@ -111,16 +112,17 @@ impl Access {
         Ok((Caller::Key(key).with_limits(self.options.limits), ticket))
     }
 
-    /// Whether the key of a caller still works, or there are still no keys if it has none.
+    /// True if the key of the caller is still valid, or for [`Caller::Anyone`], if there are still no
+    /// keys.
     pub(super) async fn still_works(&self, caller: &Caller) -> bool {
-        // In an outage nothing is known, and what was allowed goes on.
+        // While the job store is unavailable, running requests continue.
         self.keyring.current().await.map_or(true, |keys| match caller {
             Caller::Anyone => keys.is_empty(),
             Caller::Key(key) => keys.working(&key.prefix).is_some(),
         })
     }
 
-    /// Counts a request of this caller. `None` if it has no limit.
+    /// Counts a request of this caller; `None` if the caller has no rate limit.
     fn count(&self, caller: &Caller) -> Option<Result<Standing, Standing>> {
         let Caller::Key(key) = caller else { return None };
         Some(self.buckets.take(&key.prefix, key.limits.rate?))
@@ -140,7 +142,8 @@ impl Access {
         prefix.and_then(|prefix| keys.working(&prefix)).ok_or_else(bad_ticket)
     }
 
-    /// Uses up the ticket of a request that is about to be served. Of several with the same ticket one is served.
+    /// Uses up the ticket of a request that is about to be served. Of several requests with the same
+    /// ticket, one is served.
     async fn use_ticket(&self, ticket: &TicketSecret, uri: &Uri) -> Result<(), Problem> {
         self.store.use_ticket(&ticket.hash(), uri.path()).await?.map(drop).ok_or_else(bad_ticket)
     }
@@ -150,7 +153,7 @@ fn bad_ticket() -> Problem {
     unauthorized("The ticket is for another path, was used before, or is older than a minute. Get another.")
 }
 
-/// The key that a header has.
+/// The key in a header `Authorization`.
 fn by_secret(keys: &Keys, credential: &HeaderValue) -> Result<Arc<Key>, Problem> {
     let text = credential.to_str().unwrap_or_default();
     let (scheme, token) = text.split_once(' ').unwrap_or((text, ""));
@@ -158,8 +161,8 @@ fn by_secret(keys: &Keys, credential: &HeaderValue) -> Result<Arc<Key>, Problem>
         return Err(unauthorized("Send a key as `Authorization: Bearer …`."));
     }
     let invalid = || {
-        let problem = unauthorized("The key does not exist, has expired, or was revoked.");
-        problem.with_header(header::WWW_AUTHENTICATE, HeaderValue::from_static(INVALID))
+        unauthorized("The key does not exist, has expired, or was revoked.")
+            .with_header(header::WWW_AUTHENTICATE, INVALID)
     };
     let secret = Secret::parse(token.trim()).map_err(|_| invalid())?;
     keys.working_with(&secret).ok_or_else(invalid)
@@ -169,8 +172,7 @@ const CHALLENGE: &str = "Bearer realm=\"oviduct\"";
 const INVALID: &str = "Bearer realm=\"oviduct\", error=\"invalid_token\"";
 
 pub(super) fn unauthorized(detail: &str) -> Problem {
-    let challenge = HeaderValue::from_static(CHALLENGE);
-    Problem::new(Kind::Unauthorized, detail).with_header(header::WWW_AUTHENTICATE, challenge)
+    Problem::new(Kind::Unauthorized, detail).with_header(header::WWW_AUTHENTICATE, CHALLENGE)
 }
 
 /// The ticket in a query string.

@@ -1,5 +1,6 @@
-//! Checks of a service without keys: that pages of other sites cannot use it through the browser of somebody who can reach
-//! it. With keys there is no need, because a browser adds no key by itself.
+//! Checks of a service without keys. They prevent pages of other sites from using the service
+//! through the browser of a user who can reach it. A service with keys needs no such checks, because
+//! browsers do not add API keys by themselves.
 
 use crate::http::wire::cors::Origin;
 use crate::http::wire::problem::{Kind, Problem};
@@ -7,14 +8,16 @@ use axum::http::uri::Authority;
 use axum::http::{HeaderMap, Method, Uri, header};
 use std::net::IpAddr;
 
-/// The host that the request is addressed to, with its port.
+/// Host and port that the request is addressed to.
 fn authority(uri: &Uri, headers: &HeaderMap) -> Option<Authority> {
     let host = || headers.get(header::HOST)?.to_str().ok()?.parse().ok();
     uri.authority().cloned().or_else(host)
 }
 
-/// Refuses a request that is not addressed to a loopback name. A page whose own name resolves to loopback (DNS rebinding)
-/// is of the same origin for the browser, but its name is not a loopback name.
+/// Refuses a request that is not addressed to a loopback name.
+///
+/// This prevents DNS rebinding: a page whose own name resolves to a loopback address has the same
+/// origin for the browser, but its name is not a loopback name.
 pub(super) fn check_loopback(uri: &Uri, headers: &HeaderMap) -> Result<(), Problem> {
     if authority(uri, headers).is_some_and(|authority| is_loopback(authority.host())) {
         return Ok(());
@@ -34,8 +37,8 @@ fn is_loopback(host: &str) -> bool {
     }
 }
 
-/// Refuses a request that changes something and that a page of another origin sends, unless it is one of `allowed`. Reading
-/// needs no check: the browser does not show the answer to that page.
+/// Refuses a request of a page of another origin that changes something, unless `allowed` contains
+/// the origin. Reading needs no check, because the browser does not show the response to the page.
 pub(super) fn check_same(method: &Method, uri: &Uri, headers: &HeaderMap, allowed: &[Origin]) -> Result<(), Problem> {
     if method.is_safe() {
         return Ok(());

@@ -1,4 +1,4 @@
-//! What a route needs of its caller.
+//! Access rules of routes.
 
 use super::bucket::add_headers;
 use super::{Access, BEARER, Caller, TICKET};
@@ -6,7 +6,7 @@ use crate::http::wire::problem::{Kind, Problem};
 use crate::http::wire::responses::add_problems;
 use crate::jobs::keys::Scope;
 use axum::extract::Request;
-use axum::http::{HeaderValue, header};
+use axum::http::header;
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use std::sync::Arc;
@@ -15,18 +15,18 @@ use utoipa::openapi::path::Operation;
 use utoipa::openapi::security::SecurityRequirement;
 use utoipa_axum::router::OpenApiRouter;
 
-/// What a route needs of its caller, once the service has keys.
+/// What a caller needs for a route if the service has keys.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::http) enum Rule {
     /// Nothing.
     Open,
-    /// A key, whatever it allows.
+    /// A key with any scope.
     AnyKey,
-    /// A key that allows `read`.
+    /// A key with the scope `read`.
     Read,
-    /// A key that allows `submit`.
+    /// A key with the scope `submit`.
     Submit,
-    /// A key that allows `admin`.
+    /// A key with the scope `admin`.
     Admin,
 }
 
@@ -40,7 +40,7 @@ impl Rule {
         }
     }
 
-    /// These routes, with this rule enforced and described.
+    /// Enforces this rule on the routes, and adds it to their descriptions.
     pub(in crate::http) fn guard<S>(self, mut routes: OpenApiRouter<S>) -> OpenApiRouter<S>
     where
         S: Clone + Send + Sync + 'static,
@@ -53,23 +53,25 @@ impl Rule {
         routes.route_layer(axum::middleware::from_fn(move |request, next| self.enforce(request, next)))
     }
 
-    /// Describes what it asks for and how it refuses. Only what `reads` takes tickets, and is open to pages of other origins
-    /// on a service without keys.
-    fn describe(self, operation: &mut Operation, reads: bool) {
+    /// Adds the security requirements and the refusals of this rule to an operation.
+    ///
+    /// Only a `GET` accepts tickets. Only other methods are refused to pages of other origins on a
+    /// service without keys.
+    fn describe(self, operation: &mut Operation, is_get: bool) {
         if self == Self::Open {
             operation.security = Some(Vec::new());
             return;
         }
         let scopes: Vec<&str> = self.scope().iter().map(|scope| scope.name()).collect();
-        let ticket = reads.then(|| SecurityRequirement::new(TICKET, scopes.clone()));
+        let ticket = is_get.then(|| SecurityRequirement::new(TICKET, scopes.clone()));
         operation.security = Some([SecurityRequirement::new(BEARER, scopes)].into_iter().chain(ticket).collect());
         let mut kinds = vec![Kind::Unauthorized, Kind::UnknownHost, Kind::RateLimited, Kind::StoreUnavailable];
         kinds.extend(self.scope().map(|_| Kind::Forbidden));
-        kinds.extend((!reads).then_some(Kind::ForbiddenOrigin));
+        kinds.extend((!is_get).then_some(Kind::ForbiddenOrigin));
         add_problems(&mut operation.responses.responses, &kinds);
     }
 
-    /// Finds out who sends the request, and passes it on if the rule allows.
+    /// Identifies the caller and runs the request if the rule permits it.
     async fn enforce(self, mut request: Request, next: Next) -> Response {
         if self == Self::Open {
             return next.run(request).await;
@@ -90,7 +92,7 @@ impl Rule {
             Some(Err(standing)) => Err(too_fast(standing.wait())),
             _ => self.check(&caller),
         };
-        // A ticket of a request that is refused stays good.
+        // A refused request does not use its ticket up.
         let admitted = match (admitted, ticket) {
             (Ok(()), Some(ticket)) => access.use_ticket(&ticket, request.uri()).await,
             (admitted, _) => admitted,
@@ -108,7 +110,7 @@ impl Rule {
         response
     }
 
-    /// Refuses a caller that the rule does not let through.
+    /// Refuses a caller without the scope of this rule.
     fn check(self, caller: &Caller) -> Result<(), Problem> {
         match (caller, self.scope()) {
             (Caller::Key(key), Some(scope)) if !key.scopes.allow(scope) => {
@@ -128,8 +130,5 @@ fn too_fast(wait: Duration) -> Problem {
 fn forbidden(needed: Scope, has: &str) -> Problem {
     let challenge = format!("Bearer realm=\"oviduct\", error=\"insufficient_scope\", scope=\"{needed}\"");
     let problem = Problem::new(Kind::Forbidden, format!("This needs the scope {needed}. The key has: {has}."));
-    match HeaderValue::try_from(challenge) {
-        Ok(challenge) => problem.with_header(header::WWW_AUTHENTICATE, challenge),
-        Err(_) => problem,
-    }
+    problem.with_header(header::WWW_AUTHENTICATE, challenge)
 }

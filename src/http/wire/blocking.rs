@@ -1,8 +1,9 @@
-//! Work of the processor, on threads for it.
+//! Computations on threads outside the async runtime.
 
 use super::problem::{Kind, Problem};
 
-/// Does work that may take seconds. If it panics, the client is told that `what` failed, such as "Making the cut".
+/// Runs work that may take seconds. If the work panics, the problem says that `what` failed, for
+/// example "Making the cut".
 pub(in crate::http) async fn blocking<T: Send + 'static>(
     what: &str,
     work: impl FnOnce() -> T + Send + 'static,

@@ -1,8 +1,10 @@
-//! Compression of answers (RFC 9110, section 12.5.3): zstd, brotli or gzip, as `Accept-Encoding` prefers.
+//! Compression of responses (RFC 9110, section 12.5.3): zstd, brotli or gzip, as `Accept-Encoding`
+//! prefers.
 //!
-//! Only text is compressed: JSON, SVG, OBJ, YAML, pages. Events are not, because a compressor would hold them back; neither
-//! are ranges, whose offsets are those of the plain file, nor short answers. The entity tag of a compressed answer is weak,
-//! because its bytes are not those of the plain one: it still serves `If-None-Match`, and never `If-Range`.
+//! Only text is compressed: JSON, SVG, OBJ, YAML and pages. Three kinds of text are not: events,
+//! because a compressor would delay them; ranges, because their offsets refer to the uncompressed
+//! file; and short responses. A compressed response has other bytes than the uncompressed one, so
+//! its entity tag is weak: it is valid for `If-None-Match`, but not for `If-Range`.
 
 use axum::Router;
 use axum::extract::Request;
@@ -14,21 +16,21 @@ use tower_http::CompressionLevel;
 use tower_http::compression::CompressionLayer;
 use tower_http::compression::predicate::{Predicate, SizeAbove};
 
-/// Answers below this size, in bytes, fit a packet anyway.
-const LEAST: u64 = 1024;
-/// Of each algorithm: a fast one that gives most of the gain.
+/// Minimum size of a compressed response, bytes. Shorter ones fit into one packet uncompressed.
+const MIN_BYTES: u64 = 1024;
+/// Level of every algorithm: fast, with most of the possible reduction.
 const LEVEL: i32 = 3;
 
-/// Compresses the answers of these routes.
+/// Compresses the responses of these routes.
 pub(in crate::http) fn compress(routes: Router) -> Router {
     let text = |_: StatusCode, _: Version, headers: &HeaderMap, _: &Extensions| is_text(headers);
     let layer = CompressionLayer::new()
         .quality(CompressionLevel::Precise(LEVEL))
-        .compress_when(SizeAbove::new(LEAST).and(text));
+        .compress_when(SizeAbove::new(MIN_BYTES).and(text));
     routes.layer(layer).layer(axum::middleware::from_fn(adapt))
 }
 
-/// Whether the body is text of a kind that is worth compressing.
+/// True if the body is text that may be compressed.
 fn is_text(headers: &HeaderMap) -> bool {
     let Some(Ok(kind)) = headers.get(CONTENT_TYPE).map(HeaderValue::to_str) else { return false };
     let kind = kind.split(';').next().unwrap_or_default().trim();
@@ -39,13 +41,12 @@ fn is_text(headers: &HeaderMap) -> bool {
     }
 }
 
-/// Adapts a request and its answer to the layer.
+/// Adapts a request to the compression layer, and the response of the layer to HTTP.
 async fn adapt(mut request: Request, next: Next) -> Response {
-    let weak =
-        request.headers().get_all(IF_NONE_MATCH).iter().any(|tags| tags.as_bytes().windows(2).any(|w| w == b"W/"));
-    let head = request.method() == Method::HEAD;
-    let accepted = acceptable(request.headers()).filter(|_| !head);
-    let weak = weak && accepted.is_some();
+    let accepted = acceptable(request.headers()).filter(|_| request.method() != Method::HEAD);
+    let tags = request.headers().get_all(IF_NONE_MATCH);
+    let has_compressed =
+        accepted.is_some() && tags.iter().any(|tags| tags.as_bytes().windows(2).any(|window| window == b"W/"));
     request.headers_mut().remove(ACCEPT_ENCODING);
     if let Some(Ok(accepted)) = accepted.map(HeaderValue::try_from) {
         request.headers_mut().insert(ACCEPT_ENCODING, accepted);
@@ -53,30 +54,32 @@ async fn adapt(mut request: Request, next: Next) -> Response {
     let mut response = next.run(request).await;
     let not_modified = response.status() == StatusCode::NOT_MODIFIED;
     let headers = response.headers_mut();
-    // Also where this answer is not compressed: one to another client may be.
+    // Caches need `Vary` even on an uncompressed response: another client may get a compressed one.
     if (not_modified || is_text(headers)) && !headers.contains_key(VARY) {
         headers.append(VARY, HeaderValue::from_static("accept-encoding"));
     }
-    if headers.contains_key(CONTENT_ENCODING) || (not_modified && weak) {
+    if headers.contains_key(CONTENT_ENCODING) || (not_modified && has_compressed) {
         weaken(headers);
     }
     response
 }
 
-/// What the client accepts, without its refusals of the plain form. It gets that if nothing else fits, which RFC 9110 allows;
-/// the layer would answer 406 when the request has had its effect.
+/// Value of `Accept-Encoding` without entries that refuse the identity encoding.
+///
+/// If no other encoding matches, the client gets the uncompressed response, which RFC 9110 permits.
+/// Otherwise the compression layer would respond with 406 after the handler has run.
 fn acceptable(headers: &HeaderMap) -> Option<String> {
-    let refuses_plain = |item: &&str| {
+    let refuses_identity = |item: &&str| {
         let mut parts = item.split(';').map(str::trim);
-        let plain = parts.next().is_some_and(|name| name == "*" || name.eq_ignore_ascii_case("identity"));
-        let refused = |part: &str| {
+        let is_identity = parts.next().is_some_and(|name| name == "*" || name.eq_ignore_ascii_case("identity"));
+        let is_refusal = |part: &str| {
             let weight = part.split_once('=').filter(|(name, _)| name.trim().eq_ignore_ascii_case("q"));
             weight.is_some_and(|(_, value)| value.trim().parse() == Ok(0.0_f32))
         };
-        plain && parts.any(refused)
+        is_identity && parts.any(is_refusal)
     };
     let values = headers.get_all(ACCEPT_ENCODING).iter().filter_map(|value| value.to_str().ok());
-    let items: Vec<&str> = values.flat_map(|value| value.split(',')).filter(|item| !refuses_plain(item)).collect();
+    let items: Vec<&str> = values.flat_map(|value| value.split(',')).filter(|item| !refuses_identity(item)).collect();
     (!items.is_empty()).then(|| items.join(","))
 }
 

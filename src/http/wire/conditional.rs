@@ -9,29 +9,30 @@ use axum::response::{IntoResponse, Response};
 pub(in crate::http) struct ETag(String);
 
 impl ETag {
-    /// A tag with this content, which must be printable ASCII without quotes.
+    /// A tag with this content. The content must be printable ASCII without quotes.
     pub(in crate::http) fn strong(content: impl std::fmt::Display) -> Self {
         Self(format!("\"{content}\""))
     }
 
-    /// The value of a header.
+    /// The tag as the value of a header.
     pub(in crate::http) fn header(&self) -> Result<HeaderValue, Problem> {
         HeaderValue::from_str(&self.0).map_err(|_| Problem::new(Kind::Internal, "The entity tag could not be written."))
     }
 
-    /// Whether `If-None-Match` names this tag (weak comparison) or is `*`.
+    /// True if `If-None-Match` contains this tag (weak comparison) or is `*`.
     pub(in crate::http) fn matches_none(&self, headers: &HeaderMap) -> bool {
         headers.get_all(header::IF_NONE_MATCH).iter().filter_map(|v| v.to_str().ok()).any(|list| {
             list.split(',').map(str::trim).any(|tag| tag == "*" || tag.strip_prefix("W/").unwrap_or(tag) == self.0)
         })
     }
 
-    /// Whether `If-Range` allows a range: it is absent, or names this tag (strong comparison).
+    /// True if `If-Range` permits a range: the header is absent or contains this tag (strong
+    /// comparison).
     pub(in crate::http) fn matches_range(&self, headers: &HeaderMap) -> bool {
         headers.get(header::IF_RANGE).is_none_or(|v| v.as_bytes() == self.0.as_bytes())
     }
 
-    /// 304, with this tag and the `Cache-Control` of the full response.
+    /// Response 304 with this tag, and with the `Cache-Control` of the full response.
     pub(in crate::http) fn not_modified(&self, cache: HeaderValue) -> Result<Response, Problem> {
         Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, self.header()?), (header::CACHE_CONTROL, cache)]).into_response())
     }

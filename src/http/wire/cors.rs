@@ -1,8 +1,11 @@
-//! Which pages of other origins may call the service (the CORS protocol of the Fetch standard). None, unless it is set so.
+//! Origins whose pages may call the service (CORS protocol of the Fetch standard). The default is
+//! none.
 
 use super::headers::{
     IDEMPOTENCY_KEY, IDEMPOTENCY_REPLAYED, LAST_EVENT_ID, PREFER, PREFERENCE_APPLIED, REQUEST_ID, UM_PER_PIXEL,
 };
+use super::problem::{RATE_LIMIT, RATE_LIMIT_POLICY};
+use crate::trace::TRACEPARENT;
 use axum::Router;
 use axum::extract::Request;
 use axum::http::{HeaderName, HeaderValue, Method, Uri, header};
@@ -13,21 +16,21 @@ use std::time::Duration;
 use tower::ServiceExt;
 use tower_http::cors::{AllowOrigin, CorsLayer};
 
-/// Time for which a browser remembers the answer to a preflight. Chromium remembers none for longer.
-const REMEMBERED: Duration = Duration::from_secs(7200);
+/// Time for which a browser caches the response to a preflight: the maximum of Chromium.
+const PREFLIGHT_CACHE: Duration = Duration::from_secs(7200);
 
 /// An origin whose pages may call the service, such as `https://lab.example:8443`, or `*` for any.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Origin(HeaderValue);
 
 impl Origin {
-    /// Whether it stands for any origin.
+    /// True for `*`.
     #[must_use]
     pub fn is_any(&self) -> bool {
         self.0 == "*"
     }
 
-    /// Whether pages with this `Origin` header may call the service.
+    /// True if pages with this `Origin` header may call the service.
     #[must_use]
     pub fn allows(&self, origin: &HeaderValue) -> bool {
         self.is_any() || self.0 == *origin
@@ -42,7 +45,7 @@ pub struct NoOrigin;
 impl FromStr for Origin {
     type Err = NoOrigin;
 
-    /// In the form in which a browser sends it: lower case, without the default port.
+    /// Reads an origin and normalizes it as browsers do: lower case, without the default port.
     fn from_str(text: &str) -> Result<Self, NoOrigin> {
         if text == "*" {
             return Ok(Self(HeaderValue::from_static("*")));
@@ -62,8 +65,8 @@ impl FromStr for Origin {
     }
 }
 
-/// Lets pages of these origins call the routes, without credentials: keys are sent in a header, not in a cookie. A preflight
-/// is answered here, before any check of the request.
+/// Lets pages of these origins call the routes. Responses allow no credentials, because API keys
+/// travel in a header, not in a cookie. Preflights are answered before any check of the request.
 pub(in crate::http) fn allow(routes: Router, origins: &[Origin]) -> Router {
     if origins.is_empty() {
         return routes;
@@ -75,10 +78,11 @@ pub(in crate::http) fn allow(routes: Router, origins: &[Origin]) -> Router {
     let layer = CorsLayer::new()
         .allow_origin(allowed)
         .allow_methods([Method::GET, Method::HEAD, Method::POST, Method::DELETE])
-        .allow_headers(requested())
-        .expose_headers(exposed())
-        .max_age(REMEMBERED);
-    // The layer takes any OPTIONS request for a preflight; the others ask for the methods of a resource.
+        .allow_headers(REQUEST_HEADERS)
+        .expose_headers(RESPONSE_HEADERS)
+        .max_age(PREFLIGHT_CACHE);
+    // The layer treats every OPTIONS request as a preflight. Others ask for the methods of a
+    // resource, so they bypass the layer.
     let plain = routes.clone();
     let route = axum::middleware::from_fn(move |request: Request, next: Next| {
         let plain = plain.clone();
@@ -93,28 +97,36 @@ pub(in crate::http) fn allow(routes: Router, origins: &[Origin]) -> Router {
     Router::new().fallback_service(routes).layer(layer).layer(route)
 }
 
-/// Headers that a page may send, besides those that it always may.
-fn requested() -> Vec<HeaderName> {
-    let own = [IDEMPOTENCY_KEY, PREFER, LAST_EVENT_ID, REQUEST_ID, HeaderName::from_static("traceparent")];
-    let common = [header::AUTHORIZATION, header::CONTENT_TYPE, header::IF_NONE_MATCH, header::IF_RANGE, header::RANGE];
-    own.into_iter().chain(common).collect()
-}
+/// Headers that a page may send, in addition to those that the Fetch standard always allows.
+const REQUEST_HEADERS: [HeaderName; 10] = [
+    IDEMPOTENCY_KEY,
+    PREFER,
+    LAST_EVENT_ID,
+    REQUEST_ID,
+    HeaderName::from_static(TRACEPARENT),
+    header::AUTHORIZATION,
+    header::CONTENT_TYPE,
+    header::IF_NONE_MATCH,
+    header::IF_RANGE,
+    header::RANGE,
+];
 
-/// Headers of answers that a page may read, besides those that it always may.
-fn exposed() -> Vec<HeaderName> {
-    let own = [IDEMPOTENCY_REPLAYED, PREFERENCE_APPLIED, REQUEST_ID, UM_PER_PIXEL];
-    let limits = [HeaderName::from_static("ratelimit"), HeaderName::from_static("ratelimit-policy")];
-    let common = [
-        header::ACCEPT_RANGES,
-        header::CONTENT_DISPOSITION,
-        header::CONTENT_RANGE,
-        header::ETAG,
-        header::LOCATION,
-        header::RETRY_AFTER,
-        header::WWW_AUTHENTICATE,
-    ];
-    own.into_iter().chain(limits).chain(common).collect()
-}
+/// Response headers that a page may read, in addition to those that the Fetch standard always allows.
+const RESPONSE_HEADERS: [HeaderName; 13] = [
+    IDEMPOTENCY_REPLAYED,
+    PREFERENCE_APPLIED,
+    REQUEST_ID,
+    UM_PER_PIXEL,
+    RATE_LIMIT,
+    RATE_LIMIT_POLICY,
+    header::ACCEPT_RANGES,
+    header::CONTENT_DISPOSITION,
+    header::CONTENT_RANGE,
+    header::ETAG,
+    header::LOCATION,
+    header::RETRY_AFTER,
+    header::WWW_AUTHENTICATE,
+];
 
 #[cfg(test)]
 mod tests {

@@ -1,6 +1,7 @@
-//! What surrounds every request: the check of its `Host`, its id, its tracing span, and the body of its problem.
+//! The layer around all routes: checks `Host`, assigns the request id, opens the tracing span, and
+//! writes the body of every error response.
 //!
-//! Invariant: every error response has a problem body, also those of the framework.
+//! Invariant: every error response has a problem as its body, including those of axum.
 
 use super::cors::{self, Origin};
 use super::headers::REQUEST_ID;
@@ -18,6 +19,7 @@ use tower_http::catch_panic::CatchPanicLayer;
 use tracing::Instrument;
 use uuid::Uuid;
 
+/// Maximum length of a request id from a client, bytes.
 const REQUEST_ID_MAX: usize = 128;
 
 fn request_id(headers: &HeaderMap) -> String {
@@ -28,8 +30,10 @@ fn request_id(headers: &HeaderMap) -> String {
         .map_or_else(|| Uuid::now_v7().to_string(), str::to_owned)
 }
 
-/// Puts the envelope around a router whose answers pages of other `origins` may read. It is no layer of that router, because
-/// a router adds `Allow` to its responses after its own layers.
+/// Puts the envelope around a router. Pages of other `origins` may read its responses.
+///
+/// The envelope is not a layer of `router` itself, because a router adds `Allow` to its responses
+/// after its own layers.
 pub(in crate::http) fn enclose(router: Router, origins: &[Origin]) -> Router {
     let inner = cors::allow(router.layer(CatchPanicLayer::custom(panicked)), origins);
     Router::new().fallback_service(inner).layer(axum::middleware::from_fn(envelope))
@@ -47,7 +51,7 @@ async fn envelope(request: Request, next: Next) -> Response {
         Err(refusal) => refusal.into_response(),
     };
     let mut response = span.in_scope(|| {
-        let response = close(response, &method, &path, &id);
+        let response = complete(response, &method, &path, &id);
         let (status, seconds) = (response.status().as_u16(), watch.seconds());
         if response.status().is_server_error() {
             tracing::error!(status, seconds, "answered");
@@ -64,8 +68,8 @@ async fn envelope(request: Request, next: Next) -> Response {
     response
 }
 
-/// Writes the problem of an error response, and answers `OPTIONS`.
-fn close(mut response: Response, method: &Method, path: &str, id: &str) -> Response {
+/// Writes the problem of an error response, and responds to `OPTIONS`.
+fn complete(mut response: Response, method: &Method, path: &str, id: &str) -> Response {
     let status = response.status();
     if status == StatusCode::METHOD_NOT_ALLOWED && method == Method::OPTIONS {
         return options(&response);
@@ -73,7 +77,8 @@ fn close(mut response: Response, method: &Method, path: &str, id: &str) -> Respo
     if !status.is_client_error() && !status.is_server_error() {
         return response;
     }
-    let problem = response.extensions_mut().remove::<Problem>().unwrap_or_else(|| plain(status, method, path));
+    let problem =
+        response.extensions_mut().remove::<Problem>().unwrap_or_else(|| framework_problem(status, method, path));
     let body = serde_json::to_vec(&problem.body(path, id)).unwrap_or_default();
     let headers = response.headers_mut();
     headers.insert(header::CONTENT_TYPE, MEDIA_TYPE);
@@ -84,8 +89,8 @@ fn close(mut response: Response, method: &Method, path: &str, id: &str) -> Respo
     response
 }
 
-/// The problem for an error response of the framework.
-fn plain(status: StatusCode, method: &Method, path: &str) -> Problem {
+/// The problem for an error response of axum.
+fn framework_problem(status: StatusCode, method: &Method, path: &str) -> Problem {
     let kind = Kind::for_status(status);
     let detail = match kind {
         Kind::NotFound => format!("There is no resource at {path}; /openapi.yaml lists all."),
@@ -95,7 +100,7 @@ fn plain(status: StatusCode, method: &Method, path: &str) -> Problem {
     Problem::new(kind, detail)
 }
 
-/// The response to `OPTIONS`: the supported methods.
+/// The response to `OPTIONS`: the methods that the refused response lists, and `OPTIONS`.
 fn options(refused: &Response) -> Response {
     let mut allow = refused.headers().get(header::ALLOW).map_or_else(Vec::new, |v| v.as_bytes().to_vec());
     allow.extend_from_slice(if allow.is_empty() { b"OPTIONS" } else { b",OPTIONS" });

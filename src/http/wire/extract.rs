@@ -9,7 +9,7 @@ use axum::http::request::Parts;
 use std::collections::BTreeSet;
 use uuid::Uuid;
 
-/// The id in the path of a model; 404 if it is no UUID.
+/// The id in the path of a model. The response is 404 if it is not a UUID.
 pub(in crate::http) struct ModelId(pub(in crate::http) JobId);
 
 impl<S: Send + Sync> FromRequestParts<S> for ModelId {
@@ -24,7 +24,7 @@ impl<S: Send + Sync> FromRequestParts<S> for ModelId {
     }
 }
 
-/// The id in the path of a batch; 404 if it is no UUID.
+/// The id in the path of a batch. The response is 404 if it is not a UUID.
 pub(in crate::http) struct BatchId(pub(in crate::http) jobs::BatchId);
 
 impl<S: Send + Sync> FromRequestParts<S> for BatchId {
@@ -38,7 +38,7 @@ impl<S: Send + Sync> FromRequestParts<S> for BatchId {
     }
 }
 
-/// The parameters of the path as text; 404 if they are not UTF-8.
+/// The parameters of the path as text. The response is 404 if they are not UTF-8.
 pub(in crate::http) struct PathTexts(Vec<(String, String)>);
 
 impl PathTexts {
@@ -57,7 +57,7 @@ impl<S: Send + Sync> FromRequestParts<S> for PathTexts {
     }
 }
 
-/// Query parameters in order, without a ticket.
+/// Query parameters in order, without the ticket.
 pub(in crate::http) struct Parameters(pub(in crate::http) Vec<(String, String)>);
 
 impl Parameters {
@@ -98,7 +98,7 @@ impl<S: Send + Sync> FromRequestParts<S> for Parameters {
     }
 }
 
-/// A model's id: a UUID in its hyphenated form.
+/// Parses an id: a UUID in its hyphenated form.
 pub(in crate::http) fn parse_id(text: &str) -> Option<JobId> {
     (text.len() == 36).then(|| Uuid::try_parse(text).ok()).flatten().map(JobId)
 }

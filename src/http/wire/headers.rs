@@ -5,7 +5,8 @@ use super::problem::Problem;
 use axum::http::{HeaderMap, HeaderName, header};
 use std::time::Duration;
 
-/// Header of the request id: that of the client if it has at most 128 visible ASCII characters, else a new one.
+/// Header of the request id: the id of the client if it has at most 128 visible ASCII characters,
+/// otherwise a new one.
 pub const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 /// `Prefer`.
 pub(in crate::http) const PREFER: HeaderName = HeaderName::from_static("prefer");
@@ -17,15 +18,15 @@ pub(in crate::http) const IDEMPOTENCY_KEY: HeaderName = HeaderName::from_static(
 pub(in crate::http) const IDEMPOTENCY_REPLAYED: HeaderName = HeaderName::from_static("idempotency-replayed");
 /// `Last-Event-ID`.
 pub(super) const LAST_EVENT_ID: HeaderName = HeaderName::from_static("last-event-id");
-/// Side of a pixel of a picture, µm.
+/// Header with the side of a pixel of a picture, µm.
 pub(in crate::http) const UM_PER_PIXEL: HeaderName = HeaderName::from_static("um-per-pixel");
 
-/// Longest wait, in seconds.
+/// Maximum wait of `Prefer: wait`, seconds.
 const WAIT_MAX: u64 = 60;
-/// Longest idempotency key, in bytes.
+/// Maximum length of an idempotency key, bytes.
 const KEY_MAX: usize = 255;
 
-/// The preferences that have a value: `name=value`, without parameters and quotes.
+/// Preferences that have a value, as name and value without parameters and quotes.
 fn preferences(headers: &HeaderMap) -> impl Iterator<Item = (&str, &str)> {
     let all = headers.get_all(PREFER).iter().filter_map(|v| v.to_str().ok()).flat_map(|v| v.split(','));
     all.filter_map(|preference| {
@@ -34,8 +35,8 @@ fn preferences(headers: &HeaderMap) -> impl Iterator<Item = (&str, &str)> {
     })
 }
 
-/// The wait requested by `Prefer: wait=N`: 1 to 60 seconds; more counts as 60. Invalid preferences are ignored, as RFC 7240
-/// requires.
+/// The wait that `Prefer: wait=N` requests: 1 to 60 seconds; larger values count as 60. Invalid
+/// preferences are ignored, as RFC 7240 requires.
 pub(in crate::http) fn wait(headers: &HeaderMap) -> Option<Duration> {
     preferences(headers).find_map(|(name, value)| {
         let digits = !value.is_empty() && value.bytes().all(|b| b.is_ascii_digit());
@@ -45,12 +46,13 @@ pub(in crate::http) fn wait(headers: &HeaderMap) -> Option<Duration> {
     })
 }
 
-/// Whether the client asks not to be redirected: `Prefer: redirect=no`.
+/// True if the client asks not to be redirected: `Prefer: redirect=no`.
 pub(in crate::http) fn refuses_redirect(headers: &HeaderMap) -> bool {
     preferences(headers).any(|(name, value)| name.eq_ignore_ascii_case("redirect") && value == "no")
 }
 
-/// The idempotency key: 1 to 255 visible ASCII characters, without the quotes of a structured string.
+/// The idempotency key: 1 to 255 visible ASCII characters, without the quotes of a structured
+/// string.
 pub(in crate::http) fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
     let fault = |detail: &str| Err(Problem::invalid([RequestFault::header(IDEMPOTENCY_KEY.as_str(), detail)]));
     let mut values = headers.get_all(IDEMPOTENCY_KEY).iter();
@@ -69,51 +71,39 @@ pub(in crate::http) fn idempotency_key(headers: &HeaderMap) -> Result<Option<Str
     Ok(Some(key.to_owned()))
 }
 
-/// The one of `offers` (media types, preferred first) that matches `Accept` best; `None` if none does.
+/// The offer (media types, preferred first) that matches `Accept` best; `None` if none matches.
 pub(in crate::http) fn accept<'a>(headers: &HeaderMap, offers: &[&'a str]) -> Option<&'a str> {
-    let accepted: Vec<(String, f32)> = headers
-        .get_all(header::ACCEPT)
-        .iter()
-        .filter_map(|v| v.to_str().ok())
-        .flat_map(|v| v.split(','))
-        .filter_map(|item| {
-            let mut parts = item.split(';').map(str::trim);
-            let range = parts.next().filter(|r| !r.is_empty())?.to_ascii_lowercase();
-            let weight = |part: &'_ str| {
-                part.split_once('=')
-                    .filter(|(name, _)| name.eq_ignore_ascii_case("q"))
-                    .map(|(_, q)| q.parse().unwrap_or(0.0))
-            };
-            let q = parts.find_map(weight).unwrap_or(1.0);
-            Some((range, q))
-        })
-        .collect();
+    let values = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok());
+    let accepted: Vec<(String, f32)> = values.flat_map(|value| value.split(',')).filter_map(media_range).collect();
     if accepted.is_empty() {
         return offers.first().copied();
     }
     let quality = |offer: &str| {
         let family = offer.split('/').next().unwrap_or_default();
-        let fits = |range: &str| match range {
+        let specificity = |range: &str| match range {
             "*/*" => Some(0),
             r if r.strip_suffix("/*") == Some(family) => Some(1),
             r if r == offer => Some(2),
             _ => None,
         };
-        // The most specific range counts.
-        let best = accepted.iter().filter_map(|(range, q)| fits(range).map(|s| (s, *q))).max_by_key(|(s, _)| *s);
-        best.map_or(0.0, |(_, q)| q)
+        let matching = accepted.iter().filter_map(|(range, q)| specificity(range).map(|s| (s, *q)));
+        matching.max_by_key(|(specificity, _)| *specificity).map_or(0.0, |(_, q)| q)
     };
-    let mut best = None;
-    for &offer in offers {
-        let q = quality(offer);
-        if q > best.map_or(0.0, |(_, b)| b) {
-            best = Some((offer, q));
-        }
-    }
-    best.map(|(offer, _)| offer)
+    let acceptable = offers.iter().map(|offer| (*offer, quality(offer))).filter(|(_, q)| *q > 0.0);
+    // `max_by` returns the last maximum.
+    acceptable.rev().max_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(offer, _)| offer)
 }
 
-/// `Last-Event-ID`, if it is visible ASCII.
+/// A media range of `Accept`, in lower case, and its weight.
+fn media_range(item: &str) -> Option<(String, f32)> {
+    let mut parts = item.split(';').map(str::trim);
+    let range = parts.next().filter(|range| !range.is_empty())?.to_ascii_lowercase();
+    let is_weight = |(name, _): &(&str, &str)| name.eq_ignore_ascii_case("q");
+    let weight = parts.filter_map(|part| part.split_once('=')).find(is_weight);
+    Some((range, weight.map_or(1.0, |(_, q)| q.parse().unwrap_or(0.0))))
+}
+
+/// The value of `Last-Event-ID`, if it consists of visible ASCII characters.
 pub(in crate::http) fn last_event_id(headers: &HeaderMap) -> Option<&str> {
     headers.get(LAST_EVENT_ID)?.to_str().ok().map(str::trim).filter(|s| !s.is_empty())
 }

@@ -1,10 +1,12 @@
-//! The `Host` header of a request (RFC 9112, section 3.2): HTTP/1.1 requires exactly one, with a valid value.
+//! The `Host` header of a request. HTTP/1.1 requires exactly one with a valid value (RFC 9112,
+//! section 3.2).
 
 use super::problem::{Kind, Problem};
 use axum::http::{HeaderMap, Version, header};
 use std::net::Ipv6Addr;
 
-/// Refuses a request without a `Host` header, with several, or with an invalid one. HTTP/1.0 needs none.
+/// Refuses a request without a `Host` header, with several, or with an invalid one. HTTP/1.0 does
+/// not require the header.
 pub(in crate::http) fn check(version: Version, headers: &HeaderMap) -> Result<(), Problem> {
     let refuse = |detail| Err(Problem::new(Kind::BadRequest, detail));
     let mut hosts = headers.get_all(header::HOST).iter();
@@ -17,45 +19,37 @@ pub(in crate::http) fn check(version: Version, headers: &HeaderMap) -> Result<()
     }
 }
 
-/// Whether a text is `uri-host [":" port]` (RFC 3986, section 3.2.2).
+/// True for `uri-host [":" port]` (RFC 3986, section 3.2.2).
 fn is_valid(text: &str) -> bool {
-    let (host, port) = match text.strip_prefix('[').and_then(|rest| rest.split_once(']')) {
-        Some((literal, port)) if is_address(literal) => ("", port),
-        Some(_) => return false,
-        None => text.split_at(text.find(':').unwrap_or(text.len())),
+    let (is_host, port) = match text.strip_prefix('[') {
+        Some(rest) => rest.split_once(']').map_or((false, ""), |(literal, port)| (is_ip_literal(literal), port)),
+        None => {
+            let (host, port) = text.split_at(text.find(':').unwrap_or(text.len()));
+            (is_name(host), port)
+        }
     };
-    let in_brackets = text.starts_with('[');
-    (in_brackets || is_name(host)) && (port.is_empty() || port.strip_prefix(':').is_some_and(is_port))
+    is_host && (port.is_empty() || port.strip_prefix(':').is_some_and(is_port))
 }
 
-fn is_address(literal: &str) -> bool {
-    let future = |rest: &str| {
+/// True for the text between brackets: an IPv6 address, or an address of a future version.
+fn is_ip_literal(text: &str) -> bool {
+    let is_future = |rest: &str| {
         rest.split_once('.').is_some_and(|(version, address)| {
-            let hex = |b: u8| b.is_ascii_hexdigit();
             !version.is_empty()
-                && version.bytes().all(hex)
+                && version.bytes().all(|b| b.is_ascii_hexdigit())
                 && !address.is_empty()
                 && address.bytes().all(|b| is_plain(b) || b == b':')
         })
     };
-    literal.parse::<Ipv6Addr>().is_ok() || literal.strip_prefix(['v', 'V']).is_some_and(future)
+    text.parse::<Ipv6Addr>().is_ok() || text.strip_prefix(['v', 'V']).is_some_and(is_future)
 }
 
 fn is_name(host: &str) -> bool {
-    let mut rest = host.bytes();
-    while let Some(byte) = rest.next() {
-        let valid = match byte {
-            b'%' => (0..2).all(|_| rest.next().is_some_and(|b| b.is_ascii_hexdigit())),
-            _ => is_plain(byte),
-        };
-        if !valid {
-            return false;
-        }
-    }
-    !host.is_empty()
+    let is_escape = |rest: &str| rest.as_bytes().get(..2).is_some_and(|hex| hex.iter().all(u8::is_ascii_hexdigit));
+    !host.is_empty() && host.bytes().all(|b| is_plain(b) || b == b'%') && host.split('%').skip(1).all(is_escape)
 }
 
-/// `unreserved` and `sub-delims`.
+/// True for `unreserved` and `sub-delims`.
 fn is_plain(byte: u8) -> bool {
     byte.is_ascii_alphanumeric() || b"-._~!$&'()*+,;=".contains(&byte)
 }
@@ -84,8 +78,8 @@ mod tests {
             assert!(!check_hosts(Version::HTTP_11, &[host, host]), "{host} twice");
         }
         for host in [
-            "", ":80", "a b", "a/b", "a:b", "a:65536", "a:-1", "u@a", "[::1", "[x]", "[]", "[::1]x", "a%2", "a,b c",
-            "http://a",
+            "", ":80", "a b", "a/b", "a:b", "a:65536", "a:-1", "u@a", "[::1", "[a", "[x]", "[]", "[::1]x", "a%2",
+            "a,b c", "http://a",
         ] {
             assert!(!check_hosts(Version::HTTP_11, &[host]), "{host}");
         }

@@ -1,6 +1,7 @@
-//! JSON bodies: read within limits, parsed strictly.
+//! JSON bodies of requests, read within limits and parsed strictly.
 //!
-//! A body is UTF-8, one document, at most 128 levels deep, without repeated members. Each fault names line and column.
+//! A body is UTF-8 and contains one document of at most 128 levels, without duplicate members. Every
+//! error names line and column.
 
 use super::problem::{Kind, Problem};
 use crate::http::AppState;
@@ -12,8 +13,10 @@ use serde::de::{self, Deserialize, Deserializer, MapAccess, SeqAccess, Visitor};
 use serde_json::{Map, Value};
 use std::time::Duration;
 
-/// How much of a body beyond the limit is read and discarded. A connection that is closed before the body has been read is
-/// reset, and a client or proxy that still sends may lose the answer.
+/// Number of bytes that are read of a body above the limit, and discarded.
+///
+/// Closing a connection before the body was read resets it, and a client or proxy that is still
+/// sending may then lose the response.
 const READ_MAX: usize = 8 << 20;
 
 /// The JSON body of a request.
@@ -27,7 +30,7 @@ impl FromRequest<AppState> for JsonBody {
     }
 }
 
-/// The JSON body of a request that may have images.
+/// The JSON body of a request that may contain images.
 pub(in crate::http) struct LargeJsonBody(pub(in crate::http) Value);
 
 impl FromRequest<AppState> for LargeJsonBody {
@@ -40,8 +43,8 @@ impl FromRequest<AppState> for LargeJsonBody {
 
 async fn body(request: Request, state: &AppState, limit: usize) -> Result<Value, Problem> {
     check_media_type(request.headers())?;
-    let waits = request.headers().contains_key(header::EXPECT);
-    let bytes = read(request.into_body(), waits, limit, state.limits.body_time).await?;
+    let expects_continue = request.headers().contains_key(header::EXPECT);
+    let bytes = read(request.into_body(), expects_continue, limit, state.limits.body_time).await?;
     parse(&bytes)
 }
 
@@ -63,12 +66,13 @@ fn check_media_type(headers: &HeaderMap) -> Result<(), Problem> {
     }
 }
 
-/// The bytes of a body. `waits`: the client sends it only when it is read (`Expect: 100-continue`).
-async fn read(mut body: Body, waits: bool, limit: usize, time: Duration) -> Result<Vec<u8>, Problem> {
+/// Reads the bytes of a body. `expects_continue` is true if the client sends the body only after the
+/// service starts to read it (`Expect: 100-continue`).
+async fn read(mut body: Body, expects_continue: bool, limit: usize, time: Duration) -> Result<Vec<u8>, Problem> {
     let too_large =
         || Problem::new(Kind::PayloadTooLarge, format!("A body may have at most {limit} bytes.")).with("limit", limit);
     let stated = body.size_hint().lower();
-    if stated > limit as u64 && (waits || stated > READ_MAX as u64) {
+    if stated > limit as u64 && (expects_continue || stated > READ_MAX as u64) {
         return Err(too_large());
     }
     let all = async {
@@ -106,7 +110,7 @@ pub(in crate::http) fn parse(bytes: &[u8]) -> Result<Value, Problem> {
     serde_json::from_str::<Strict>(text).map(|s| s.0).map_err(|e| at(e.line(), e.column(), e.to_string()))
 }
 
-/// A JSON value without repeated members.
+/// A JSON value without duplicate members.
 struct Strict(Value);
 
 impl<'de> Deserialize<'de> for Strict {

@@ -1,13 +1,13 @@
-//! What all routes have in common: reading requests, and the parts of responses.
+//! Parts that all routes share: layers, parsing of requests, conditional responses, problems.
 //!
 //! | file | subject |
 //! |---|---|
 //! | `envelope`, `host`, `cors`, `compress` | layers around all routes |
 //! | `extract`, `json`, `headers` | parameters, bodies and headers of a request |
-//! | `faults`, `problem` | faults of a request, and the body of every error response (RFC 9457) |
+//! | `faults`, `problem` | faults of a request; body of every error response (RFC 9457) |
 //! | `conditional`, `range` | conditional requests and ranges of bytes (RFC 9110) |
-//! | `responses` | what descriptions of routes have in common |
-//! | `blocking` | work that takes longer than a request handler may |
+//! | `responses` | error responses in the descriptions of routes |
+//! | `blocking` | computations outside the async runtime |
 
 pub(in crate::http) mod blocking;
 pub(in crate::http) mod compress;

@@ -1,7 +1,7 @@
 //! Problems (RFC 9457): every error response of the service is one.
 //!
-//! A handler returns a [`Problem`]. The envelope around the router writes its body, because only there the
-//! request id and the path are known. `type` is `urn:oviduct:problem:{slug}`; slugs are stable, see [`Kind`].
+//! A handler returns a [`Problem`]. The envelope around the router writes the body, because only the
+//! envelope knows request id and path. `type` is `urn:oviduct:problem:{slug}`; slugs are stable.
 
 use super::faults::{Faults, RequestFault};
 use axum::http::{HeaderName, HeaderValue, StatusCode, header};
@@ -10,7 +10,7 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
-/// Greatest integer of a structured field (RFC 9651).
+/// Maximum integer of a structured field (RFC 9651).
 const INTEGER_MAX: u64 = 999_999_999_999_999;
 /// `RateLimit` and `RateLimit-Policy` (draft-ietf-httpapi-ratelimit-headers-10).
 pub(in crate::http) const RATE_LIMIT: HeaderName = HeaderName::from_static("ratelimit");
@@ -22,7 +22,7 @@ pub(in crate::http) const TYPE_PREFIX: &str = "urn:oviduct:problem:";
 
 macro_rules! kinds {
     ($($(#[$doc:meta])* $name:ident = $slug:literal, $status:ident, $title:literal;)*) => {
-        /// Kinds of problems, each with the last part of its `type`, its status and its title.
+        /// Kinds of problems, each with its slug (the last part of `type`), status and title.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub(in crate::http) enum Kind { $($(#[$doc])* $name,)* }
 
@@ -30,22 +30,9 @@ macro_rules! kinds {
             /// Every kind.
             pub(in crate::http) const ALL: &'static [Self] = &[$(Self::$name,)*];
 
-            /// Stable name, in kebab-case.
-            #[must_use]
-            pub(in crate::http) const fn slug(self) -> &'static str {
-                match self { $(Self::$name => $slug,)* }
-            }
-
-            /// Status of the response.
-            #[must_use]
-            pub(in crate::http) const fn status(self) -> StatusCode {
-                match self { $(Self::$name => StatusCode::$status,)* }
-            }
-
-            /// Title, the same for every problem of the kind.
-            #[must_use]
-            pub(in crate::http) const fn title(self) -> &'static str {
-                match self { $(Self::$name => $title,)* }
+            /// Slug, status and title.
+            const fn facts(self) -> (&'static str, StatusCode, &'static str) {
+                match self { $(Self::$name => ($slug, StatusCode::$status, $title),)* }
             }
         }
     };
@@ -56,9 +43,9 @@ kinds! {
     BadRequest = "bad-request", BAD_REQUEST, "The request is malformed";
     /// The body is not JSON; `line` and `column` say where.
     InvalidJson = "invalid-json", BAD_REQUEST, "The body is not valid JSON";
-    /// The request has no key or ticket that works.
+    /// The request has no valid key or ticket.
     Unauthorized = "unauthorized", UNAUTHORIZED, "A key is required";
-    /// The key does not allow this.
+    /// The scopes of the key do not include the request.
     Forbidden = "forbidden", FORBIDDEN, "The key does not allow this";
     /// A page of this origin may not send requests.
     ForbiddenOrigin = "forbidden-origin", FORBIDDEN, "The origin is not allowed";
@@ -76,11 +63,11 @@ kinds! {
     FileNotFound = "file-not-found", NOT_FOUND, "The model has no such file";
     /// The model has no such section (yet).
     SectionNotFound = "section-not-found", NOT_FOUND, "The model has no such section";
-    /// The plane does not meet the model.
+    /// The plane does not intersect the model.
     CutNotFound = "cut-not-found", NOT_FOUND, "The plane does not meet the model";
     /// No preset has this name.
     PresetNotFound = "preset-not-found", NOT_FOUND, "There is no such preset";
-    /// No worker of this name was seen lately.
+    /// No live worker has this name.
     WorkerNotFound = "worker-not-found", NOT_FOUND, "There is no such worker";
     /// The resource does not support this method; `Allow` lists those it supports.
     MethodNotAllowed = "method-not-allowed", METHOD_NOT_ALLOWED, "The method is not allowed here";
@@ -90,7 +77,7 @@ kinds! {
     NotFailed = "not-failed", CONFLICT, "The model has not failed";
     /// The body did not arrive in time.
     RequestTimeout = "request-timeout", REQUEST_TIMEOUT, "The request body did not arrive in time";
-    /// The body is over the limit.
+    /// The body exceeds the limit.
     PayloadTooLarge = "payload-too-large", PAYLOAD_TOO_LARGE, "The body is too large";
     /// The body is not declared as JSON.
     UnsupportedMediaType = "unsupported-media-type", UNSUPPORTED_MEDIA_TYPE, "The media type is not supported";
@@ -98,15 +85,15 @@ kinds! {
     RangeNotSatisfiable = "range-not-satisfiable", RANGE_NOT_SATISFIABLE, "The range lies outside the file";
     /// Members, parameters or headers are invalid; `errors` lists them.
     InvalidRequest = "invalid-request", UNPROCESSABLE_ENTITY, "The request is not valid";
-    /// The predicted cost is over the limit; `prediction` and `limit` say how much.
+    /// The predicted cost exceeds a limit; see `prediction` and `limit`.
     CostLimit = "cost-limit", UNPROCESSABLE_ENTITY, "The predicted cost exceeds a limit";
-    /// The surface is larger than what the service cuts.
+    /// The surface is too large to be cut by the service.
     SurfaceTooLarge = "surface-too-large", UNPROCESSABLE_ENTITY, "The surface is too large to be cut by the service";
-    /// A GPU was requested, and no GPU worker has sent a heartbeat for five minutes.
+    /// A GPU was requested, but no GPU worker has sent a heartbeat within five minutes.
     GpuUnavailable = "gpu-unavailable", UNPROCESSABLE_ENTITY, "No GPU worker is available";
     /// The idempotency key was used with another body before.
     IdempotencyConflict = "idempotency-key-reused", UNPROCESSABLE_ENTITY, "The idempotency key was used for another request";
-    /// The queue is at its limit.
+    /// The queue has reached its limit.
     QueueFull = "queue-full", TOO_MANY_REQUESTS, "The queue is full";
     /// The owner of the key has used up its quota; `limit` is the limit.
     QuotaExceeded = "quota-exceeded", TOO_MANY_REQUESTS, "The quota is used up";
@@ -122,17 +109,31 @@ kinds! {
     TooManyStreams = "too-many-streams", SERVICE_UNAVAILABLE, "Too many event streams are open";
     /// The limit of concurrent downloads is reached.
     TooManyDownloads = "too-many-downloads", SERVICE_UNAVAILABLE, "Too many downloads are running";
-    /// The limit of pictures that are drawn at a time is reached.
+    /// The limit of concurrently drawn pictures is reached.
     TooManyPictures = "too-many-pictures", SERVICE_UNAVAILABLE, "Too many pictures are being drawn";
-    /// The process does not take work now; `condition` says why.
+    /// The process does not accept requests; `condition` is the reason.
     NotReady = "not-ready", SERVICE_UNAVAILABLE, "The process is not ready";
-    /// Workers of this process have not stopped although they were told to; `workers` lists them.
+    /// Workers of this process did not stop when requested; `workers` lists them.
     WorkersStuck = "workers-stuck", SERVICE_UNAVAILABLE, "Workers are stuck";
 }
 
 impl Kind {
-    /// The kind for an error response of the framework.
-    #[must_use]
+    /// Stable name, in kebab-case.
+    pub(in crate::http) fn slug(self) -> &'static str {
+        self.facts().0
+    }
+
+    /// Status of the response.
+    pub(in crate::http) fn status(self) -> StatusCode {
+        self.facts().1
+    }
+
+    /// Title, the same for every problem of the kind.
+    pub(in crate::http) fn title(self) -> &'static str {
+        self.facts().2
+    }
+
+    /// The kind for an error response of axum.
     pub(super) fn for_status(status: StatusCode) -> Self {
         match status {
             StatusCode::NOT_FOUND => Self::NotFound,
@@ -146,7 +147,7 @@ impl Kind {
     }
 }
 
-/// A problem, before the envelope writes it.
+/// A problem before the envelope writes it.
 #[derive(Clone, Debug, PartialEq)]
 pub(in crate::http) struct Problem {
     kind: Kind,
@@ -157,12 +158,13 @@ pub(in crate::http) struct Problem {
 }
 
 impl Problem {
-    /// A problem of `kind`; `detail` tells a person what happened.
+    /// A problem of `kind`. `detail` is a sentence for people.
     pub(in crate::http) fn new(kind: Kind, detail: impl Into<String>) -> Self {
         Self { kind, detail: detail.into(), errors: Vec::new(), members: Map::new(), headers: Vec::new() }
     }
 
-    /// A request with these faults. The first ones are listed in `errors`, the others counted.
+    /// The problem of a request with these faults. `errors` lists the first ones; the others are
+    /// counted.
     #[must_use]
     pub(in crate::http) fn invalid(faults: impl Into<Faults>) -> Self {
         let Faults { listed: errors, left_out } = faults.into();
@@ -175,12 +177,12 @@ impl Problem {
         if left_out > 0 { problem.with("errors_left_out", left_out) } else { problem }
     }
 
-    /// Refuses a request with faults.
+    /// Returns the problem of a request with faults, if there are any.
     pub(in crate::http) fn check(faults: Faults) -> Result<(), Self> {
         if faults.is_empty() { Ok(()) } else { Err(Self::invalid(faults)) }
     }
 
-    /// With another detail.
+    /// Replaces the detail.
     #[must_use]
     pub(in crate::http) fn with_detail(self, detail: impl Into<String>) -> Self {
         Self { detail: detail.into(), ..self }
@@ -199,10 +201,10 @@ impl Problem {
         self
     }
 
-    /// Adds a header to the response.
+    /// Adds a header to the response, unless its value contains a character that headers cannot.
     #[must_use]
-    pub(in crate::http) fn with_header(mut self, name: HeaderName, value: impl Into<HeaderValue>) -> Self {
-        self.headers.push((name, value.into()));
+    pub(in crate::http) fn with_header(mut self, name: HeaderName, value: impl TryInto<HeaderValue>) -> Self {
+        self.headers.extend(value.try_into().ok().map(|value| (name, value)));
         self
     }
 
@@ -271,7 +273,7 @@ pub(in crate::http) struct ProblemBody {
     pub members: Map<String, Value>,
 }
 
-/// A failure of the job store. Its message is logged, not sent to the client.
+/// A failure of the job store. The message is logged and not sent to the client.
 impl From<crate::jobs::StoreError> for Problem {
     fn from(error: crate::jobs::StoreError) -> Self {
         use crate::jobs::{Quantity, StoreError};
@@ -284,7 +286,7 @@ impl From<crate::jobs::StoreError> for Problem {
             StoreError::QueueFull { limit } => {
                 Self::new(Kind::QueueFull, format!("The queue is at its limit of {limit} models. Try again later."))
                     .with("limit", limit)
-                    .with_header(header::RETRY_AFTER, HeaderValue::from_static("10"))
+                    .with_header(header::RETRY_AFTER, 10)
             }
             StoreError::QuotaExceeded { what, used, limit } => {
                 let policy = match what {
@@ -298,12 +300,8 @@ impl From<crate::jobs::StoreError> for Problem {
                     (RATE_LIMIT, format!("\"{policy}\";r={}", limit.saturating_sub(used).min(INTEGER_MAX))),
                     (RATE_LIMIT_POLICY, format!("\"{policy}\";q={};qu=\"{policy}\"", limit.min(INTEGER_MAX))),
                 ];
-                fields.into_iter().fold(problem.with("limit", limit), |problem, (name, value)| {
-                    match HeaderValue::try_from(value) {
-                        Ok(value) => problem.with_header(name, value),
-                        Err(_) => problem,
-                    }
-                })
+                let problem = problem.with("limit", limit);
+                fields.into_iter().fold(problem, |problem, (name, value)| problem.with_header(name, value))
             }
             StoreError::Fenced => {
                 tracing::error!("the job store fenced out a request, as it does with workers");
@@ -312,7 +310,7 @@ impl From<crate::jobs::StoreError> for Problem {
             StoreError::Database(message) => {
                 tracing::error!(%message, "the job store failed");
                 Self::new(Kind::StoreUnavailable, "The job store is unavailable. Try again later.")
-                    .with_header(header::RETRY_AFTER, HeaderValue::from_static("5"))
+                    .with_header(header::RETRY_AFTER, 5)
             }
         }
     }

@@ -1,22 +1,22 @@
-//! `Range` requests (RFC 9110, section 14): one range of bytes.
+//! Range requests (RFC 9110, section 14) for one range of bytes.
 //!
-//! A header with several ranges, another unit or a malformed value is ignored, as the RFC allows: the response is then the
-//! whole file.
+//! A header with several ranges, another unit or a malformed value is ignored, as the RFC permits.
+//! The response is then the whole file.
 
 use std::ops::Range;
 
-/// What a `Range` header selects of a file.
+/// Bytes of a file that a `Range` header selects.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(in crate::http) enum Selection {
     /// The whole file.
     Whole,
-    /// These bytes; never empty, always within the file.
+    /// A range of bytes that is not empty and lies within the file.
     Part(Range<u64>),
-    /// No bytes of the file: 416.
+    /// No byte of the file; the response is 416.
     Outside,
 }
 
-/// What the header selects of a file of `len` bytes.
+/// Bytes that the header selects of a file of `len` bytes.
 pub(in crate::http) fn select(header: Option<&str>, len: u64) -> Selection {
     header.and_then(|text| parse(text, len)).unwrap_or(Selection::Whole)
 }
@@ -41,7 +41,7 @@ fn parse(text: &str, len: u64) -> Option<Selection> {
     Some(if range.start < range.end { Selection::Part(range) } else { Selection::Outside })
 }
 
-/// Digits only; a number of more than 64 bits counts as the greatest one.
+/// A number of digits only. Numbers of more than 64 bits become `u64::MAX`.
 fn number(text: &str) -> Option<u64> {
     (!text.is_empty() && text.bytes().all(|b| b.is_ascii_digit())).then(|| text.parse().unwrap_or(u64::MAX))
 }
