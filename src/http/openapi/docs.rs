@@ -1,6 +1,8 @@
-//! `GET /docs`: the description of the service as a page, generated from the same document as `/openapi.yaml`.
+//! `GET /docs`: the description of the service as a page, from the same document as
+//! `/openapi.yaml`.
 //!
-//! The page has no scripts and loads nothing. It lists operations by subject, problems, and the schemas of all bodies.
+//! The page has no scripts and loads nothing. It lists operations by subject, problems, and the
+//! schemas of all bodies.
 
 mod html;
 mod schemas;
@@ -10,9 +12,14 @@ use crate::http::wire::problem::Kind;
 use axum::Extension;
 use axum::http::{HeaderValue, header};
 use axum::response::{Html, IntoResponse, Response};
-use html::{escape, items, members, prose, table, text};
+use html::{items, joined, members, prose, table, text};
+use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde_json::Value;
 use std::sync::OnceLock;
+
+const POLICY: HeaderValue =
+    HeaderValue::from_static("default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'");
+const STYLE: &str = include_str!("docs/style.css");
 
 /// Read this description as a page.
 ///
@@ -28,112 +35,120 @@ pub(in crate::http) async fn page(Extension(description): Extension<Description>
 }
 
 fn write(document: &Value) -> String {
-    let tags: Vec<&str> = items(&document["tags"]).map(|tag| text(tag, "name")).collect();
-    let links: String = tags.iter().map(|&tag| format!("<li><a href=\"#tag-{0}\">{0}</a></li>", escape(tag))).collect();
-    let subjects: String = items(&document["tags"]).map(|tag| subject(document, tag)).collect();
-    format!(
-        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>{title} {version}: interface</title>\n\
-         <style>\n{STYLE}</style>\n</head>\n<body>\n<header>\n<h1>{title} <small>{version}</small></h1>\n<p>{description}</p>\n\
-         <p>For programs: <a href=\"openapi.yaml\">/openapi.yaml</a>.</p>\n<nav aria-label=\"Subjects\"><ul>{links}\
-         <li><a href=\"#problems\">problems</a></li><li><a href=\"#schemas\">schemas</a></li></ul></nav>\n</header>\n<main>\n\
-         {subjects}{problems}{schemas}</main>\n</body>\n</html>\n",
-        title = escape(text(&document["info"], "title")),
-        version = escape(text(&document["info"], "version")),
-        description = prose(text(&document["info"], "description")),
-        problems = problems(),
-        schemas = schemas::all(&document["components"]["schemas"]),
-    )
-}
-
-const POLICY: HeaderValue =
-    HeaderValue::from_static("default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'");
-
-const STYLE: &str = include_str!("docs/style.css");
-
-/// The operations of one tag.
-fn subject(document: &Value, tag: &Value) -> String {
-    let name = text(tag, "name");
-    let operations: String = members(&document["paths"])
-        .flat_map(|(path, item)| members(item).map(move |(method, operation)| (path, method, operation)))
-        .filter(|(_, _, operation)| items(&operation["tags"]).any(|tag| tag == name))
-        .map(|(path, method, operation)| self::operation(path, method, operation))
-        .collect();
-    format!(
-        "<section aria-labelledby=\"tag-{name}\">\n<h2 id=\"tag-{name}\">{name}</h2>\n<p>{}</p>\n{operations}</section>\n",
-        prose(text(tag, "description")),
-        name = escape(name),
-    )
-}
-
-fn operation(path: &str, method: &str, operation: &Value) -> String {
-    let id = escape(text(operation, "operationId"));
-    let description: String = ["summary", "description"]
-        .map(|member| text(operation, member))
-        .into_iter()
-        .filter(|t| !t.is_empty())
-        .fold(String::new(), |all, part| format!("{all}<p>{}</p>\n", prose(part)));
-    let parameters: Vec<String> = items(&operation["parameters"])
-        .map(|parameter| {
-            let required = if parameter["required"] == true { ", required" } else { "" };
-            let name = escape(text(parameter, "name"));
-            let place = escape(text(parameter, "in"));
-            let kind = schemas::kind(&parameter["schema"]);
-            let description = prose(text(parameter, "description"));
-            format!("<th scope=\"row\"><code>{name}</code></th><td>{place}{required}</td><td>{kind}</td><td>{description}</td>")
-        })
-        .collect();
-    let body = match content(&operation["requestBody"]["content"]) {
-        none if none.is_empty() => none,
-        body => format!("<p>Body: {body}</p>\n"),
+    let info = |member| text(&document["info"], member);
+    let page = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                title { (info("title")) " " (info("version")) ": interface" }
+                style { (PreEscaped(STYLE)) }
+            }
+            body {
+                header {
+                    h1 { (info("title")) " " small { (info("version")) } }
+                    p { (prose(info("description"))) }
+                    p { "For programs: " a href="openapi.yaml" { "/openapi.yaml" } "." }
+                    nav aria-label="Subjects" {
+                        ul {
+                            @for tag in items(&document["tags"]) {
+                                li { a href={ "#tag-" (text(tag, "name")) } { (text(tag, "name")) } }
+                            }
+                            li { a href="#problems" { "problems" } }
+                            li { a href="#schemas" { "schemas" } }
+                        }
+                    }
+                }
+                main {
+                    @for tag in items(&document["tags"]) { (subject(document, tag)) }
+                    (problems())
+                    (schemas::all(&document["components"]["schemas"]))
+                }
+            }
+        }
     };
-    let responses: Vec<String> = members(&operation["responses"])
-        .map(|(status, response)| {
-            let headers: Vec<String> = members(&response["headers"])
-                .map(|(name, value)| format!("<code>{}</code>: {}", escape(name), prose(text(value, "description"))))
-                .collect();
-            format!(
-                "<th scope=\"row\">{}</th><td>{}</td><td>{}</td><td>{}</td>",
-                escape(status),
-                prose(text(response, "description")),
-                content(&response["content"]),
-                headers.join("<br>"),
-            )
-        })
-        .collect();
-    format!(
-        "<article id=\"{id}\">\n<h3><a href=\"#{id}\"><code>{} {}</code></a></h3>\n{description}{}{body}{}</article>\n",
-        method.to_ascii_uppercase(),
-        escape(path),
-        table("Parameters", &["Name", "In", "Type", "Meaning"], &parameters),
-        table("Responses", &["Status", "Meaning", "Body", "Headers"], &responses),
-    )
+    page.into_string()
+}
+
+/// Section of the operations with a tag.
+fn subject(document: &Value, tag: &Value) -> Markup {
+    let name = text(tag, "name");
+    let operations = members(&document["paths"])
+        .flat_map(|(path, item)| members(item).map(move |(method, operation)| (path, method, operation)))
+        .filter(|(_, _, operation)| items(&operation["tags"]).any(|tag| tag == name));
+    html! {
+        section aria-labelledby={ "tag-" (name) } {
+            h2 id={ "tag-" (name) } { (name) }
+            p { (prose(text(tag, "description"))) }
+            @for (path, method, operation) in operations { (self::operation(path, method, operation)) }
+        }
+    }
+}
+
+fn operation(path: &str, method: &str, operation: &Value) -> Markup {
+    let id = text(operation, "operationId");
+    let parameters = items(&operation["parameters"]).map(|parameter| {
+        html! {
+            th scope="row" { code { (text(parameter, "name")) } }
+            td { (text(parameter, "in")) @if parameter["required"] == true { ", required" } }
+            td { (schemas::kind(&parameter["schema"])) }
+            td { (prose(text(parameter, "description"))) }
+        }
+    });
+    let responses = members(&operation["responses"]).map(|(status, response)| {
+        let headers = members(&response["headers"])
+            .map(|(name, value)| html! { code { (name) } ": " (prose(text(value, "description"))) });
+        html! {
+            th scope="row" { (status) }
+            td { (prose(text(response, "description"))) }
+            td { (content(&response["content"])) }
+            td { (joined(headers, html! { br; })) }
+        }
+    });
+    let body = &operation["requestBody"]["content"];
+    html! {
+        article id=(id) {
+            h3 { a href={ "#" (id) } { code { (method.to_ascii_uppercase()) " " (path) } } }
+            @for paragraph in ["summary", "description"].map(|member| text(operation, member)) {
+                @if !paragraph.is_empty() { p { (prose(paragraph)) } }
+            }
+            (table("Parameters", &["Name", "In", "Type", "Meaning"], parameters.collect()))
+            @if body.is_object() { p { "Body: " (content(body)) } }
+            (table("Responses", &["Status", "Meaning", "Body", "Headers"], responses.collect()))
+        }
+    }
 }
 
 /// Media types with their schemas.
-fn content(content: &Value) -> String {
-    let one = |(media_type, content): (&String, &Value)| {
-        let media_type = format!("<code>{}</code>", escape(media_type));
-        match content.get("schema") {
-            Some(schema) => format!("{media_type}: {}", schemas::kind(schema)),
-            None => media_type,
+fn content(content: &Value) -> Markup {
+    let media_types = members(content).map(|(media_type, content)| {
+        html! {
+            code { (media_type) }
+            @if let Some(schema) = content.get("schema") { ": " (schemas::kind(schema)) }
         }
-    };
-    members(content).map(one).collect::<Vec<_>>().join("<br>")
+    });
+    joined(media_types, html! { br; })
 }
 
-/// Every kind of problem.
-fn problems() -> String {
+fn problems() -> Markup {
     let row = |kind: &Kind| {
-        let (slug, status, title) = (kind.slug(), kind.status(), escape(kind.title()));
-        format!("<th scope=\"row\"><code>{slug}</code></th><td>{}</td><td>{title}</td>", status.as_u16())
+        html! {
+            th scope="row" { code { (kind.slug()) } }
+            td { (kind.status().as_u16()) }
+            td { (kind.title()) }
+        }
     };
-    let rows: Vec<String> = Kind::ALL.iter().map(row).collect();
-    format!(
-        "<section aria-labelledby=\"problems\">\n<h2 id=\"problems\">problems</h2>\n<p>{}</p>\n{}</section>\n",
-        prose("Every error response is a `Problem`. Its `type` is `urn:oviduct:problem:` followed by one of these."),
-        table("Problems", &["Type", "Status", "Title"], &rows),
-    )
+    html! {
+        section aria-labelledby="problems" {
+            h2 id="problems" { "problems" }
+            p {
+                "Every error response is a " code { "Problem" } ". Its " code { "type" } " is "
+                code { "urn:oviduct:problem:" } " followed by one of these."
+            }
+            (table("Problems", &["Type", "Status", "Title"], Kind::ALL.iter().map(row).collect()))
+        }
+    }
 }
 
 #[cfg(test)]

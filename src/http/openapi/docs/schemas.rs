@@ -1,127 +1,130 @@
 //! Schemas of bodies as tables.
 
-use super::html::{escape, items, members, prose, table, text};
+use super::html::{items, joined, members, prose, table, text};
+use maud::{Markup, html};
 use serde_json::Value;
 
-const REFERENCE: &str = "#/components/schemas/";
-
 /// All schemas of the description.
-pub(super) fn all(schemas: &Value) -> String {
-    let each: String = members(schemas).map(|(name, schema)| one(name, schema)).collect();
-    format!("<section aria-labelledby=\"schemas\">\n<h2 id=\"schemas\">schemas</h2>\n{each}</section>\n")
+pub(super) fn all(schemas: &Value) -> Markup {
+    html! {
+        section aria-labelledby="schemas" {
+            h2 id="schemas" { "schemas" }
+            @for (name, schema) in members(schemas) { (article(name, schema)) }
+        }
+    }
 }
 
-fn one(name: &str, schema: &Value) -> String {
+fn article(name: &str, schema: &Value) -> Markup {
     let mut rows = Vec::new();
     describe(schema, "", &mut rows);
-    let what = match rows.is_empty() {
-        true => format!("<p>{}</p>\n", kind(schema)),
-        false => String::new(),
-    };
-    let description = match text(schema, "description") {
-        "" => String::new(),
-        description => format!("<p>{}</p>\n", prose(description)),
-    };
-    format!(
-        "<article id=\"schema-{name}\">\n<h3><a href=\"#schema-{name}\">{name}</a></h3>\n{description}{what}{}</article>\n",
-        table("Members", &["Name", "Type", "Meaning"], &rows),
-        name = escape(name),
-    )
+    let description = text(schema, "description");
+    html! {
+        article id={ "schema-" (name) } {
+            h3 { (link(name)) }
+            @if !description.is_empty() { p { (prose(description)) } }
+            @if rows.is_empty() { p { (kind(schema)) } }
+            (table("Members", &["Name", "Type", "Meaning"], rows))
+        }
+    }
 }
 
-/// A row for each member of an object and of its nested objects.
-fn describe(schema: &Value, before: &str, rows: &mut Vec<String>) {
+/// Adds a row for each member of an object and of its nested objects.
+fn describe(schema: &Value, before: &str, rows: &mut Vec<Markup>) {
     for part in items(&schema["allOf"]) {
         match reference(part) {
-            Some(_) => rows.push(format!("<td colspan=\"3\">all of {}</td>", kind(part))),
+            Some(name) => rows.push(html! { td colspan="3" { "all of " (link(name)) } }),
             None => describe(part, before, rows),
         }
     }
     for (name, member) in members(&schema["properties"]) {
-        let required = if items(&schema["required"]).any(|r| r == name) { ", required" } else { "" };
+        let is_required = items(&schema["required"]).any(|required| required == name);
         let full = format!("{before}{name}");
         let (title, description) = (text(member, "title"), text(member, "description"));
         let title = if description.starts_with(title) { "" } else { title };
-        let meaning: Vec<String> = [title, description].into_iter().filter(|t| !t.is_empty()).map(prose).collect();
-        rows.push(format!(
-            "<th scope=\"row\"><code>{}</code></th><td>{}{required}</td><td>{}</td>",
-            escape(&full),
-            kind(member),
-            meaning.join(": "),
-        ));
+        let meaning = [title, description].into_iter().filter(|text| !text.is_empty()).map(prose);
+        rows.push(html! {
+            th scope="row" { code { (full) } }
+            td { (kind(member)) @if is_required { ", required" } }
+            td { (joined(meaning, html! { ": " })) }
+        });
         if reference(member).is_none() {
             describe(member, &format!("{full}."), rows);
         }
     }
 }
 
+/// Name of the component that a schema refers to.
 fn reference(schema: &Value) -> Option<&str> {
-    schema["$ref"].as_str()?.strip_prefix(REFERENCE)
+    schema["$ref"].as_str()?.strip_prefix("#/components/schemas/")
+}
+
+fn link(name: &str) -> Markup {
+    html! { a href={ "#schema-" (name) } { (name) } }
 }
 
 /// The type of a value, in one line.
-pub(super) fn kind(schema: &Value) -> String {
+pub(super) fn kind(schema: &Value) -> Markup {
     if let Some(name) = reference(schema) {
-        return format!("<a href=\"#schema-{0}\">{0}</a>", escape(name));
+        return link(name);
     }
-    let alternatives: Vec<String> = ["oneOf", "anyOf"].into_iter().flat_map(|m| items(&schema[m])).map(kind).collect();
-    let what = if !alternatives.is_empty() {
-        alternatives.join(" or ")
+    let alternatives: Vec<Markup> = ["oneOf", "anyOf"].into_iter().flat_map(|m| items(&schema[m])).map(kind).collect();
+    let kind = if !alternatives.is_empty() {
+        any_of(alternatives)
     } else if schema["enum"].is_array() {
-        items(&schema["enum"]).map(value).collect::<Vec<_>>().join(" or ")
+        any_of(items(&schema["enum"]).map(value))
     } else if schema["allOf"].is_array() {
-        "object".to_owned()
+        html! { "object" }
     } else {
         match &schema["type"] {
             Value::String(name) => simple(schema, name),
-            Value::Array(names) => {
-                names.iter().filter_map(Value::as_str).map(|name| simple(schema, name)).collect::<Vec<_>>().join(" or ")
-            }
-            _ => "any value".to_owned(),
+            Value::Array(names) => any_of(names.iter().filter_map(Value::as_str).map(|name| simple(schema, name))),
+            _ => html! { "any value" },
         }
     };
-    format!("{what}{}", bounds(schema))
+    html! { (kind) (constraints(schema)) }
 }
 
-fn simple(schema: &Value, name: &str) -> String {
+fn any_of(kinds: impl IntoIterator<Item = Markup>) -> Markup {
+    joined(kinds.into_iter(), html! { " or " })
+}
+
+fn simple(schema: &Value, name: &str) -> Markup {
     match (name, schema.get("items"), schema.get("additionalProperties")) {
-        ("array", Some(item), _) if item["prefixItems"].is_array() => "array of pairs".to_owned(),
-        ("array", Some(item), _) => format!("array of {}", kind(item)),
-        ("object", _, Some(each)) if each.is_object() => format!("object of {}", kind(each)),
-        _ => escape(name),
+        ("array", Some(item), _) if item["prefixItems"].is_array() => html! { "array of pairs" },
+        ("array", Some(item), _) => html! { "array of " (kind(item)) },
+        ("object", _, Some(each)) if each.is_object() => html! { "object of " (kind(each)) },
+        _ => html! { (name) },
     }
 }
 
-fn value(value: &Value) -> String {
-    format!("<code>{}</code>", escape(&value.as_str().map_or_else(|| value.to_string(), str::to_owned)))
+fn value(value: &Value) -> Markup {
+    html! { code { (value.as_str().map_or_else(|| value.to_string(), str::to_owned)) } }
 }
 
-/// Bounds, unit and default, each after a comma.
-fn bounds(schema: &Value) -> String {
+/// Bounds, unit, pattern and default, each after a comma.
+fn constraints(schema: &Value) -> Markup {
     let mut parts = Vec::new();
-    for (least, most, of) in [
+    for (min, max, unit) in [
         ("minimum", "maximum", ""),
         ("minLength", "maxLength", " characters"),
         ("minItems", "maxItems", " items"),
         ("minProperties", "maxProperties", " members"),
     ] {
-        match (schema.get(least), schema.get(most)) {
-            (Some(least), Some(most)) => parts.push(format!("{least} to {most}{of}")),
-            (Some(least), None) => parts.push(format!("at least {least}{of}")),
-            (None, Some(most)) => parts.push(format!("at most {most}{of}")),
+        match (schema.get(min), schema.get(max)) {
+            (Some(min), Some(max)) => parts.push(html! { (min) " to " (max) (unit) }),
+            (Some(min), None) => parts.push(html! { "at least " (min) (unit) }),
+            (None, Some(max)) => parts.push(html! { "at most " (max) (unit) }),
             (None, None) => {}
         }
     }
     if let Some(unit) = schema["x-unit"].as_str().filter(|unit| !unit.is_empty()) {
-        parts.push(escape(unit));
+        parts.push(html! { (unit) });
     }
     if let Some(pattern) = schema.get("pattern") {
-        parts.push(format!("matches {}", value(pattern)));
+        parts.push(html! { "matches " (value(pattern)) });
     }
-    if let Some(default) =
-        schema.get("default").or_else(|| schema.get("x-default")).filter(|default| !default.is_object())
-    {
-        parts.push(format!("default {}", value(default)));
+    if let Some(default) = schema.get("default").or_else(|| schema.get("x-default")).filter(|of| !of.is_object()) {
+        parts.push(html! { "default " (value(default)) });
     }
-    parts.into_iter().fold(String::new(), |all, part| format!("{all}, {part}"))
+    html! { @for part in parts { ", " (part) } }
 }
