@@ -28,7 +28,7 @@ pub use remote::{Client, Key};
 pub use scratch::Scratch;
 pub use service::Service;
 
-use crate::spec::{self, Preset};
+use crate::spec;
 use args::{Cli, Command};
 use local::{check, compare, convert, cut, fit, measure, report, section};
 use remote::{demo, submit, workers};
@@ -106,7 +106,7 @@ async fn dispatch(command: Command) -> Ended {
 /// Lists the presets.
 fn print_presets(json: bool) -> Ended {
     if json {
-        let all: Vec<_> = spec::presets().iter().map(Preset::to_json).collect();
+        let all: Vec<_> = spec::presets().iter().map(spec::Preset::details).collect();
         return Ok(term::print_json(&all)?);
     }
     for preset in spec::presets() {

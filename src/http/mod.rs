@@ -1,7 +1,7 @@
 //! The HTTP service: a router over a job store and an artifact store.
 //!
-//! Handlers only translate between HTTP and the stores: they contain no SQL, do not compute models
-//! and do not read clocks. Every error response is a problem (RFC 9457). `router.rs` lists all
+//! Handlers only translate between HTTP and the stores: they contain no SQL, grow no models and read
+//! no clocks. Every error response is a problem (RFC 9457, `wire/problem.rs`). `router.rs` lists all
 //! routes.
 
 mod access;
@@ -47,50 +47,49 @@ use tokio_util::sync::CancellationToken;
 /// Limits of the service.
 #[derive(Clone, Debug)]
 pub struct Limits {
-    /// Maximum size of a request body, in bytes.
+    /// Maximum size of a request body, bytes.
     pub body_bytes: usize,
-    /// Maximum size of a request body with images, in bytes.
+    /// Maximum size of a request body with images, bytes.
     pub large_body_bytes: usize,
-    /// Time within which a request body must arrive.
+    /// Maximum time until a request body has arrived.
     pub body_time: Duration,
     /// Maximum number of open event streams.
     pub streams: usize,
-    /// Maximum number of responses that `Prefer: wait` holds at a time. Further responses are sent
-    /// immediately.
+    /// Maximum number of responses that `Prefer: wait` delays at a time. Others are sent immediately.
     pub held: usize,
-    /// Maximum number of concurrent downloads. Each uses a descriptor: of an open file, or of a
-    /// connection to an object store.
+    /// Maximum number of concurrent downloads. Each uses a descriptor: of a file, or of a connection
+    /// to an object store.
     pub downloads: usize,
-    /// Maximum number of pictures that are drawn at a time. Each uses all cores.
+    /// Maximum number of concurrently drawn pictures. Each uses all cores.
     pub pictures: usize,
-    /// Maximum time for which a request for a picture waits for its turn.
+    /// Maximum time for which a request waits until its picture can be drawn.
     pub picture_wait: Duration,
-    /// Minimum time between two progress events, or two section events, of a model.
+    /// Minimum time between two progress events, or two section events, of one model.
     pub event_interval: Duration,
-    /// Time after which a watched model is read again even if the store reports no change.
+    /// Interval at which watched models are read even if the store reports no change.
     pub event_poll: Duration,
     /// Time without events after which a stream sends a comment.
     pub event_comment: Duration,
-    /// Time since its last heartbeat after which a GPU worker no longer counts.
+    /// Time since the last heartbeat after which a GPU worker no longer counts as available.
     pub gpu_memory: Duration,
-    /// Time since its last heartbeat after which a worker is not counted in the metrics.
+    /// Time since the last heartbeat after which the metrics no longer count a worker.
     pub worker_memory: Duration,
-    /// True if models for `gpu` are queued even if no GPU worker is alive, because the operator
-    /// will start one.
+    /// True if models for `gpu` are queued even without a live GPU worker, because one will be
+    /// started for them.
     pub gpu_expected: bool,
     /// Maximum time for which a request for `gpu` waits while workers of this process open their
     /// devices.
     pub gpu_wait: Duration,
     /// Maximum number of models of a batch.
     pub batch: usize,
-    /// Time between the end of a model and its removal; `None` to keep it forever. Responses show
-    /// it; retention removes the model.
+    /// Time after which an ended model is removed; `None` keeps it forever. Responses report this
+    /// time; the retention sweep removes the models.
     pub keep: Option<Duration>,
-    /// True if downloads are redirected to the artifact store, provided that it can sign addresses.
+    /// True if downloads are redirected to the artifact store. This requires a store that signs URLs.
     pub redirect_downloads: bool,
     /// Other origins whose pages may call the service.
     pub cors_origins: Vec<Origin>,
-    /// Limits of the predicted cost of a model.
+    /// Maximum predicted cost of one model.
     pub cost: crate::generate::CostLimits,
 }
 
@@ -111,7 +110,7 @@ impl Default for Limits {
             gpu_memory: Duration::from_secs(300),
             worker_memory: Duration::from_secs(20),
             gpu_wait: Duration::from_secs(20),
-            batch: 1000,
+            batch: crate::spec::study::DEFAULT_MAX_POINTS,
             keep: None,
             redirect_downloads: false,
             gpu_expected: false,
@@ -121,7 +120,7 @@ impl Default for Limits {
     }
 }
 
-/// State that all handlers share. Clones share the same state.
+/// State that handlers share. Clones share it, too.
 #[derive(Clone)]
 pub struct AppState {
     pub(crate) store: Store,
@@ -131,7 +130,7 @@ pub struct AppState {
     pub(crate) metrics: Metrics,
     access: Arc<Access>,
     status: Status,
-    /// Results of the checks of `store`.
+    /// Availability of `store`, from its checks.
     store_availability: Arc<Availability>,
     feed: Arc<Feed>,
     streams: Arc<Semaphore>,
@@ -141,10 +140,11 @@ pub struct AppState {
 }
 
 impl AppState {
-    /// Creates the state of a service. When `shutdown` is cancelled, event streams end and held
-    /// responses are sent, so that the server can drain; other requests continue. Must be called
-    /// within a Tokio runtime: starts a task that follows the changes of the store until
-    /// `shutdown`.
+    /// A service over these stores.
+    ///
+    /// When `shutdown` is cancelled, event streams end and delayed responses are sent, so that the
+    /// server can drain. Other requests continue. Must be called within a Tokio runtime, because it
+    /// starts a task that follows the changes of the store until `shutdown`.
     #[must_use]
     pub fn new(store: Store, artifacts: Artifacts, limits: Limits, shutdown: CancellationToken) -> Self {
         let timing = FeedTiming { interval: limits.event_interval, poll: limits.event_poll, keep: limits.keep };
@@ -170,7 +170,7 @@ impl AppState {
         }
     }
 
-    /// Controls access with these options.
+    /// Replaces the options of access control.
     #[must_use]
     pub fn with_access(self, options: AccessOptions) -> Self {
         let access = Access::new(self.store.clone(), options, self.limits.cors_origins.clone());
@@ -189,8 +189,8 @@ impl AppState {
         Self { status, ..self }
     }
 
-    /// Deletes files that no record names. Waits for it at most 1 s: no client can reach the files,
-    /// and the orphan sweep deletes those that are left.
+    /// Deletes artifacts that no record names. Waits at most one second; clients cannot reach the
+    /// files, and the orphan sweep deletes the rest.
     async fn forget(&self, keys: Vec<String>) {
         if keys.is_empty() {
             return;
@@ -198,7 +198,7 @@ impl AppState {
         let artifacts = self.artifacts.clone();
         let removal = tokio::spawn(async move {
             if let Err(error) = artifacts.delete(&keys).await {
-                tracing::warn!(%error, "files of a deleted model could not be removed; a sweep will remove them");
+                tracing::warn!(%error, "could not delete the files of a deleted model; the orphan sweep will delete them");
             }
         });
         let _ = tokio::time::timeout(Duration::from_secs(1), removal).await;

@@ -1,23 +1,21 @@
 //! `GET /presets`, `GET /presets/{name}`, `GET /schema`: presets, and the JSON Schema of a spec.
 
-use super::openapi::shapes::{Preset, PresetSummary};
+use super::openapi::schemas::JsonSchema;
 use super::wire::extract::PathTexts;
 use super::wire::problem::{Kind, Problem};
-use super::wire::responses::{JsonSchema, PresetMissing};
-use crate::spec::{preset, presets, schema};
+use super::wire::responses::PresetMissing;
+use crate::spec::{PresetDetails, PresetSummary, preset, presets, schema};
 use axum::Json;
 use axum::http::{HeaderValue, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
-use serde_json::Value;
 use utoipa::ToSchema;
 
 /// The presets.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct PresetList {
     /// The presets, the default first.
-    #[schema(value_type = Vec<PresetSummary>)]
-    presets: Vec<Value>,
+    presets: Vec<PresetSummary<'static>>,
 }
 
 /// List the presets.
@@ -37,14 +35,14 @@ pub(super) async fn list() -> Json<PresetList> {
 #[utoipa::path(
     get, path = "/presets/{name}", operation_id = "get_preset", tag = "presets",
     params(("name" = String, Path, description = "Name of the preset")),
-    responses((status = 200, description = "The preset", body = Preset, content_type = "application/json"), PresetMissing)
+    responses((status = 200, description = "The preset", body = PresetDetails<'static>), PresetMissing)
 )]
-pub(super) async fn get(path: PathTexts) -> Result<Json<Value>, Problem> {
+pub(super) async fn get(path: PathTexts) -> Result<Json<PresetDetails<'static>>, Problem> {
     let found = preset(path.get("name")).ok_or_else(|| {
         let names: Vec<_> = presets().iter().map(|p| p.name.as_str()).collect();
         Problem::new(Kind::PresetNotFound, format!("The presets are {}.", names.join(", ")))
     })?;
-    Ok(Json(found.to_json()))
+    Ok(Json(found.details()))
 }
 
 /// Read the JSON Schema of a spec: titles, units, bounds, defaults.

@@ -1,4 +1,5 @@
-//! `POST /tickets`: a ticket for one `GET` by a browser that cannot send a key: an `EventSource`, a link, an image.
+//! `POST /tickets`: a ticket for one `GET` by a client that cannot send a key, such as an
+//! `EventSource`, a link or an image in a browser.
 
 use crate::http::AppState;
 use crate::http::access::{Caller, unauthorized};
@@ -20,7 +21,7 @@ use utoipa::ToSchema;
 
 /// How long a ticket is good.
 const LIFE: Duration = Duration::from_secs(60);
-/// Longest path, in bytes.
+/// Maximum length of a path, bytes.
 const PATH_MAX: usize = 512;
 
 /// A request for a ticket.

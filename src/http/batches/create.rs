@@ -3,7 +3,7 @@
 use super::batch::Batch;
 use super::check::{CheckedBatch, CheckedPoint, check_body};
 use super::read::answer;
-use super::request::BatchSeeds;
+use super::request::{BatchRequest, BatchSeeds};
 use super::study::StoredStudy;
 use crate::generate::Cost;
 use crate::http::AppState;
@@ -12,11 +12,10 @@ use crate::http::models::create::{draw_seed, key_of, new_job, set_location};
 use crate::http::wire::blocking::blocking;
 use crate::http::wire::json::JsonBody;
 use crate::http::wire::problem::Problem;
-use crate::http::wire::responses::{
-    BatchRequest as BatchRequestDoc, BodyProblems, ParameterValue, QueueFull, StoreAwayOrOpening,
-};
+use crate::http::wire::responses::{BodyProblems, QueueFull, StoreAwayOrOpening};
 use crate::jobs::reuse::exclude_missing_files;
 use crate::jobs::{self, NewBatch, NewJob, StoreError, SubmittedBatch};
+use crate::spec::openapi::ParameterValue;
 use crate::spec::study::Study;
 use axum::Json;
 use axum::extract::State;
@@ -35,7 +34,7 @@ use utoipa::ToSchema;
     params(
         ("idempotency-key" = Option<String>, Header, min_length = 1, max_length = 255, pattern = "^[!-~]+$", description = "1 to 255 visible ASCII characters. The same key with the same body returns the same batch"),
     ),
-    request_body(content = BatchRequestDoc, content_type = "application/json"),
+    request_body(content = BatchRequest, content_type = "application/json"),
     responses(
         (status = 202, description = "Accepted", body = Batch, headers(
             ("location" = String, description = "The batch, relative to this URL"),
@@ -157,7 +156,7 @@ pub(super) struct BatchCost {
 /// The answer has the cost of each point. A request that passes can still be refused by a full queue.
 #[utoipa::path(
     post, path = "/batches/validate", operation_id = "validate_batch", tag = "batches",
-    request_body(content = BatchRequestDoc, content_type = "application/json"),
+    request_body(content = BatchRequest, content_type = "application/json"),
     responses((status = 200, description = "The request is valid", body = BatchValidation), BodyProblems, StoreAwayOrOpening)
 )]
 pub(in crate::http) async fn validate(

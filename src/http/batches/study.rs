@@ -1,6 +1,6 @@
 //! The study of a batch, as stored and as sent.
 
-use crate::http::wire::responses::{ParameterValue, Vary};
+use crate::spec::openapi::ParameterValue;
 use crate::spec::study::Study;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -59,7 +59,7 @@ impl StoredStudy {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, ToSchema)]
 pub struct BatchStudy {
     /// The member `vary` of the request.
-    #[schema(value_type = Vary)]
+    #[schema(value_type = Study)]
     pub vary: Value,
     /// The models in the order of `models`: points in the order of the design, each with its seeds.
     pub models: Vec<StudyModel>,

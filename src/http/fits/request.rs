@@ -3,8 +3,8 @@
 use crate::fit::{FitSpec, read_images};
 use crate::http::models::request::{read_labels, read_priority};
 use crate::http::wire::faults::{Faults, body_reader};
-use crate::http::wire::responses::SpecPatch;
 use crate::jobs::Priority;
+use crate::spec::ModelSpec;
 use serde::Deserialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -19,7 +19,7 @@ pub(super) struct FitRequest {
     #[schema(required = false)]
     preset: String,
     /// The spec that the search starts from, as a patch of the preset.
-    #[schema(value_type = SpecPatch, required = false)]
+    #[schema(value_type = ModelSpec, required = false)]
     spec: Value,
     /// Measures to be reached.
     #[schema(required = false, max_items = 100)]

@@ -14,9 +14,7 @@ use crate::http::wire::faults::body_reader;
 use crate::http::wire::headers::{IDEMPOTENCY_REPLAYED, PREFERENCE_APPLIED, idempotency_key, wait};
 use crate::http::wire::json::JsonBody;
 use crate::http::wire::problem::{Kind, Problem};
-use crate::http::wire::responses::{
-    BodyProblems, ModelRequest as ModelRequestDoc, QueueFull, SpecPatch, StoreAwayOrOpening,
-};
+use crate::http::wire::responses::{BodyProblems, QueueFull, StoreAwayOrOpening};
 use crate::jobs::reuse::exclude_missing_files;
 use crate::jobs::{Job, JobKind, NewJob, StoreError, Submitted, WorkerKind};
 use crate::spec::{Fault, JsonReader, ModelSpec, Preset, SEED_MAX, batch_key, canonical_json, preset, presets};
@@ -135,7 +133,7 @@ pub(in crate::http) async fn check_backend(state: &AppState, request: &ModelRequ
         ("prefer" = Option<String>, Header, description = "`wait=N`: hold the response until the model has ended, at most N seconds (1 to 60). If too many responses are held already, it is sent at once, without `preference-applied`"),
         ("idempotency-key" = Option<String>, Header, min_length = 1, max_length = 255, pattern = "^[!-~]+$", description = "1 to 255 visible ASCII characters. The same key with the same body returns the same model"),
     ),
-    request_body(content = ModelRequestDoc, content_type = "application/json"),
+    request_body(content = ModelRequest, content_type = "application/json"),
     responses(
         (status = 202, description = "Accepted: queued or running", body = Model, headers(
             ("location" = String, description = "The model, relative to this URL"),
@@ -315,7 +313,7 @@ pub(super) struct Validation {
     #[schema(minimum = 0)]
     seed: Option<u64>,
     /// The complete resolved spec.
-    #[schema(value_type = SpecPatch)]
+    #[schema(value_type = ModelSpec)]
     spec: Value,
     /// Digest of the model; null if the seed will be drawn.
     digest: Option<String>,
@@ -328,7 +326,7 @@ pub(super) struct Validation {
 /// The answer has the complete spec. A request that passes can still be refused by a full queue.
 #[utoipa::path(
     post, path = "/models/validate", operation_id = "validate_model", tag = "models",
-    request_body(content = ModelRequestDoc, content_type = "application/json"),
+    request_body(content = ModelRequest, content_type = "application/json"),
     responses((status = 200, description = "The request is valid", body = Validation), BodyProblems, StoreAwayOrOpening)
 )]
 pub(in crate::http) async fn validate(

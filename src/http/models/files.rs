@@ -7,7 +7,6 @@
 use crate::generate::{FileOutput, MANIFEST, Manifest, Origin};
 use crate::http::AppState;
 use crate::http::access::Caller;
-use crate::http::openapi::shapes::StoredReport;
 use crate::http::wire::conditional::ETag;
 use crate::http::wire::extract::{ModelId, PathTexts, no_model};
 use crate::http::wire::headers::refuses_redirect;
@@ -119,7 +118,7 @@ pub(super) struct Report {
     seed: u64,
     /// The members of `report.json`.
     #[serde(flatten)]
-    #[schema(value_type = StoredReport)]
+    #[schema(value_type = crate::generate::Report<'static>)]
     stored: Map<String, Value>,
 }
 
@@ -280,10 +279,7 @@ async fn send(state: &AppState, file: &File, method: &Method, headers: &HeaderMa
         Selection::Part(range) => (StatusCode::PARTIAL_CONTENT, range),
         Selection::Outside => {
             let problem = Problem::new(Kind::RangeNotSatisfiable, format!("The file has {} bytes.", file.bytes));
-            return Err(match HeaderValue::try_from(format!("bytes */{}", file.bytes)) {
-                Ok(value) => problem.with_header(header::CONTENT_RANGE, value),
-                Err(_) => problem,
-            });
+            return Err(problem.with_header(header::CONTENT_RANGE, format!("bytes */{}", file.bytes)));
         }
     };
     let body = if method == Method::HEAD {

@@ -1,12 +1,10 @@
 //! Bodies of responses and events about models. Members that do not apply are null, never absent.
 
-use crate::generate::{Output, Progress, Stage};
-pub use crate::http::openapi::shapes::ModelWarning;
-use crate::http::openapi::shapes::Summary;
+pub use crate::generate::Warning as ModelWarning;
+use crate::generate::{Output, Progress, Stage, Summary};
 use crate::http::wire::extract::Parameters;
 use crate::http::wire::faults::{Faults, RequestFault};
 use crate::http::wire::problem::TYPE_PREFIX;
-use crate::http::wire::responses::SpecPatch;
 use crate::jobs::{BackendReport, Job, JobProgress, LiveSection, Priority, Status};
 use crate::model::{BodyKind, LengthUnit};
 use crate::spec::ModelSpec;
@@ -89,7 +87,7 @@ pub struct Model {
     pub retry_of: Option<Uuid>,
     /// The complete resolved spec, as `GET /schema` describes it. Present with `view=full`, absent with `view=summary`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(value_type = SpecPatch, required = false, nullable = false)]
+    #[schema(value_type = ModelSpec, required = false, nullable = false)]
     pub spec: Option<Value>,
 }
 

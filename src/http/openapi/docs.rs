@@ -103,7 +103,7 @@ fn operation(path: &str, method: &str, operation: &Value) -> Markup {
             th scope="row" { (status) }
             td { (prose(text(response, "description"))) }
             td { (content(&response["content"])) }
-            td { (joined(headers, html! { br; })) }
+            td { (joined(headers, &html! { br; })) }
         }
     });
     let body = &operation["requestBody"]["content"];
@@ -128,7 +128,7 @@ fn content(content: &Value) -> Markup {
             @if let Some(schema) = content.get("schema") { ": " (schemas::kind(schema)) }
         }
     });
-    joined(media_types, html! { br; })
+    joined(media_types, &html! { br; })
 }
 
 fn problems() -> Markup {

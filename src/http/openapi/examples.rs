@@ -1,11 +1,12 @@
-//! Examples of requests and responses; the model is the default one with seed 7, its spec abridged. A test checks each against its schema, and sends those of requests.
+//! Examples of requests and responses. The model is the default model with seed 7; its spec is
+//! abridged. A test validates every example against its schema and sends the requests.
 
 use serde_json::{Value, json};
 
 const ID: &str = "019c3a5e-7d21-7c44-9a3f-5b6e1f0a2c11";
 const BATCH: &str = "019c3a60-02b7-7f10-8d52-c4a9e3d1b702";
 
-/// Adds the examples: to the components, and references to them where they apply.
+/// Adds the examples to the components, and references to the operations.
 pub(super) fn add(document: &mut Value) {
     let examples = [
         ("DefaultModel", "The default preset with a random seed", json!({})),
@@ -97,7 +98,7 @@ pub(super) fn add(document: &mut Value) {
         ("/workers/{id}/pause", "post", "responses/200", &["Worker"]),
     ] {
         let found = document["paths"][path][method].pointer_mut(&format!("/{place}/content"));
-        // The first media type is JSON, where there are several.
+        // If there are several media types, the first is JSON.
         let content = found.and_then(Value::as_object_mut).and_then(|content| content.values_mut().next());
         let content = content.unwrap_or_else(|| panic!("{method} {path} has no {place}"));
         for name in names {
@@ -130,7 +131,7 @@ fn model() -> Value {
     })
 }
 
-/// An event, without members that hold nothing yet.
+/// Data of an event of a model that was cancelled before it started.
 fn event() -> Value {
     let mut event = model();
     if let Some(members) = event.as_object_mut() {

@@ -1,21 +1,19 @@
 //! The description of the service (OpenAPI 3.1), generated from the routes and their types.
 //!
-//! The committed `openapi.yaml` is this, byte for byte; a test compares them. Regenerate it with
-//! `cargo run -- openapi > openapi.yaml`.
+//! The committed `openapi.yaml` equals this description, byte for byte; a test compares them. To
+//! regenerate the file, run `cargo run -- openapi > openapi.yaml`.
 //!
 //! | file | subject |
 //! |---|---|
-//! | `operations` | what operations have in common, media types, security |
+//! | `operations` | problems, headers and security of all operations; media types |
 //! | `schemas` | schemas that utoipa cannot derive |
-//! | `spec` | the patch of a spec as components |
+//! | `docs` | the description as a page |
 //! | `examples` | examples of requests and responses |
 
 pub(in crate::http) mod docs;
 mod examples;
 mod operations;
-mod schemas;
-pub(in crate::http) mod shapes;
-mod spec;
+pub(in crate::http) mod schemas;
 
 use super::models::model::{DeletedEvent, ModelEvent};
 use crate::generate::{Backend, Output};
@@ -47,7 +45,8 @@ use utoipa::OpenApi;
 )]
 struct Base;
 
-/// Gives the description of all routes. Only the router knows them, so it provides this as an extension.
+/// Returns the description of all routes. Only the router knows the routes, so it provides this
+/// function as an extension.
 #[derive(Clone, Copy)]
 pub(super) struct Description(pub(super) fn() -> &'static Value);
 
@@ -64,7 +63,7 @@ pub(super) async fn document(Extension(description): Extension<Description>) -> 
     ([(header::CONTENT_TYPE, HeaderValue::from_static("application/yaml"))], text).into_response()
 }
 
-/// A description as YAML: what `openapi.yaml` holds.
+/// A description as YAML: the content of `openapi.yaml`.
 pub(super) fn yaml(description: &Value) -> String {
     let mut yaml = String::from("# Generated from the code: cargo run -- openapi > openapi.yaml\n");
     for part in ["openapi", "info", "servers", "tags", "paths", "components"] {
@@ -80,7 +79,7 @@ pub(super) fn describe(routes: utoipa::openapi::OpenApi) -> Value {
     api.merge(routes);
     let mut document = serde_json::to_value(api).expect("a description has string keys only");
     document["info"] = info();
-    // Relative to the URL of this document, so it holds below the prefix of a proxy too.
+    // Relative to the URL of this document, so it is also valid below the prefix of a proxy.
     document["servers"] = json!([{ "url": ".", "description": "The service that sent this description" }]);
     schemas::complete(&mut document["components"]["schemas"]);
     operations::complete(&mut document["paths"]);

@@ -1,4 +1,4 @@
-//! What operations have in common: problems, headers, security; and the media types of bodies that are not JSON.
+//! Parts of all operations (problems, headers, security), and media types of bodies other than JSON.
 
 use crate::http::access::{BEARER, TICKET};
 use crate::http::wire::problem::Kind;
@@ -17,7 +17,7 @@ pub(super) fn complete(paths: &mut Value) {
     }
 }
 
-/// The two ways to say who sends a request.
+/// The two ways to authenticate a request.
 pub(super) fn security_schemes() -> Value {
     json!({
         BEARER: { "type": "http", "scheme": "bearer",
@@ -27,9 +27,10 @@ pub(super) fn security_schemes() -> Value {
     })
 }
 
-/// A header or a parameter may be absent, never null.
+/// Removes null from the types of parameters: a header or a query parameter may be absent, but never
+/// null.
 fn parameters(operation: &mut Value) {
-    // By `get_mut`: indexing inserts null if there is no such member.
+    // Indexing would insert null if there is no such member.
     for parameter in operation.get_mut("parameters").and_then(Value::as_array_mut).into_iter().flatten() {
         if let Some(kinds) = parameter.pointer("/schema/type").and_then(Value::as_array).cloned() {
             parameter["schema"]["type"] = kinds.into_iter().find(|kind| kind != "null").unwrap_or_default();
@@ -37,7 +38,8 @@ fn parameters(operation: &mut Value) {
     }
 }
 
-/// Says which scope the operation needs. Only OAuth has scopes in OpenAPI, so requirements themselves name none.
+/// Adds the required scope to the description of an operation. In OpenAPI only OAuth has scopes, so
+/// the security requirements cannot name it.
 fn security(operation: &mut Value) {
     let scope = operation.pointer(&format!("/security/0/{BEARER}/0")).and_then(Value::as_str).map(str::to_owned);
     let requirements = operation.get_mut("security").and_then(Value::as_array_mut).into_iter().flatten();
@@ -76,11 +78,11 @@ fn responses(operation: &mut Value) {
     }
 }
 
-/// Bodies that are not JSON. utoipa would describe each as a string of its own media type.
+/// Describes bodies other than JSON. utoipa would describe each as a string.
 fn bodies(paths: &mut Value) {
     let bytes = || json!({ "schema": { "type": "string", "format": "binary" } });
     let responses = &mut paths["/models/{id}/files/{name}"]["get"]["responses"];
-    // The media type is that of the file, which the model names. A range of JSON is not JSON.
+    // Each file has its own media type, which the model names. A range of JSON is not JSON.
     responses["200"]["content"] =
         json!({ "*/*": bytes(), "application/json": { "schema": { "$ref": "#/components/schemas/StoredReport" } } });
     responses["206"]["content"] = json!({ "*/*": bytes() });

@@ -1,41 +1,33 @@
-//! Schemas that utoipa cannot derive: those of requests, tuples, and members that only some problems have.
+//! Schemas that utoipa cannot derive: of requests, whose checks are more than a type, of text in a
+//! format, of tuples, and of members that only some problems have.
 
-use super::spec;
-use crate::http::Limits;
 use crate::http::batches::request::BatchRequest;
 use crate::http::models::request::ModelRequest;
 use crate::http::wire::problem::{Kind, TYPE_PREFIX};
+use crate::spec::openapi::{components, json_components};
+use crate::spec::study::DEFAULT_MAX_POINTS;
 use serde_json::{Value, json};
+
+/// A JSON Schema: the body of `GET /schema`.
+pub(in crate::http) struct JsonSchema;
+
+/// Text of one event of a stream.
+pub(in crate::http) struct ServerSentEvent;
+
+json_components! {
+    ModelRequest as "ModelRequest": components("ModelRequest", ModelRequest::schema());
+    BatchRequest as "BatchRequest": components("BatchRequest", BatchRequest::schema(DEFAULT_MAX_POINTS));
+    JsonSchema as "JsonSchema": components("JsonSchema", json_schema());
+    ServerSentEvent as "ServerSentEvent": components("ServerSentEvent", server_sent_event());
+}
 
 /// Completes the components that utoipa has derived.
 pub(super) fn complete(schemas: &mut Value) {
-    let most = Limits::default().batch;
-    schemas["ModelRequest"] = ModelRequest::schema();
-    definitions(schemas, "BatchRequest", BatchRequest::schema(most));
-    definitions(schemas, "Vary", crate::spec::study::schema(most));
-    // After the study, whose schedules do not allow null.
-    spec::add(schemas);
-    schemas["JsonSchema"] = json_schema();
-    schemas["ServerSentEvent"] = server_sent_event();
     tuples(schemas);
-    // `fit` cannot name the types of requests.
-    schemas["FitResult"]["properties"]["spec"]["$ref"] = json!("#/components/schemas/SpecPatch");
-    schemas["CertificateFigures"] = certificate_figures(&schemas["Certificate"]);
     problems(&mut schemas["Problem"]);
 }
 
-/// Adds a schema and its definitions as components.
-fn definitions(schemas: &mut Value, name: &str, mut schema: Value) {
-    let parts = schema.as_object_mut().and_then(|members| members.remove("$defs")).unwrap_or_default();
-    for (name, mut part) in parts.as_object().cloned().unwrap_or_default() {
-        spec::move_references(&mut part);
-        schemas[name] = part;
-    }
-    spec::move_references(&mut schema);
-    schemas[name] = schema;
-}
-
-/// Points as arrays of fixed length. utoipa describes an array of Rust as one of any length.
+/// Describes points as arrays of fixed length. utoipa describes an array as a list of any length.
 fn tuples(schemas: &mut Value) {
     let tuple = |length: usize, description: &str| {
         let number = json!({ "type": "number" });
@@ -54,26 +46,14 @@ fn tuples(schemas: &mut Value) {
     let described = |schema: &Value| schema["description"].clone();
     let place = &mut schemas["Place"]["properties"]["position_um"];
     *place = json!({ "description": described(place), "allOf": [position] });
-    let bounds = &mut schemas["Certificate"]["properties"]["bounds_um"];
-    *bounds = json!({ "description": described(bounds), "type": "array", "prefixItems": [position, position],
-        "items": position, "minItems": 2, "maxItems": 2 });
+    for certificate in ["Certificate", "CertificateFigures"] {
+        let bounds = &mut schemas[certificate]["properties"]["bounds_um"];
+        *bounds = json!({ "description": described(bounds), "type": "array", "prefixItems": [position, position],
+            "items": position, "minItems": 2, "maxItems": 2 });
+    }
 }
 
-/// A certificate without its lists, as the record of a model keeps it.
-fn certificate_figures(certificate: &Value) -> Value {
-    let lists = ["bodies", "failures"];
-    let mut figures = certificate.clone();
-    figures["description"] = json!("The figures of a certificate: all but its lists of components and failures.");
-    if let Some(members) = figures["properties"].as_object_mut() {
-        members.retain(|name, _| !lists.contains(&name.as_str()));
-    }
-    if let Some(required) = figures["required"].as_array_mut() {
-        required.retain(|name| !lists.iter().any(|list| name == list));
-    }
-    figures
-}
-
-/// The part of JSON Schema that `GET /schema` uses.
+/// Schema of JSON Schema, limited to the keywords that `GET /schema` uses.
 fn json_schema() -> Value {
     let own = json!({ "$ref": "#/components/schemas/JsonSchema" });
     let text = json!({ "type": "string" });
@@ -98,7 +78,7 @@ fn json_schema() -> Value {
     })
 }
 
-/// One event of a stream: its three fields, and what the text of `data` holds.
+/// Schema of an event: its three fields, and the schema of the JSON in `data`.
 fn server_sent_event() -> Value {
     json!({
         "type": "object",
@@ -124,7 +104,7 @@ fn server_sent_event() -> Value {
     })
 }
 
-/// Adds to the schema of a problem its types and the members that only some of them have.
+/// Adds the types to the schema of a problem, and the members that only some types have.
 fn problems(schema: &mut Value) {
     let types: Vec<_> = Kind::ALL.iter().map(|kind| format!("{TYPE_PREFIX}{}", kind.slug())).collect();
     schema["properties"]["type"]["enum"] = json!(types);
@@ -146,7 +126,8 @@ fn problems(schema: &mut Value) {
     ] });
 }
 
-/// Removes the formats `int32` and `int64`, which utoipa gives to unsigned integers too.
+/// Removes the formats `int32` and `int64`. utoipa also adds them to unsigned integers, whose largest
+/// values they exclude.
 pub(super) fn plain_integers(value: &mut Value) {
     match value {
         Value::Object(members) => {

@@ -66,7 +66,8 @@ impl Parameters {
         self.0.iter().find(|(known, _)| known == name).map(|(_, value)| value.as_str())
     }
 
-    /// Faults of parameters that are not in `known`, or that are given more than once and are not in `repeatable`.
+    /// Faults of parameters that are not in `known`, or that occur more than once and are not in
+    /// `repeatable`.
     pub(in crate::http) fn faults(&self, known: &[&str], repeatable: &[&str]) -> Faults {
         let mut faults = Faults::default();
         let mut seen = BTreeSet::new();

@@ -1,45 +1,10 @@
-//! What descriptions of routes have in common: their error answers, and the schemas of request bodies and events, which
-//! `openapi/schemas.rs` fills in.
+//! Error responses of the routes, as their descriptions name them.
 
 use super::problem::Kind;
 use std::collections::BTreeMap;
+use utoipa::IntoResponses;
 use utoipa::openapi::content::ContentBuilder;
-use utoipa::openapi::{Ref, RefOr, Response, ResponseBuilder, Schema};
-use utoipa::{IntoResponses, PartialSchema, ToSchema};
-
-macro_rules! placeholders {
-    ($($(#[$doc:meta])* $name:ident;)*) => {$(
-        $(#[$doc])*
-        pub(in crate::http) struct $name;
-
-        impl PartialSchema for $name {
-            fn schema() -> RefOr<Schema> {
-                utoipa::openapi::Object::new().into()
-            }
-        }
-
-        impl ToSchema for $name {}
-    )*};
-}
-
-placeholders! {
-    /// Stands for the request for a model. Its schema says more than utoipa's types can.
-    ModelRequest;
-    /// Stands for the request for a batch.
-    BatchRequest;
-    /// Stands for one event of a stream; utoipa has no `contentSchema`.
-    ServerSentEvent;
-    /// Stands for `vary`, the study of a batch.
-    Vary;
-    /// Stands for any value of a parameter.
-    ParameterValue;
-    /// Stands for a patch of a spec, and for a spec that is complete.
-    SpecPatch;
-    /// Stands for the schema of a spec.
-    JsonSchema;
-    /// Stands for a certificate without its lists.
-    CertificateFigures;
-}
+use utoipa::openapi::{Ref, RefOr, Response, ResponseBuilder};
 
 macro_rules! problems {
     ($($(#[$doc:meta])* $name:ident: $($kind:ident),+;)*) => {$(
@@ -65,7 +30,7 @@ problems! {
     FileMissing: ModelNotFound, FileNotFound;
     /// No model has this id, or it has no such section.
     SectionMissing: ModelNotFound, FileNotFound, SectionNotFound;
-    /// No model has this id, it has no surface, or the plane does not meet it.
+    /// No model has this id, the model has no surface, or the plane does not intersect it.
     CutMissing: ModelNotFound, FileNotFound, CutNotFound;
     /// A query parameter is invalid, or the surface is too large.
     CutProblems: BadRequest, InvalidRequest, SurfaceTooLarge;
@@ -87,7 +52,7 @@ problems! {
     TicketProblems: BadRequest, InvalidJson, RequestTimeout, PayloadTooLarge, UnsupportedMediaType, InvalidRequest;
     /// The model has not failed.
     NotFailed: NotFailed;
-    /// The model cannot be grown any more, or a header is invalid.
+    /// The model cannot be grown with this version, or a header is invalid.
     RetryProblems: InvalidRequest, CostLimit, GpuUnavailable, IdempotencyConflict;
     /// The queue is full, or the quota of the key is used up.
     QueueFull: QueueFull, QuotaExceeded;
@@ -101,20 +66,21 @@ problems! {
     PictureAway: StoreUnavailable, StorageUnavailable, TooManyDownloads, TooManyPictures;
     /// The job store is unavailable, or too many streams are open.
     StreamAway: StoreUnavailable, TooManyStreams;
-    /// The process does not take work now.
+    /// The process does not accept requests.
     Unready: StoreUnavailable, StorageUnavailable, NotReady;
     /// A worker of this process is stuck.
     Unhealthy: WorkersStuck;
 }
 
-/// One response for each status among `kinds`.
+/// One response per status of `kinds`.
 pub(in crate::http) fn problem_responses(kinds: &[Kind]) -> BTreeMap<String, RefOr<Response>> {
     let mut responses = BTreeMap::new();
     add_problems(&mut responses, kinds);
     responses
 }
 
-/// Adds problems to the responses of an operation, also to those of a status that it has already.
+/// Adds problems to the responses of an operation. A problem with the status of an existing response
+/// extends its description.
 pub(in crate::http) fn add_problems(responses: &mut BTreeMap<String, RefOr<Response>>, kinds: &[Kind]) {
     for kind in kinds {
         let line = format!("{} (`{}`)", kind.title(), kind.slug());

@@ -15,6 +15,7 @@ pub struct FitResult {
     /// Preset that the spec was resolved on.
     pub preset: String,
     /// The complete spec, as a request for a model takes it.
+    #[cfg_attr(feature = "schema", schema(value_type = crate::spec::ModelSpec))]
     pub spec: Value,
     /// The parameters that were varied, with their values.
     pub parameters: Vec<Fitted>,

@@ -1,19 +1,27 @@
 //! Writes the files of a model into a directory. Each file is hashed while it is written.
 
 use super::outputs::{Output, stem};
-use super::types::{CancelToken, FileOutput, Findings, GenerateError, Request};
+use super::types::{
+    Bending, CancelToken, ContractionReport, FileOutput, Findings, GenerateError, Request, Summary, SurfaceFinding,
+};
 use crate::export::centreline::{self, Centreline};
 use crate::export::glb::{GlbOptions, write_glb, write_gltf, write_gltf_data};
 use crate::export::hashing::{FileDigest, HashingWriter};
-use crate::export::lod::levels;
+use crate::export::labels::LabelReport;
+use crate::export::lod::{LevelReport, levels};
 use crate::export::obj::write_obj;
 use crate::export::ply::write_ply;
 use crate::export::stl::{write_ascii_stl, write_stl};
 use crate::export::vtp::write_vtp;
 use crate::export::{Metadata, Shape, glb, labels, lod, sections_bin};
+use crate::measure::Certificate;
+use crate::measure::comparison::Comparison;
+use crate::measure::morphometry::{Cuts, Morphometry};
+use crate::mesh::lean::Leaned;
 use crate::model::{BodyKind, LengthUnit, Mesh, Section};
 use rayon::prelude::*;
-use serde_json::json;
+use serde::Serialize;
+use serde_json::Value;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
@@ -50,6 +58,60 @@ pub(super) fn write_sections(
     Ok(files.remove(0))
 }
 
+/// What `report.json` holds.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema), schema(as = StoredReport))]
+pub struct Report<'a> {
+    /// SHA-256 of the canonical spec (without `solver.search`), the seed and the engine version, as in the model.
+    digest: &'a str,
+    /// Preset that the spec was resolved on.
+    preset: &'a str,
+    /// Seed.
+    #[cfg_attr(feature = "schema", schema(minimum = 0, maximum = 9007199254740991i64))]
+    seed: u64,
+    /// Version of the program that grew it.
+    engine: &'a str,
+    /// The complete resolved spec.
+    #[cfg_attr(feature = "schema", schema(value_type = crate::spec::ModelSpec))]
+    spec: Value,
+    /// Counts and measures.
+    summary: &'a Summary,
+    /// The certificate of the surface as exported.
+    certificate: &'a Certificate,
+    /// What its sections measure. Models of version 0.2 and earlier have none.
+    #[cfg_attr(feature = "schema", schema(required = false))]
+    morphometry: &'a Morphometry,
+    /// What planar cuts across the ampulla show, if the surface leans; otherwise null: they are its sections.
+    #[cfg_attr(feature = "schema", schema(required = false, nullable = true))]
+    cuts: Option<&'a Cuts>,
+    /// How the surface was displaced, if it leans; otherwise null.
+    #[cfg_attr(feature = "schema", schema(required = false, nullable = true))]
+    lean: Option<&'a Leaned>,
+    /// How the surface was bent, if its tube is not straight; otherwise null.
+    #[cfg_attr(feature = "schema", schema(required = false, nullable = true))]
+    course: Option<&'a Bending>,
+    /// What the frames of the contraction measure; only if the tube contracts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "schema", schema(value_type = ContractionReport, required = false))]
+    contraction: Option<&'a ContractionReport>,
+    /// The measures beside published ones of the organ and species of the preset.
+    #[cfg_attr(feature = "schema", schema(value_type = Comparison, required = false))]
+    comparison: Option<&'a Comparison>,
+    /// The levels of detail, the finest first; only if the model was grown with `lod`. A model that reuses it has the same
+    /// report, and the files that it asked for.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[cfg_attr(feature = "schema", schema(required = false))]
+    levels: Vec<&'a LevelReport>,
+    /// The label volume; only if the model was grown with `labels`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "schema", schema(ignore))]
+    labels: Option<&'a LabelReport>,
+    /// The other surfaces that are written: lumen, both bodies together, and what is written in other units than metres.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    #[cfg_attr(feature = "schema", schema(required = false))]
+    surfaces: &'a [SurfaceFinding],
+}
+
 /// Writes `report.json` and the requested outputs. The report contains neither times nor the
 /// backend, so its bytes do not depend on where the model is grown.
 pub(super) fn write(
@@ -80,32 +142,27 @@ pub(super) fn write(
     }
     let labels = wants(Output::Labels).then(|| write_labels(request, straight, meta, cancel)).transpose()?;
     let levels = levels.map_err(|source| GenerateError::Io { name: lod::FILES[0].into(), source })?;
-    let mut report = json!({
-        "digest": meta.digest,
-        "preset": meta.preset,
-        "seed": meta.seed,
-        "engine": meta.engine,
-        "spec": request.spec.to_json(),
-        "summary": findings.summary,
-        "certificate": findings.certificate,
-        "morphometry": findings.morphometry,
-        "cuts": findings.cuts,
-        "lean": findings.lean,
-        "course": findings.course,
-        "comparison": findings.comparison,
-    });
-    if let Some(levels) = &levels {
-        report["levels"] = levels.iter().map(|level| json!(level.report)).collect();
-    }
-    if let Some((_, volume)) = &labels {
-        report["labels"] = json!(volume);
-    }
-    if let Some(contraction) = &findings.contraction {
-        report["contraction"] = json!(contraction);
-    }
-    if !findings.surfaces.is_empty() {
-        report["surfaces"] = json!(findings.surfaces);
-    }
+    let report = Report {
+        digest: &meta.digest,
+        preset: &meta.preset,
+        seed: meta.seed,
+        engine: &meta.engine,
+        spec: request.spec.to_json(),
+        summary: &findings.summary,
+        certificate: &findings.certificate,
+        morphometry: &findings.morphometry,
+        cuts: findings.cuts.as_ref(),
+        lean: findings.lean.as_ref(),
+        course: findings.course.as_ref(),
+        contraction: findings.contraction.as_ref(),
+        comparison: findings.comparison.as_ref(),
+        levels: levels.iter().flatten().map(|level| &level.report).collect(),
+        labels: labels.as_ref().map(|(_, volume)| volume),
+        surfaces: &findings.surfaces,
+    };
+    // A `Value` sorts the members.
+    let report = serde_json::to_value(report)
+        .map_err(|error| GenerateError::Io { name: REPORT.into(), source: error.into() })?;
     let mut tasks: Vec<(String, &str, Task<'_>)> = Vec::new();
     for level in levels.iter().flatten() {
         tasks.push((level.report.file.to_owned(), glb::MEDIA_TYPE, Box::new(|out| level.write(meta, out))));

@@ -25,13 +25,15 @@ mod warnings;
 pub use batch::{Calls, Member, generate_batch};
 pub use checkpoint::{Checkpoint, CheckpointError};
 pub use cost::{Cost, Estimate};
+pub use files::Report;
 pub use files::write_surface;
 pub use limits::{CostLimits, OverLimit};
 pub use manifest::{Licence, MANIFEST, Manifest, ManifestFile, Origin};
 pub use outputs::{Output, Outputs};
 pub use types::{
-    Backend, Bending, CancelToken, ContractionReport, FileOutput, Findings, FrameReport, GenerateError, Outcome,
-    ParticleCounts, Progress, Request, Seconds, Sink, Stage, Summary, SurfaceCertificate, SurfaceFinding, UsedBackend,
+    Backend, Bending, CancelToken, CertificateFigures, ContractionReport, FileOutput, Findings, FrameReport,
+    GenerateError, Outcome, ParticleCounts, Progress, Request, Seconds, Sink, Stage, Summary, SurfaceCertificate,
+    SurfaceFinding, UsedBackend,
 };
 pub use warnings::Warning;
 
@@ -305,6 +307,7 @@ impl Finishing<'_> {
             volume_mm3: certificate.volume_mm3,
             area_mm2: certificate.area_mm2,
             warnings,
+            certificate: None,
         }
     }
 }

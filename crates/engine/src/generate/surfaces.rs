@@ -58,7 +58,11 @@ impl<'a> Surfaces<'a> {
     /// certified in the coordinates that are written. Lumen and tissue are certified together in
     /// metres even if only one of them is written. Sums over the tissue are taken in batches of
     /// `sections` if they are given.
-    pub(super) fn certify(&self, tissue_mm3: f64, sections: Option<&[Section]>) -> Result<Vec<SurfaceFinding>, GenerateError> {
+    pub(super) fn certify(
+        &self,
+        tissue_mm3: f64,
+        sections: Option<&[Section]>,
+    ) -> Result<Vec<SurfaceFinding>, GenerateError> {
         let mut found = Vec::new();
         for unit in LengthUnit::ALL {
             let is_written = |body| self.written.contains(&(body, unit));

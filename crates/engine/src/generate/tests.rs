@@ -487,7 +487,7 @@ fn poor_growth_is_reported_in_the_summary_and_the_report() {
         let report: serde_json::Value = serde_json::from_str(&report).unwrap();
         let warnings = outcome.findings.summary.warnings;
         assert_eq!(report["summary"]["warnings"], json!(warnings));
-        warnings.iter().map(|warning| warning.code).collect::<Vec<_>>()
+        warnings.iter().map(|warning| warning.code.clone()).collect::<Vec<_>>()
     };
     assert_eq!(codes(&crowded), ["splits-missing", "small-gap", "particles-short"]);
     assert_eq!(codes(&json!({})), [""; 0]);

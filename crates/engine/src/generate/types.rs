@@ -309,19 +309,21 @@ pub struct FrameReport {
     pub certificate: Certificate,
 }
 
-/// Certificate of a surface that is written besides the tissue in metres.
+/// A surface besides the tissue in metres, certified in the coordinates that are written.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema), schema(as = OtherSurface))]
 pub struct SurfaceFinding {
-    /// Certified body.
+    /// Its body.
     pub body: BodyKind,
-    /// Unit of the certified coordinates.
+    /// Unit of its files.
     pub unit: LengthUnit,
-    /// Result of the tests.
+    /// What is proved of it.
     pub certificate: SurfaceCertificate,
 }
 
-/// Certificate of one body, or of both bodies together.
+/// The certificate of one body, or of both together.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema), schema(as = OtherCertificate))]
 #[serde(untagged)]
 #[expect(clippy::large_enum_variant, reason = "a model has at most five")]
 pub enum SurfaceCertificate {
@@ -331,43 +333,98 @@ pub enum SurfaceCertificate {
     Regions(RegionsCertificate),
 }
 
-/// Counts and main measures of a finished model.
+/// Counts and measures of a model that has succeeded. An older version wrote fewer.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Summary {
-    /// Sections that the simulation recorded.
+    /// Recorded sections, without those added by mending.
+    #[cfg_attr(feature = "schema", schema(minimum = 0))]
     pub sections: u64,
-    /// Sections added to mend slabs.
+    /// Sections added by mending.
+    #[cfg_attr(feature = "schema", schema(value_type = Option<u64>, minimum = 0))]
     pub sections_added: u64,
-    /// Diagonals flipped to mend slabs.
+    /// Diagonals of the surface that were flipped by mending.
+    #[cfg_attr(feature = "schema", schema(value_type = Option<u64>, minimum = 0))]
     pub diagonals_flipped: u64,
     /// Particles of both loops.
     pub particles: ParticleCounts,
-    /// Splits of particles that had to wait for room.
+    /// Splits that were made later than asked for.
+    #[cfg_attr(feature = "schema", schema(value_type = Option<u64>, minimum = 0))]
     pub splits_deferred: u64,
-    /// Splits that were never made, for lack of room.
+    /// Splits that were never made.
+    #[cfg_attr(feature = "schema", schema(value_type = Option<u64>, minimum = 0))]
     pub splits_missing: u64,
-    /// Vertices of the tissue surface.
+    /// Vertices of the surface.
+    #[cfg_attr(feature = "schema", schema(minimum = 0))]
     pub vertices: u64,
-    /// Triangles of the tissue surface.
+    /// Triangles of the surface.
+    #[cfg_attr(feature = "schema", schema(minimum = 0))]
     pub triangles: u64,
-    /// Minimum gap between walls over all sections, µm; `None` without sections.
+    /// Least distance between walls of one section, micrometres.
     pub min_gap_um: Option<f64>,
-    /// Volume of the tissue.
+    /// Enclosed volume, cubic millimetres.
     pub volume_mm3: f64,
-    /// Area of the tissue surface.
+    /// Area of the surface, square millimetres.
     pub area_mm2: f64,
-    /// Warnings about poor growth; empty for a model that grew as specified.
+    /// Signs of poor growth.
+    #[cfg_attr(feature = "schema", schema(required = false))]
     pub warnings: Vec<Warning>,
+    /// The figures of the certificate; not in a report, which has the certificate itself.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "schema", schema(value_type = CertificateFigures, required = false))]
+    pub certificate: Option<CertificateFigures>,
 }
 
-/// Particles of both loops at the ends of a model.
+/// Numbers of particles at the two ends of the tube.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct ParticleCounts {
-    /// Particles of the first section.
+    /// In the first section.
+    #[cfg_attr(feature = "schema", schema(minimum = 0))]
     pub start: u64,
-    /// Particles of the last section.
+    /// In the last section.
+    #[cfg_attr(feature = "schema", schema(minimum = 0))]
     pub end: u64,
 }
+
+/// A certificate without its lists of components and failures, as the record of a job keeps it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(transparent)]
+pub struct CertificateFigures(serde_json::Value);
+
+impl CertificateFigures {
+    /// Members of a certificate that its figures lack.
+    const LISTS: [&str; 2] = ["bodies", "failures"];
+}
+
+impl From<&Certificate> for CertificateFigures {
+    fn from(certificate: &Certificate) -> Self {
+        let mut members = serde_json::json!(certificate);
+        members
+            .as_object_mut()
+            .into_iter()
+            .for_each(|members| members.retain(|name, _| !Self::LISTS.contains(&&**name)));
+        Self(members)
+    }
+}
+
+#[cfg(feature = "schema")]
+impl utoipa::PartialSchema for CertificateFigures {
+    fn schema() -> utoipa::openapi::RefOr<utoipa::openapi::Schema> {
+        use utoipa::openapi::{RefOr, Schema};
+        let mut schema = Certificate::schema();
+        if let RefOr::T(Schema::Object(object)) = &mut schema {
+            object.description =
+                Some("The figures of a certificate: all but its lists of components and failures.".into());
+            object.properties.retain(|name, _| !Self::LISTS.contains(&name.as_str()));
+            object.required.retain(|name| !Self::LISTS.contains(&name.as_str()));
+        }
+        schema
+    }
+}
+
+#[cfg(feature = "schema")]
+impl utoipa::ToSchema for CertificateFigures {}
 
 /// Findings about a finished model. `report.json` contains all of them.
 #[derive(Clone, Debug, Default)]
@@ -395,17 +452,12 @@ pub struct Findings {
 }
 
 impl Findings {
-    /// Part of the findings that the record of a job keeps: the summary; as the member
-    /// `certificate` the certificate without the lists of bodies and failures; and as `morphometry`
-    /// the means by region.
+    /// What the record of a job keeps: the summary with the figures of the certificate, and in the
+    /// member `morphometry` the means by region.
     #[must_use]
     pub fn figures(&self) -> serde_json::Value {
-        let mut figures = serde_json::json!(self.summary);
-        let mut certificate = serde_json::json!(self.certificate);
-        if let Some(members) = certificate.as_object_mut() {
-            members.retain(|name, _| !["bodies", "failures"].contains(&name.as_str()));
-        }
-        figures["certificate"] = certificate;
+        let summary = Summary { certificate: Some((&self.certificate).into()), ..self.summary.clone() };
+        let mut figures = serde_json::json!(summary);
         figures["morphometry"] = self.morphometry.means();
         figures
     }

@@ -1,7 +1,7 @@
 //! Warnings about a model that passes its certificate but grew poorly, so that it differs from its
 //! specification.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Minimum gap between walls without a warning, µm.
 const SMALL_GAP_UM: f64 = 0.1;
@@ -32,12 +32,12 @@ pub(super) struct Growth {
     pub(super) wave: Option<[f64; 2]>,
 }
 
-/// A warning in the summary.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+/// A sign of poor growth of a model that has succeeded.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema), schema(as = ModelWarning))]
 pub struct Warning {
-    /// Code: `splits-missing`, `small-gap`, `particles-short`, `lean-reduced`, `lean-left-out` or
-    /// `contraction-reduced`.
-    pub code: &'static str,
+    /// `splits-missing`, `small-gap`, `particles-short`, `lean-reduced`, `lean-left-out` or `contraction-reduced`; there may be more in future.
+    pub code: String,
     /// A sentence with the numbers.
     pub detail: String,
 }
@@ -45,7 +45,7 @@ pub struct Warning {
 /// All warnings, in the order of the codes; empty for a model that grew as specified.
 pub(super) fn warnings(growth: &Growth) -> Vec<Warning> {
     let mut warnings = Vec::new();
-    let mut warn = |code, detail| warnings.push(Warning { code, detail });
+    let mut warn = |code: &str, detail| warnings.push(Warning { code: code.to_owned(), detail });
     let Growth { splits_missing, min_gap_um, particles, target, lean_scale, lean_left_out, wave } = *growth;
     if splits_missing > 0 {
         let are = if splits_missing == 1 { "split was" } else { "splits were" };
@@ -101,7 +101,7 @@ pub(super) fn warnings(growth: &Growth) -> Vec<Warning> {
 mod tests {
     use super::*;
 
-    fn codes(growth: &Growth) -> Vec<&'static str> {
+    fn codes(growth: &Growth) -> Vec<String> {
         warnings(growth).into_iter().map(|w| w.code).collect()
     }
 

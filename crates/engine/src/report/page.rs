@@ -4,7 +4,7 @@ use super::plots::Plot;
 use super::stored::{Course, Stored};
 use crate::measure::comparison::{Compared, Comparison, Verdict};
 use crate::measure::morphometry::{Cuts, Morphometry, QUANTITIES};
-use crate::spec::{DEFAULT_PRESET, ModelSpec, Preset, preset};
+use crate::spec::{DEFAULT_PRESET, ModelSpec, preset};
 use base64::Engine as _;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde_json::{Value, json};
@@ -275,22 +275,20 @@ fn certificate(certificate: &Value, summary: &Value) -> Markup {
 fn parameters(stored: &Stored) -> Markup {
     let of = preset(&stored.preset);
     let own = of.and_then(|of| ModelSpec::resolve(of, &json!({})).ok()).map(|spec| spec.to_json());
-    let table = of.or_else(|| preset(DEFAULT_PRESET)).map(Preset::to_json).unwrap_or_default();
-    let text = |parameter: &Value, name: &str| parameter[name].as_str().unwrap_or_default().to_owned();
+    let parameters = of.or_else(|| preset(DEFAULT_PRESET)).map_or_else(Vec::new, |of| of.details().parameters);
     html! {
         h2 { "Parameters" }
         p.soft { "A value of the request is marked; all others are those of the preset, with its sources." }
         div.scroll { table {
             thead { tr { th { "Parameter" } th { "Value" } th { "Source" } } }
-            tbody { @for parameter in table["parameters"].as_array().into_iter().flatten() {
-                @let pointer = text(parameter, "pointer");
-                @let value = stored.spec.pointer(&pointer);
+            tbody { @for parameter in parameters {
+                @let value = stored.spec.pointer(&parameter.pointer);
                 tr {
-                    td { (text(parameter, "title")) br; code { (pointer) } }
-                    td { code { (value.map_or_else(|| "–".to_owned(), Value::to_string)) } " " (text(parameter, "unit")) }
+                    td { (parameter.title) br; code { (parameter.pointer) } }
+                    td { code { (value.map_or_else(|| "–".to_owned(), Value::to_string)) } " " (parameter.unit) }
                     td.source {
-                        @if value.is_some() && value == own.as_ref().and_then(|own| own.pointer(&pointer)) {
-                            (text(parameter, "source"))
+                        @if value.is_some() && value == own.as_ref().and_then(|own| own.pointer(&parameter.pointer)) {
+                            (parameter.source.unwrap_or_default())
                         } @else { strong { "the request" } }
                     }
                 }

@@ -38,18 +38,21 @@ pub const LEVEL_TRIANGLES: [usize; 2] = [300_000, 60_000];
 /// File names, the finest level first.
 pub const FILES: [&str; 3] = ["model.lod0.glb", "model.lod1.glb", "model.lod2.glb"];
 
-/// Description of a level, stored in its file and in the report.
+/// A level of detail.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema), schema(as = DetailLevel))]
 pub struct LevelReport {
-    /// File name.
+    /// Name of the file.
     pub file: &'static str,
-    /// Number of vertices of the closed surface. Vertices that patches share count once.
+    /// Vertices; those that patches share are counted once.
+    #[cfg_attr(feature = "schema", schema(minimum = 0))]
     pub vertices: usize,
-    /// Number of triangles.
+    /// Triangles.
+    #[cfg_attr(feature = "schema", schema(minimum = 0))]
     pub triangles: usize,
-    /// Step of the grid along x, y and z, which is the precision of positions, micrometres.
+    /// Step of the grid to which positions are rounded, along x, y and z, micrometres.
     pub precision_um: [f64; 3],
-    /// Maximum distance between the level and the full surface, micrometres; see [`levels`].
+    /// Largest distance measured between the level and the full surface, in both directions, micrometres.
     pub distance_um: f64,
 }
 

@@ -11,7 +11,8 @@
 //! | `reader`, `read` | reading requests from JSON; numbers, schedules and choices |
 //! | `merge` | merge patches |
 //! | `check`, `stability` | rules between parameters |
-//! | `preset`, `schema` | data files with sources, JSON Schema |
+//! | `preset`, `preset_details` | data files with sources, and how clients see them |
+//! | `schema`, `openapi` | JSON Schema, OpenAPI components |
 //! | `canonical` | canonical text of a specification, for the digest |
 //! | `outline` | outline of the containment region, speed of transverse folds |
 //! | `course` | centre line, and room for the tube along it |
@@ -32,9 +33,12 @@ pub mod fuzzing;
 mod layers;
 mod lever;
 mod merge;
+#[cfg(feature = "schema")]
+pub mod openapi;
 mod outline;
 mod parameters;
 mod preset;
+mod preset_details;
 mod read;
 mod reader;
 mod schedule;
@@ -57,6 +61,7 @@ pub use parameters::{
     Search, Solver, Spring, Sway, Toward, Variation, Variety, Wall,
 };
 pub use preset::{DEFAULT_PRESET, Preset, preset, presets};
+pub use preset_details::{PresetDetails, PresetParameter, PresetSummary};
 pub use reader::{JsonReader, SEED_MAX, integer_in};
 pub use schedule::{Ease, Fluctuation, Schedule};
 pub use schema::schema;

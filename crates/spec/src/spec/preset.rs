@@ -3,9 +3,8 @@
 //! The files in `presets/` are compiled into the program. A test checks that each is complete and
 //! valid.
 
-use super::parameters::leaves;
 use serde::Deserialize;
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
@@ -47,46 +46,6 @@ pub struct Preset {
     pub spec: Value,
     /// Source of each value, by the JSON pointer of the parameter.
     pub sources: BTreeMap<String, String>,
-}
-
-impl Preset {
-    /// The whole preset as JSON: its summary, `spec`, and `parameters` in the order of the table.
-    /// Each parameter has its pointer, title, unit (empty if there is none), description, value and
-    /// source.
-    #[must_use]
-    pub fn to_json(&self) -> Value {
-        let parameters: Vec<Value> = leaves()
-            .into_iter()
-            .map(|(pointer, field)| {
-                json!({
-                    "title": field.title,
-                    "unit": field.unit,
-                    "description": field.doc,
-                    "value": self.spec.pointer(&pointer),
-                    "source": self.sources.get(&pointer),
-                    "pointer": pointer,
-                })
-            })
-            .collect();
-        let mut whole = self.summary();
-        whole["spec"] = self.spec.clone();
-        whole["parameters"] = parameters.into();
-        whole
-    }
-
-    /// Entry in a list of presets: name, title, organ, species, description, and whether it is the
-    /// default.
-    #[must_use]
-    pub fn summary(&self) -> Value {
-        json!({
-            "name": self.name,
-            "title": self.title,
-            "organ": self.organ,
-            "species": self.species,
-            "description": self.description,
-            "default": self.name == DEFAULT_PRESET,
-        })
-    }
 }
 
 /// All presets, the default first.

@@ -64,11 +64,10 @@ fn every_value_of_a_preset_has_a_source() {
             assert!(!field.title.is_empty() && !field.doc.is_empty(), "{pointer}");
         }
         assert_eq!(preset.sources.len(), leaves().len(), "{}: sources of unknown fields", preset.name);
-        let shown = preset.to_json();
-        let spacing =
-            shown["parameters"].as_array().unwrap().iter().find(|p| p["pointer"] == "/containment/spacing_um").unwrap();
-        assert_eq!((&spacing["unit"], &spacing["value"]), (&json!("µm"), &preset.spec["containment"]["spacing_um"]));
-        assert_eq!(spacing["source"], preset.sources["/containment/spacing_um"]);
+        let details = preset.details();
+        let spacing = details.parameters.iter().find(|p| p.pointer == "/containment/spacing_um").unwrap();
+        assert_eq!((spacing.unit, spacing.value), ("µm", &preset.spec["containment"]["spacing_um"]));
+        assert_eq!(spacing.source.unwrap(), preset.sources["/containment/spacing_um"]);
     }
     assert_eq!(presets()[0].name, DEFAULT_PRESET);
     assert!(preset("dragon").is_none());

@@ -12,10 +12,10 @@ pub(super) fn prose(text: &str) -> Markup {
             }
         }
     };
-    joined(text.split("\n\n").map(paragraph), html! { br; })
+    joined(text.split("\n\n").map(paragraph), &html! { br; })
 }
 
-pub(super) fn joined(parts: impl Iterator<Item = Markup>, separator: Markup) -> Markup {
+pub(super) fn joined(parts: impl Iterator<Item = Markup>, separator: &Markup) -> Markup {
     html! {
         @for (i, part) in parts.enumerate() {
             @if i > 0 { (separator) }

@@ -45,7 +45,7 @@ fn describe(schema: &Value, before: &str, rows: &mut Vec<Markup>) {
         rows.push(html! {
             th scope="row" { code { (full) } }
             td { (kind(member)) @if is_required { ", required" } }
-            td { (joined(meaning, html! { ": " })) }
+            td { (joined(meaning, &html! { ": " })) }
         });
         if reference(member).is_none() {
             describe(member, &format!("{full}."), rows);
@@ -85,7 +85,7 @@ pub(super) fn kind(schema: &Value) -> Markup {
 }
 
 fn any_of(kinds: impl IntoIterator<Item = Markup>) -> Markup {
-    joined(kinds.into_iter(), html! { " or " })
+    joined(kinds.into_iter(), &html! { " or " })
 }
 
 fn simple(schema: &Value, name: &str) -> Markup {

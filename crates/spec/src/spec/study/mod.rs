@@ -40,6 +40,9 @@ pub(super) fn number_at(pointer: &str) -> Result<([f64; 2], bool), String> {
     Ok((bounds, target.integer))
 }
 
+/// Maximum number of points, unless a caller sets another one.
+pub const DEFAULT_MAX_POINTS: usize = 1000;
+
 const MEMBERS: [&str; 4] = ["design", "samples", "seed", "values"];
 
 /// A study: for each of its points, one value of every varied parameter.

@@ -1,0 +1,105 @@
+//! Presets as clients see them: each value with its title, unit and source.
+
+use super::parameters::leaves;
+use super::preset::{DEFAULT_PRESET, Preset};
+use super::table::Field;
+use serde::Serialize;
+use serde_json::Value;
+
+impl Preset {
+    /// Entry of the preset in a list.
+    #[must_use]
+    pub fn summary(&self) -> PresetSummary<'_> {
+        PresetSummary {
+            name: &self.name,
+            title: &self.title,
+            organ: &self.organ,
+            species: &self.species,
+            description: &self.description,
+            default: self.name == DEFAULT_PRESET,
+        }
+    }
+
+    /// The preset with its parameters in the order of the table.
+    #[must_use]
+    pub fn details(&self) -> PresetDetails<'_> {
+        let parameter = |(pointer, field): (String, &'static Field)| PresetParameter {
+            title: field.title,
+            unit: field.unit,
+            description: field.doc,
+            value: self.spec.pointer(&pointer).unwrap_or(&Value::Null),
+            source: self.sources.get(&pointer).map(String::as_str),
+            pointer,
+        };
+        PresetDetails {
+            name: &self.name,
+            title: &self.title,
+            organ: &self.organ,
+            species: &self.species,
+            description: &self.description,
+            default: self.name == DEFAULT_PRESET,
+            spec: &self.spec,
+            parameters: leaves().into_iter().map(parameter).collect(),
+        }
+    }
+}
+
+/// A preset in a list.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct PresetSummary<'a> {
+    /// Name.
+    pub name: &'a str,
+    /// Title.
+    pub title: &'a str,
+    /// Organ.
+    pub organ: &'a str,
+    /// Species.
+    pub species: &'a str,
+    /// What it is a model of.
+    pub description: &'a str,
+    /// Whether it is the preset of requests that name none.
+    pub default: bool,
+}
+
+/// A preset.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema), schema(as = Preset))]
+pub struct PresetDetails<'a> {
+    /// Name.
+    pub name: &'a str,
+    /// Title.
+    pub title: &'a str,
+    /// Organ.
+    pub organ: &'a str,
+    /// Species.
+    pub species: &'a str,
+    /// What it is a model of.
+    pub description: &'a str,
+    /// Whether it is the preset of requests that name none.
+    pub default: bool,
+    /// Its spec.
+    #[cfg_attr(feature = "schema", schema(value_type = super::ModelSpec))]
+    pub spec: &'a Value,
+    /// Its parameters.
+    pub parameters: Vec<PresetParameter<'a>>,
+}
+
+/// A parameter of a preset.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct PresetParameter<'a> {
+    /// Title.
+    pub title: &'a str,
+    /// Unit; empty if it has none.
+    pub unit: &'a str,
+    /// Meaning.
+    pub description: &'a str,
+    /// Value.
+    #[cfg_attr(feature = "schema", schema(value_type = super::openapi::ParameterValue))]
+    pub value: &'a Value,
+    /// Where the value comes from.
+    pub source: Option<&'a str>,
+    /// JSON pointer into the spec.
+    pub pointer: String,
+}
