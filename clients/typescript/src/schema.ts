@@ -3,7 +3,7 @@
  * Do not make direct changes to the file.
  */
 
-// openapi.yaml: sha256 37f664299d6bd8aff14104d8fbfe0ef2989d266b0abc2d68299ddfcf8e0b7fc6
+// openapi.yaml: sha256 232be6047e04daa06a0b89d41f34a0f57ea523c0c52d5a53ad519e7b704c442b
 
 export interface paths {
     "/batches": {
@@ -2397,6 +2397,15 @@ export interface components {
             /** @description Unit of the value. */
             "x-unit"?: string;
         };
+        /** @description A label volume. */
+        LabelReport: {
+            /** @description Centre of the voxel of column 0, row 0 and slice 0, micrometres. The next row has a smaller y. */
+            first_um: number[];
+            /** @description Number of voxels along x, y and z. */
+            size: number[];
+            /** @description Sides of a voxel along x, y and z, micrometres. */
+            voxel_um: number[];
+        };
         /**
          * Label volume
          * @description The volume of output `labels`.
@@ -2984,23 +2993,11 @@ export interface components {
             number
         ];
         /** @description A preset. */
-        Preset: {
-            /** @description Whether it is the preset of requests that name none. */
-            default: boolean;
-            /** @description What it is a model of. */
-            description: string;
-            /** @description Name. */
-            name: string;
-            /** @description Organ. */
-            organ: string;
+        Preset: components["schemas"]["PresetSummary"] & {
             /** @description Its parameters. */
             parameters: components["schemas"]["PresetParameter"][];
             /** @description Its spec. */
             spec: components["schemas"]["SpecPatch"];
-            /** @description Species. */
-            species: string;
-            /** @description Title. */
-            title: string;
         };
         /** @description The presets. */
         PresetList: {
@@ -3587,6 +3584,8 @@ export interface components {
             digest: string;
             /** @description Version of the program that grew it. */
             engine: string;
+            /** @description Label volume. Absent if the model was grown without `labels`. */
+            labels?: components["schemas"]["LabelReport"];
             lean?: components["schemas"]["Leaned"] | null;
             /**
              * @description The levels of detail, the finest first; only if the model was grown with `lod`. A model that reuses it has the same

@@ -102,9 +102,9 @@ pub struct Report<'a> {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[cfg_attr(feature = "schema", schema(required = false))]
     levels: Vec<&'a LevelReport>,
-    /// The label volume; only if the model was grown with `labels`.
+    /// Label volume. Absent if the model was grown without `labels`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[cfg_attr(feature = "schema", schema(ignore))]
+    #[cfg_attr(feature = "schema", schema(value_type = LabelReport, required = false))]
     labels: Option<&'a LabelReport>,
     /// The other surfaces that are written: lumen, both bodies together, and what is written in other units than metres.
     #[serde(skip_serializing_if = "<[_]>::is_empty")]

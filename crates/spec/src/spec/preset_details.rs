@@ -32,12 +32,7 @@ impl Preset {
             pointer,
         };
         PresetDetails {
-            name: &self.name,
-            title: &self.title,
-            organ: &self.organ,
-            species: &self.species,
-            description: &self.description,
-            default: self.name == DEFAULT_PRESET,
+            summary: self.summary(),
             spec: &self.spec,
             parameters: leaves().into_iter().map(parameter).collect(),
         }
@@ -66,18 +61,9 @@ pub struct PresetSummary<'a> {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema), schema(as = Preset))]
 pub struct PresetDetails<'a> {
-    /// Name.
-    pub name: &'a str,
-    /// Title.
-    pub title: &'a str,
-    /// Organ.
-    pub organ: &'a str,
-    /// Species.
-    pub species: &'a str,
-    /// What it is a model of.
-    pub description: &'a str,
-    /// Whether it is the preset of requests that name none.
-    pub default: bool,
+    /// Entry of the preset in a list.
+    #[serde(flatten)]
+    pub summary: PresetSummary<'a>,
     /// Its spec.
     #[cfg_attr(feature = "schema", schema(value_type = super::ModelSpec))]
     pub spec: &'a Value,

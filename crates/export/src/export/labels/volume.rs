@@ -28,13 +28,14 @@ impl LabelVolume {
     }
 }
 
-/// Description of a written volume, for the report of a model.
+/// A label volume.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct LabelReport {
     /// Number of voxels along x, y and z.
     pub size: [u32; 3],
-    /// Sides of a voxel along x, y and z, µm.
+    /// Sides of a voxel along x, y and z, micrometres.
     pub voxel_um: [f64; 3],
-    /// Middle of the voxel of column 0, row 0 and slice 0, µm. y decreases from row to row.
+    /// Centre of the voxel of column 0, row 0 and slice 0, micrometres. The next row has a smaller y.
     pub first_um: [f64; 3],
 }
