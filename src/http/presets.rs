@@ -20,7 +20,7 @@ pub(super) struct PresetList {
 
 /// List the presets.
 ///
-/// The default comes first.
+/// The default preset comes first.
 #[utoipa::path(
     get, path = "/presets", operation_id = "list_presets", tag = "presets",
     responses((status = 200, description = "The presets", body = PresetList))
@@ -31,7 +31,7 @@ pub(super) async fn list() -> Json<PresetList> {
 
 /// Read a preset: its values, each with unit and source.
 ///
-/// The values are the base that the `spec` of a request is merged into.
+/// The `spec` of a request is merged into these values.
 #[utoipa::path(
     get, path = "/presets/{name}", operation_id = "get_preset", tag = "presets",
     params(("name" = String, Path, description = "Name of the preset")),
@@ -47,7 +47,7 @@ pub(super) async fn get(path: PathTexts) -> Result<Json<PresetDetails<'static>>,
 
 /// Read the JSON Schema of a spec: titles, units, bounds, defaults.
 ///
-/// It describes the `spec` of a request; the defaults are those of the default preset.
+/// The schema describes the `spec` of a request. Its defaults are the values of the default preset.
 #[utoipa::path(
     get, path = "/schema", operation_id = "get_schema", tag = "presets",
     responses((status = 200, description = "JSON Schema, draft 2020-12", content_type = "application/schema+json", body = JsonSchema))

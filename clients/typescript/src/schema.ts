@@ -3,7 +3,7 @@
  * Do not make direct changes to the file.
  */
 
-// openapi.yaml: sha256 232be6047e04daa06a0b89d41f34a0f57ea523c0c52d5a53ad519e7b704c442b
+// openapi.yaml: sha256 743d9a1ee2fecb186332a6bba2e613b5a8472bc74ff82601a62f0083642ac9f4
 
 export interface paths {
     "/batches": {
@@ -745,7 +745,7 @@ export interface paths {
         };
         /**
          * Read this description as YAML.
-         * @description It is the same for every caller and changes only with the version of the service.
+         * @description The description is the same for every caller and changes only with the version of the service.
          *
          *     Needs a key with any scope.
          */
@@ -767,7 +767,7 @@ export interface paths {
         };
         /**
          * List the presets.
-         * @description The default comes first.
+         * @description The default preset comes first.
          *
          *     Needs a key with any scope.
          */
@@ -789,7 +789,7 @@ export interface paths {
         };
         /**
          * Read a preset: its values, each with unit and source.
-         * @description The values are the base that the `spec` of a request is merged into.
+         * @description The `spec` of a request is merged into these values.
          *
          *     Needs a key with any scope.
          */
@@ -834,7 +834,7 @@ export interface paths {
         };
         /**
          * Read the JSON Schema of a spec: titles, units, bounds, defaults.
-         * @description It describes the `spec` of a request; the defaults are those of the default preset.
+         * @description The schema describes the `spec` of a request. Its defaults are the values of the default preset.
          *
          *     Needs a key with any scope.
          */
@@ -858,8 +858,9 @@ export interface paths {
         put?: never;
         /**
          * Get a ticket.
-         * @description It is good for one `GET` of one path within 60 seconds, as `?ticket=…`, with the rights of the key: for an `EventSource`
-         *     or a link, which cannot send `Authorization`. For each reconnection get another.
+         * @description A ticket authorizes one `GET` of one path within 60 seconds, as `?ticket=…`, with the rights of
+         *     the key that requested it. It is meant for an `EventSource` or a link, which cannot send
+         *     `Authorization`. Each reconnection needs a new ticket.
          *
          *     Needs a key with the scope `read`.
          */
@@ -1196,7 +1197,8 @@ export interface components {
             wall_radius_mm: number;
         };
         /**
-         * @description The closed body, or bodies, that a mesh bounds.
+         * @description The body, or bodies, that a closed surface bounds: `tissue` lies between the walls, `lumen`
+         *     inside the inner wall, and `regions` are both with their common wall once.
          * @enum {string}
          */
         Body: "tissue" | "lumen" | "regions";
@@ -1288,7 +1290,7 @@ export interface components {
              */
             volume_mm3: number;
         };
-        /** @description The figures of a certificate: all but its lists of components and failures. */
+        /** @description Certificate without its lists of components and failures. */
         CertificateFigures: {
             /**
              * Format: double
@@ -1375,8 +1377,8 @@ export interface components {
              */
             barrier_um?: number | components["schemas"]["Schedule"] | null;
             /**
-             * Least clearance
-             * @description Least clearance `g_min` between walls that the guard maintains.
+             * Minimum clearance
+             * @description Minimum distance `g_min` between walls, which the guard maintains.
              */
             clearance_um?: number | null;
             /**
@@ -1488,7 +1490,7 @@ export interface components {
             ramp_um?: number | components["schemas"]["Schedule"] | null;
             /**
              * Strand spacing
-             * @description Spacing s of fold strands. It sets the size of the region: `R_in` = sqrt(n·edge·s / (π·squash)), n particles of the inner loop.
+             * @description Spacing s of fold strands. Determines the size of the region: `R_in` = sqrt(n·edge·s / (π·squash)) for n particles of the inner loop.
              */
             spacing_um?: number | components["schemas"]["Schedule"] | null;
             /**
@@ -1551,22 +1553,22 @@ export interface components {
         };
         /**
          * Contraction
-         * @description A wave of contraction, as a series of frames.
+         * @description Wave of contraction, as a series of frames.
          */
         ContractionPatch: {
             /**
              * Closure of the lumen
-             * @description Share of the lumen that is closed where the wave is highest; less where folds leave no room for the tissue.
+             * @description Fraction of the lumen that is closed at the crest of the wave. It is smaller where folds leave no room for the tissue.
              */
             closure?: number | components["schemas"]["Schedule"] | null;
             /**
              * Relaxed ends
-             * @description Distance from either end of the model over which the wave rises from zero.
+             * @description Distance from either end of the model over which the wave increases from zero.
              */
             ends_mm?: number | null;
             /**
              * Frames
-             * @description Frames of one period. 0: none.
+             * @description Number of frames of one period; 0 for no contraction.
              */
             frames?: number | null;
             /**
@@ -1581,12 +1583,12 @@ export interface components {
             phase?: number | null;
             /**
              * Shortening
-             * @description Share by which the tube is shortened there.
+             * @description Fraction by which the tube is shortened at the crest.
              */
             shortening?: number | components["schemas"]["Schedule"] | null;
             /**
              * Direction
-             * @description Where the wave travels.
+             * @description Direction in which the wave travels.
              * @enum {string|null}
              */
             toward?: "uterus" | "ovary" | null;
@@ -1740,18 +1742,18 @@ export interface components {
          */
         CoursePatch: {
             /**
-             * Distance of far parts
-             * @description Least distance between the outer walls of parts that come near to each other.
+             * Distance between distant parts
+             * @description Minimum distance between the outer walls of distant parts of the tube that approach each other.
              */
             clearance_um?: number | null;
             /**
              * Pitch
-             * @description Advance of a coil in each winding.
+             * @description Advance of a coil per winding.
              */
             pitch_mm?: number | null;
             /**
              * Points
-             * @description Points that the centre line passes through, from the isthmus end. It is scaled about the first point to `length_mm`.
+             * @description Points of the centre line, from the isthmus end. The centre line passes through all of them and is then scaled around the first point to the length `length_mm`.
              */
             points_mm?: [
                 number,
@@ -1760,33 +1762,33 @@ export interface components {
             ][] | null;
             /**
              * Relax
-             * @description Change a course that is too tight, or comes too near to itself, as little as needed instead of refusing it.
+             * @description Change a course as little as needed, instead of refusing it, if it is too tight or approaches itself too closely.
              */
             relax?: boolean | null;
             /**
              * Seed of the course
-             * @description Seed of a random course. Models of other seeds can so follow the same course, and the same folds other courses.
+             * @description Seed of a random course. It is independent of the seed of the model, so different models can follow the same course, and the same folds different courses.
              */
             seed?: number | null;
             /**
              * Shape
-             * @description Which curve it is. It begins at the origin along z, but for `points`.
+             * @description Kind of the curve. All curves except `points` begin at the origin in the direction of z.
              * @enum {string|null}
              */
             shape?: "straight" | "arc" | "sigmoid" | "coil" | "random" | "points" | null;
             /**
              * Tortuosity
-             * @description Length of a random course over the distance of its ends.
+             * @description Ratio of the length of a random course to the distance between its ends.
              */
             tortuosity?: number | null;
             /**
              * Turn
-             * @description Angle by which an arc turns, and to which a sigmoid swings.
+             * @description Angle by which an arc turns, or to which a sigmoid swings.
              */
             turn_deg?: number | null;
             /**
              * Twist
-             * @description Turn of the tube about the centre line, from end to end, against frames that turn as little as possible.
+             * @description Twist of the tube around the centre line from end to end, relative to frames of minimum rotation.
              */
             twist_deg?: number | null;
             /**
@@ -1796,7 +1798,7 @@ export interface components {
             wavelength_mm?: number | null;
             /**
              * Windings
-             * @description Windings of a coil.
+             * @description Number of windings of a coil.
              */
             windings?: number | null;
         };
@@ -1933,7 +1935,8 @@ export interface components {
         DetailLevel: {
             /**
              * Format: double
-             * @description Largest distance measured between the level and the full surface, in both directions, micrometres.
+             * @description Maximum measured distance between the level and the full surface, in both directions,
+             *     micrometres.
              */
             distance_um: number;
             /** @description Name of the file. */
@@ -1942,13 +1945,14 @@ export interface components {
             precision_um: number[];
             /** @description Triangles. */
             triangles: number;
-            /** @description Vertices; those that patches share are counted once. */
+            /** @description Number of vertices. Vertices that patches share count once. */
             vertices: number;
         };
         /** @description A distribution of values. */
         Distribution: components["schemas"]["Uniform"] | components["schemas"]["LogUniform"] | components["schemas"]["Triangular"] | components["schemas"]["Normal"] | components["schemas"]["LogNormal"];
         /**
-         * @description Ends of a tube, where a schedule can be changed alone.
+         * @description End of the tube at which a schedule is changed: `isthmus` up to the junction, or `ampulla` from
+         *     the junction on.
          * @enum {string}
          */
         End: "isthmus" | "ampulla";
@@ -1995,9 +1999,9 @@ export interface components {
             /** @description Whether it is that of reduced models. */
             reduced?: boolean;
         };
-        /** @description One fault of a request: where, and what. */
+        /** @description One invalid value of a request. Exactly one of `pointer`, `parameter` and `header` is present. */
         Fault: {
-            /** @description What is wrong, and what is allowed. */
+            /** @description Description of the fault, and of the allowed values. */
             detail: string;
             /** @description Name of a request header. */
             header?: string;
@@ -2231,7 +2235,7 @@ export interface components {
         };
         /**
          * Fluctuation
-         * @description A sine added to the keys; its phase depends on the seed. Amplitude 0 means no fluctuation.
+         * @description Sine that is added to the value between the keys. Its phase depends on the seed. An amplitude of 0 disables it.
          */
         Fluctuation: {
             /**
@@ -2259,12 +2263,12 @@ export interface components {
             depth?: number | components["schemas"]["Schedule"] | null;
             /**
              * Irregularity
-             * @description Greatest random shift of a fold along the tube.
+             * @description Maximum random shift of a fold along the tube.
              */
             irregularity?: number | null;
             /**
-             * Distance of the folds
-             * @description Distance of folds along the tube.
+             * Distance between folds
+             * @description Distance between two folds of a row along the tube.
              */
             period_mm?: number | null;
             /**
@@ -2274,12 +2278,12 @@ export interface components {
             rows?: number | null;
             /**
              * Stagger of the rows
-             * @description How far each row is ahead of the one before it.
+             * @description Offset along the tube between a row and the next one.
              */
             stagger?: number | null;
             /**
-             * Share of the outer wall
-             * @description Share of the height by which the outer wall is drawn in, too: 1 for haustra, 0 for folds of the mucosa alone.
+             * Fold depth of the outer wall
+             * @description Fraction of the fold height by which the outer wall is drawn in, too: 1 for haustra, 0 for folds of the mucosa alone.
              */
             wall?: number | null;
         };
@@ -2343,22 +2347,22 @@ export interface components {
         };
         /**
          * Histology
-         * @description Layers of the wall in stained sections and labels; they do not affect the surface.
+         * @description Layers of the wall in stained sections and label volumes. They do not affect the surface.
          */
         HistologyPatch: {
             /**
              * Epithelium height
-             * @description Height of the epithelium along the lumen; it fills folds that are thinner than two heights.
+             * @description Height of the epithelium along the lumen. Folds thinner than twice this height consist of epithelium only.
              */
             epithelium_um?: number | null;
             /**
              * Lamina propria under the epithelium
-             * @description Least thickness of the lamina propria between epithelium and muscle.
+             * @description Minimum thickness of the lamina propria between epithelium and muscle.
              */
             lamina_um?: number | null;
             /**
              * Longitudinal share of the muscle
-             * @description Share of the longitudinal layer in the thickness of the muscle; the circular layer has the rest.
+             * @description Fraction of the muscle's thickness that the longitudinal layer takes; the circular layer takes the rest.
              */
             longitudinal_share?: number | null;
             /**
@@ -2408,22 +2412,22 @@ export interface components {
         };
         /**
          * Label volume
-         * @description The volume of output `labels`.
+         * @description Label volume of the output `labels`.
          */
         LabelsPatch: {
             /**
-             * Begin
-             * @description Where the part begins, as a fraction of the length of the piece.
+             * Start
+             * @description Start of the labelled part, as a fraction of the length of the piece.
              */
             from?: number | null;
             /**
-             * Slice distance
-             * @description Side of a voxel along the tube: the distance of slices.
+             * Distance between slices
+             * @description Side of a voxel along the tube: the distance between two slices.
              */
             slice_um?: number | null;
             /**
              * End
-             * @description Where it ends; greater than `from`.
+             * @description End of the interval; greater than `from`.
              */
             to?: number | null;
             /**
@@ -2443,13 +2447,13 @@ export interface components {
              */
             along_mm?: number | null;
             /**
-             * Plane ends
-             * @description Distance from either end of the model over which the displacement rises from zero, so that the ends stay plane.
+             * Planar ends
+             * @description Distance from either end of the model over which the displacement increases from zero, so the ends stay planar.
              */
             ends_mm?: number | null;
             /**
              * Lean
-             * @description Root mean square displacement; no displacement exceeds twice as much. 0 disables it.
+             * @description Root mean square displacement. No displacement exceeds twice this value. 0 disables the lean.
              */
             strength_um?: number | components["schemas"]["Schedule"] | null;
             /**
@@ -2473,7 +2477,7 @@ export interface components {
             scale: number;
         };
         /**
-         * @description A unit of length of files.
+         * @description Unit of length of the coordinates in a file: metres, millimetres or micrometres.
          * @enum {string}
          */
         LengthUnit: "m" | "mm" | "um";
@@ -2580,12 +2584,12 @@ export interface components {
         MeshPatch: {
             /**
              * Resolution
-             * @description Length of edges of an even surface through the sections of every step; they are twice as long on the outer wall. With 0, the surface has the particles of the recorded sections as vertices, as in the paper.
+             * @description Edge length of an even surface through the sections of all steps; edges of the outer wall are twice as long. At 0, the vertices of the surface are the particles of the recorded sections, as in the paper.
              */
             resolution_um?: number | null;
             /**
              * Smoothing
-             * @description Greatest distance by which contours are moved to round sharp angles: with 5, no two neighbouring edges of a model turn by more than 60 degrees. With 0, contours keep the angles that they have at the particles, as in the paper.
+             * @description Maximum distance by which contours are moved to round sharp angles. At 5, no two adjacent edges of a contour turn by more than 60 degrees. At 0, contours keep the angles at the particles, as in the paper.
              */
             smooth_um?: number | null;
             /**
@@ -2595,7 +2599,7 @@ export interface components {
             strips?: boolean | null;
             /**
              * Tolerance
-             * @description Greatest distance of the even surface from the one through all particles of all steps, either way.
+             * @description Maximum distance, in both directions, between the even surface and the surface through all particles of all steps.
              */
             tolerance_um?: number | null;
         };
@@ -2764,11 +2768,14 @@ export interface components {
             /** @description Unit of coordinates in `obj`, `stl`, `stl-ascii`, `ply`, `vtp` and `centreline`. By default `obj` is in metres and the others in millimetres. glTF is always in metres. */
             units?: components["schemas"]["LengthUnit"] | null;
         };
-        /** @description A sign of poor growth of a model that has succeeded. */
+        /** @description Warning about a finished model that grew poorly. */
         ModelWarning: {
-            /** @description `splits-missing`, `small-gap`, `particles-short`, `lean-reduced`, `lean-left-out` or `contraction-reduced`; there may be more in future. */
+            /**
+             * @description `splits-missing`, `small-gap`, `particles-short`, `lean-reduced`, `lean-left-out` or
+             *     `contraction-reduced`. Later versions may add codes.
+             */
             code: string;
-            /** @description A sentence with the numbers. */
+            /** @description A sentence with the measured values. */
             detail: string;
         };
         /** @description The measures of a model. `docs/morphometry.md` defines them. */
@@ -2812,15 +2819,18 @@ export interface components {
             /** @description Standard deviation before truncation. */
             sd: number;
         };
-        /** @description The certificate of one body, or of both together. */
+        /** @description Certificate of one body, or of both bodies together. */
         OtherCertificate: components["schemas"]["Certificate"] | components["schemas"]["RegionsCertificate"];
-        /** @description A surface besides the tissue in metres, certified in the coordinates that are written. */
+        /**
+         * @description Certificate of a surface that is written in addition to the tissue in metres. It refers to the
+         *     written coordinates.
+         */
         OtherSurface: {
-            /** @description Its body. */
+            /** @description Certified body. */
             body: components["schemas"]["Body"];
-            /** @description What is proved of it. */
+            /** @description Result of the tests. */
             certificate: components["schemas"]["OtherCertificate"];
-            /** @description Unit of its files. */
+            /** @description Unit of the written coordinates. */
             unit: components["schemas"]["LengthUnit"];
         };
         /**
@@ -2835,17 +2845,17 @@ export interface components {
             exponent?: number | null;
             /**
              * Signed distances
-             * @description Signed distances at the nodes of a square grid about the axis, negative inside, as rows from the least y to the greatest; the outline is where they are 0. Only their signs and proportions count, so any function that changes its sign there will do.
+             * @description Signed distances at the nodes of a square grid around the axis, negative inside, in rows from the smallest y to the largest. The outline is where they are 0. Only signs and ratios matter, so any function works whose sign changes at the outline.
              */
             grid?: number[][] | null;
             /**
              * Half side of the grid
-             * @description Half of the side of the grid.
+             * @description Half the side of the grid.
              */
             grid_half?: number | null;
             /**
              * Outline
-             * @description Which curve it is.
+             * @description Kind of the outline.
              * @enum {string|null}
              */
             kind?: "ellipse" | "superellipse" | "polygon" | "grid" | null;
@@ -2859,7 +2869,7 @@ export interface components {
             ][] | null;
             /**
              * Strength of the outline
-             * @description How much of it the region takes on: the ellipse with 0, the outline with 1.
+             * @description Blend between the ellipse (0) and this outline (1).
              */
             strength?: number | components["schemas"]["Schedule"] | null;
         };
@@ -2870,11 +2880,11 @@ export interface components {
         Output: "glb" | "gltf" | "obj" | "stl" | "stl-ascii" | "ply" | "vtp" | "centreline" | "lod" | "labels";
         /** @description A value of a parameter or of a part of a schedule; null leaves that of `spec`. */
         ParameterValue: null | boolean | number | string | components["schemas"]["ScheduleKey"][] | components["schemas"]["Schedule"] | components["schemas"]["Fluctuation"] | number[][];
-        /** @description Numbers of particles at the two ends of the tube. */
+        /** @description Number of particles of both loops at the ends of the model. */
         ParticleCounts: {
-            /** @description In the last section. */
+            /** @description Particles of the last section. */
             end: number;
-            /** @description In the first section. */
+            /** @description Particles of the first section. */
             start: number;
         };
         /**
@@ -2899,17 +2909,17 @@ export interface components {
             every?: number | null;
             /**
              * Particles of the outer loop
-             * @description Particles of the outer loop, included in `total`; must not decrease or fluctuate.
+             * @description Number of particles of the outer loop, which `total` includes. Must neither decrease nor fluctuate.
              */
             outer?: number | components["schemas"]["Schedule"] | null;
             /**
              * Growth at fold tips
-             * @description Weight of fold-tip curvature in the choice of the edge to split; with 0 only its length counts.
+             * @description Weight of the curvature at fold tips in the choice of the edge to split. At 0, only the length of an edge counts.
              */
             tip_weight?: number | components["schemas"]["Schedule"] | null;
             /**
              * Particles of both loops
-             * @description Particles of both loops together; must not decrease or fluctuate.
+             * @description Number of particles of both loops. Must neither decrease nor fluctuate.
              */
             total?: number | components["schemas"]["Schedule"] | null;
         };
@@ -2925,17 +2935,17 @@ export interface components {
         };
         /**
          * Piece
-         * @description The piece of the tube that becomes the model.
+         * @description Piece of the tube that becomes the model.
          */
         PiecePatch: {
             /**
-             * Begin
-             * @description Where the piece begins, as a fraction of the length from the isthmus end.
+             * Start
+             * @description Start of the piece, as a fraction of the length from the isthmus end.
              */
             from?: number | null;
             /**
              * End
-             * @description Where it ends; greater than `from`.
+             * @description End of the interval; greater than `from`.
              */
             to?: number | null;
         };
@@ -2949,17 +2959,18 @@ export interface components {
             triangles: number[];
         };
         /**
-         * @description A plane with coordinates u and v in it; lengths in micrometres. Seen from the side to which the normal points, v is counter-clockwise
-         *     from u.
+         * @description A plane with coordinates u and v, in micrometres. Seen from the side to which the normal points,
+         *     v is 90° counter-clockwise from u.
          */
         PlaneAnswer: {
             /** @description Unit normal. */
             normal: number[];
-            /** @description Where u and v are zero. */
+            /** @description Origin of u and v, micrometres. */
             origin_um: number[];
             /**
              * Format: double
-             * @description Radius around the origin beyond which nothing is cut: across a bent tube, other parts of it are left out.
+             * @description Radius around the origin, micrometres, within which the tube is cut. It excludes other parts
+             *     of a bent tube; null if there is no limit.
              */
             reach_um?: number | null;
             /** @description Unit vector of u. */
@@ -2994,9 +3005,9 @@ export interface components {
         ];
         /** @description A preset. */
         Preset: components["schemas"]["PresetSummary"] & {
-            /** @description Its parameters. */
+            /** @description All parameters, with units and sources. */
             parameters: components["schemas"]["PresetParameter"][];
-            /** @description Its spec. */
+            /** @description The complete spec of the preset. */
             spec: components["schemas"]["SpecPatch"];
         };
         /** @description The presets. */
@@ -3010,7 +3021,7 @@ export interface components {
             description: string;
             /** @description JSON pointer into the spec. */
             pointer: string;
-            /** @description Where the value comes from. */
+            /** @description Source of the value. */
             source?: string | null;
             /** @description Title. */
             title: string;
@@ -3021,9 +3032,9 @@ export interface components {
         };
         /** @description A preset in a list. */
         PresetSummary: {
-            /** @description Whether it is the preset of requests that name none. */
+            /** @description True if requests without `preset` use this preset. */
             default: boolean;
-            /** @description What it is a model of. */
+            /** @description Description of the preset. */
             description: string;
             /** @description Name. */
             name: string;
@@ -3034,15 +3045,15 @@ export interface components {
             /** @description Title. */
             title: string;
         };
-        /** @description A problem as sent (RFC 9457, `application/problem+json`). */
+        /** @description Body of an error response (RFC 9457, `application/problem+json`). */
         Problem: {
             /** @description invalid-json: column of the line, from 1 */
             column?: number;
             /** @description not-ready: the reason, such as `opening-devices` or `draining` */
             condition?: string;
-            /** @description What happened. */
+            /** @description What went wrong, for people. */
             detail: string;
-            /** @description The faults of the request. */
+            /** @description The invalid values of the request. */
             errors?: components["schemas"]["Fault"][];
             /** @description invalid-request: number of faults that are not listed in errors */
             errors_left_out?: number;
@@ -3055,18 +3066,18 @@ export interface components {
             /** @description invalid-json: line of the body, from 1 */
             line?: number;
             prediction?: components["schemas"]["Cost"];
-            /** @description Id of the request, as in the header `x-request-id`. Quote it in reports. */
+            /** @description Id of the request, as in the header `x-request-id`. Quote it when you report a problem. */
             request_id: string;
             /** @description Status of the response. */
             status: number;
-            /** @description The same for every problem of the type. */
+            /** @description Title, the same for every problem of the type. */
             title: string;
             /**
              * @description `urn:oviduct:problem:` and a stable slug.
              * @enum {string}
              */
             type: "urn:oviduct:problem:bad-request" | "urn:oviduct:problem:invalid-json" | "urn:oviduct:problem:unauthorized" | "urn:oviduct:problem:forbidden" | "urn:oviduct:problem:forbidden-origin" | "urn:oviduct:problem:unknown-host" | "urn:oviduct:problem:not-found" | "urn:oviduct:problem:model-not-found" | "urn:oviduct:problem:batch-not-found" | "urn:oviduct:problem:fit-not-found" | "urn:oviduct:problem:file-not-found" | "urn:oviduct:problem:section-not-found" | "urn:oviduct:problem:cut-not-found" | "urn:oviduct:problem:preset-not-found" | "urn:oviduct:problem:worker-not-found" | "urn:oviduct:problem:method-not-allowed" | "urn:oviduct:problem:not-acceptable" | "urn:oviduct:problem:not-failed" | "urn:oviduct:problem:request-timeout" | "urn:oviduct:problem:payload-too-large" | "urn:oviduct:problem:unsupported-media-type" | "urn:oviduct:problem:range-not-satisfiable" | "urn:oviduct:problem:invalid-request" | "urn:oviduct:problem:cost-limit" | "urn:oviduct:problem:surface-too-large" | "urn:oviduct:problem:gpu-unavailable" | "urn:oviduct:problem:idempotency-key-reused" | "urn:oviduct:problem:queue-full" | "urn:oviduct:problem:quota-exceeded" | "urn:oviduct:problem:rate-limited" | "urn:oviduct:problem:internal" | "urn:oviduct:problem:store-unavailable" | "urn:oviduct:problem:storage-unavailable" | "urn:oviduct:problem:too-many-streams" | "urn:oviduct:problem:too-many-downloads" | "urn:oviduct:problem:too-many-pictures" | "urn:oviduct:problem:not-ready" | "urn:oviduct:problem:workers-stuck";
-            /** @description workers-stuck: a sentence on each */
+            /** @description workers-stuck: a sentence about each worker */
             workers?: string[];
         };
         /** @description Progress of a generation: always the complete current state. */
@@ -3081,7 +3092,7 @@ export interface components {
              * @description Fraction of the whole, 0 to 1, never decreasing.
              */
             fraction: number;
-            /** @description Particles of both loops. */
+            /** @description Number of particles of both loops. */
             particles: number;
             /** @description Sections recorded. */
             sections: number;
@@ -3193,17 +3204,17 @@ export interface components {
         };
         /**
          * Regions
-         * @description Regions of the tube, for measures.
+         * @description Regions of the tube for which measures are reported.
          */
         RegionsPatch: {
             /**
              * Start of the junction
-             * @description Where the junction begins.
+             * @description Start of the junction.
              */
             junction_from?: number | null;
             /**
              * End of the junction
-             * @description Where the junction ends.
+             * @description End of the junction.
              */
             junction_to?: number | null;
         };
@@ -3242,26 +3253,27 @@ export interface components {
             points: components["schemas"]["Point"][];
         };
         /**
-         * @description What a ring of a cut bounds.
+         * @description Area that a ring of a cut bounds: `tissue` that nothing surrounds, the `lumen` (the largest hole
+         *     in it), an `island` of tissue that lumen surrounds, or a `pocket` (any other hole in tissue).
          * @enum {string}
          */
         RingKind: "tissue" | "lumen" | "island" | "pocket";
-        /** @description A value that changes along the tube: keys, and an optional fluctuation. */
+        /** @description Value that changes along the tube: keys and an optional fluctuation. */
         Schedule: {
             /**
              * Ease
-             * @description How the value changes between two keys.
+             * @description Interpolation between two keys.
              * @enum {string|null}
              */
             ease?: "linear" | "smooth" | null;
             fluctuation?: components["schemas"]["Fluctuation"] | null;
             /**
              * Keys
-             * @description At least two, in order; the first at 0, the last at 1.
+             * @description At least two keys in ascending order, the first at 0 and the last at 1.
              */
             keys?: components["schemas"]["ScheduleKey"][] | null;
         };
-        /** @description A key of a schedule: the fraction of the steps, and the value there. */
+        /** @description A key of a schedule: a fraction of all steps, and the value at this step. */
         ScheduleKey: [
             number,
             number
@@ -3392,11 +3404,11 @@ export interface components {
             /** @description The whole state of the model, as JSON */
             data: string;
             /**
-             * @description What has changed; `end` is the last event of a model
+             * @description Kind of the change. `end` is the last event of a model
              * @enum {string}
              */
             event: "status" | "progress" | "section" | "end";
-            /** @description Value for `Last-Event-ID` when the client reconnects */
+            /** @description Value of `Last-Event-ID` when the client reconnects */
             id: string;
         };
         /** @description How a model was measured. */
@@ -3439,12 +3451,12 @@ export interface components {
             integrator?: "rk4" | "euler" | null;
             /**
              * Recording interval
-             * @description Steps between recorded sections; the first and the last step are always recorded.
+             * @description Steps between two recorded sections. The first and the last step are always recorded.
              */
             record_every?: number | null;
             /**
              * Neighbour search
-             * @description Neighbour search: affects speed only, never results.
+             * @description Neighbour search. Affects only the speed, never the result.
              * @enum {string|null}
              */
             search?: "lists" | "grid" | "all_pairs" | null;
@@ -3461,7 +3473,7 @@ export interface components {
             bending?: number | components["schemas"]["Schedule"] | null;
             /**
              * Burn-in
-             * @description Steps that are run with the parameters of step 0 before the first section is recorded.
+             * @description Steps with the parameters of step 0 before the first section is recorded.
              */
             burn_in?: number | null;
             collision?: components["schemas"]["CollisionPatch"] | null;
@@ -3491,7 +3503,7 @@ export interface components {
             regulatory?: components["schemas"]["RegulatoryPatch"] | null;
             /**
              * Scale
-             * @description Size of the organ over the simulated one: by how much the sections are enlarged. All lengths across the tube but those of `lean`, `mesh`, `course`, `histology` and `labels` are those of the simulation. Organs of centimetres so grow like small ones, whose folds are some hundred micrometres apart.
+             * @description Ratio of the size of the organ to the size of the simulation: the sections are enlarged by this factor. All lengths across the tube refer to the simulation, except those of `lean`, `mesh`, `course`, `histology` and `labels`. An organ of several centimetres is therefore simulated as a small one, whose folds are some hundred micrometres apart.
              */
             scale?: number | null;
             solver?: components["schemas"]["SolverPatch"] | null;
@@ -3507,7 +3519,7 @@ export interface components {
             wall?: components["schemas"]["WallPatch"] | null;
             /**
              * Place along the tube
-             * @description Place along the tube as a fraction of its length, over the fraction of the steps; strictly increasing from 0 to 1.
+             * @description Place along the tube, as a fraction of its length, over the fraction of the steps. Strictly increases from 0 to 1.
              */
             z?: number | components["schemas"]["Schedule"] | null;
         };
@@ -3570,39 +3582,42 @@ export interface components {
          * @enum {string}
          */
         Status: "queued" | "running" | "succeeded" | "failed" | "cancelled";
-        /** @description What `report.json` holds. */
+        /** @description Content of `report.json`. */
         StoredReport: {
-            /** @description The certificate of the surface as exported. */
+            /** @description Certificate of the tissue in metres. */
             certificate: components["schemas"]["Certificate"];
-            /** @description The measures beside published ones of the organ and species of the preset. */
+            /** @description Measures compared with published values for the organ and species of the preset. */
             comparison?: components["schemas"]["Comparison"];
-            /** @description What the frames of the contraction measure; only if the tube contracts. */
+            /** @description Measures of the frames of the contraction. Absent if the tube does not contract. */
             contraction?: components["schemas"]["ContractionReport"];
             course?: components["schemas"]["Bending"] | null;
             cuts?: components["schemas"]["Cuts"] | null;
             /** @description SHA-256 of the canonical spec (without `solver.search`), the seed and the engine version, as in the model. */
             digest: string;
-            /** @description Version of the program that grew it. */
+            /** @description Version of the program that grew the model. */
             engine: string;
             /** @description Label volume. Absent if the model was grown without `labels`. */
             labels?: components["schemas"]["LabelReport"];
             lean?: components["schemas"]["Leaned"] | null;
             /**
-             * @description The levels of detail, the finest first; only if the model was grown with `lod`. A model that reuses it has the same
-             *     report, and the files that it asked for.
+             * @description Levels of detail, the finest first. Absent if the model was grown without `lod`. A model
+             *     that reuses this model has the same report, but only the files that its request names.
              */
             levels?: components["schemas"]["DetailLevel"][];
-            /** @description What its sections measure. Models of version 0.2 and earlier have none. */
+            /** @description Measures of the sections. Absent in models of version 0.2 and earlier. */
             morphometry?: components["schemas"]["Morphometry"];
             /** @description Preset that the spec was resolved on. */
             preset: string;
             /** @description Seed. */
             seed: number;
-            /** @description The complete resolved spec. */
+            /** @description The complete, resolved spec. */
             spec: components["schemas"]["SpecPatch"];
-            /** @description Counts and measures. */
+            /** @description Counts, main measures and warnings. */
             summary: components["schemas"]["Summary"];
-            /** @description The other surfaces that are written: lumen, both bodies together, and what is written in other units than metres. */
+            /**
+             * @description Certificates of the other written surfaces: the lumen, both bodies together, and surfaces in
+             *     units other than metres.
+             */
             surfaces?: components["schemas"]["OtherSurface"][];
         };
         /**
@@ -3666,42 +3681,42 @@ export interface components {
                 [key: string]: components["schemas"]["ParameterValue"];
             };
         };
-        /** @description Counts and measures of a model that has succeeded. An older version wrote fewer. */
+        /** @description Counts and main measures of a finished model. Models of older versions lack some members. */
         Summary: {
             /**
              * Format: double
-             * @description Area of the surface, square millimetres.
+             * @description Area of the surface, mm².
              */
             area_mm2: number;
-            /** @description The figures of the certificate; not in a report, which has the certificate itself. */
+            /** @description Figures of the certificate. Absent in a report, which contains the whole certificate. */
             certificate?: components["schemas"]["CertificateFigures"];
-            /** @description Diagonals of the surface that were flipped by mending. */
+            /** @description Number of diagonals of the surface that mending flipped. */
             diagonals_flipped?: number | null;
             /**
              * Format: double
-             * @description Least distance between walls of one section, micrometres.
+             * @description Minimum distance between walls within a section, over all sections, micrometres.
              */
             min_gap_um?: number | null;
-            /** @description Particles of both loops. */
+            /** @description Number of particles of both loops. */
             particles: components["schemas"]["ParticleCounts"];
-            /** @description Recorded sections, without those added by mending. */
+            /** @description Number of recorded sections, without sections that mending added. */
             sections: number;
-            /** @description Sections added by mending. */
+            /** @description Number of sections that mending added. */
             sections_added?: number | null;
-            /** @description Splits that were made later than asked for. */
+            /** @description Number of particle splits that were deferred for lack of room. */
             splits_deferred?: number | null;
-            /** @description Splits that were never made. */
+            /** @description Number of particle splits that were omitted for lack of room. */
             splits_missing?: number | null;
-            /** @description Triangles of the surface. */
+            /** @description Number of triangles of the surface. */
             triangles: number;
-            /** @description Vertices of the surface. */
+            /** @description Number of vertices of the surface. */
             vertices: number;
             /**
              * Format: double
-             * @description Enclosed volume, cubic millimetres.
+             * @description Volume of the tissue, mm³.
              */
             volume_mm3: number;
-            /** @description Signs of poor growth. */
+            /** @description Warnings about poor growth. */
             warnings?: components["schemas"]["ModelWarning"][];
         };
         /**
@@ -3716,7 +3731,7 @@ export interface components {
             period?: number | null;
             /**
              * Sway
-             * @description Root mean square speed of the flow. 0 disables it.
+             * @description Root mean square speed of the flow. 0 disables the sway.
              */
             strength?: number | components["schemas"]["Schedule"] | null;
             /**
@@ -3768,17 +3783,20 @@ export interface components {
         Ticket: {
             /**
              * Format: date-time
-             * @description When it expires; null on a service without keys, where any value will do.
+             * @description Time at which the ticket expires; null on a service without keys, which accepts any value.
              */
             expires_at?: string | null;
-            /** @description The path. */
+            /** @description Path of the request that the ticket authorizes. */
             path: string;
             /** @description Value for the parameter `ticket` of one `GET` of the path. */
             ticket: string;
         };
         /** @description A request for a ticket. */
         TicketRequest: {
-            /** @description Path that the ticket is good for, without a query, such as `/models/{id}/events`. */
+            /**
+             * @description Path of the request that the ticket authorizes, without a query string, such as
+             *     `/models/{id}/events`.
+             */
             path: string;
         };
         /** @description The shape of triangles, as it matters to solvers. */
@@ -3950,12 +3968,12 @@ export interface components {
         VariationPatch: {
             /**
              * Variation amplitude
-             * @description Amplitude a: ranges are scaled by exp(a·z), z the field with unit variance. 0 disables the field.
+             * @description Amplitude a. Ranges are scaled by exp(a·z), where z is a field of unit variance. 0 disables the field.
              */
             amplitude?: number | components["schemas"]["Schedule"] | null;
             /**
              * Variation drift
-             * @description Greatest phase drift of the field per step.
+             * @description Maximum phase drift of the field per step.
              */
             drift?: number | null;
             /**
@@ -3973,32 +3991,32 @@ export interface components {
         VarietyPatch: {
             /**
              * Asymmetry
-             * @description Amplitude of the logarithm of the growth rate from one side of the tube to the other: folds are longer on one side.
+             * @description Amplitude of the logarithm of the growth rate between the two sides of the tube: folds are longer on one side.
              */
             asymmetry?: number | components["schemas"]["Schedule"] | null;
             /**
              * Variety drift
-             * @description Greatest phase drift per step.
+             * @description Maximum phase drift per step.
              */
             drift?: number | null;
             /**
              * Variety of fold height
-             * @description Root mean square of the logarithm of the growth rate around the wall: folds of different height stand side by side.
+             * @description Root mean square of the logarithm of the growth rate around the wall: folds of different heights stand side by side.
              */
             height?: number | components["schemas"]["Schedule"] | null;
             /**
              * Shift along the tube
-             * @description Root mean square distance by which growth and ranges are ahead or behind around the wall, as a share of all steps: where the schedules change, as at the junction, some folds change earlier than others.
+             * @description Root mean square shift of growth and ranges along the tube, which differs around the wall, as a fraction of all steps. Where the schedules change, for example at the junction, some folds change earlier than others.
              */
             shift?: number | components["schemas"]["Schedule"] | null;
             /**
              * Variety of fold thickness
-             * @description Root mean square of the logarithm of the ranges `tissue_um` and `gap_um` around the wall: folds of different thickness.
+             * @description Root mean square of the logarithm of the ranges `tissue_um` and `gap_um` around the wall: folds have different thicknesses.
              */
             thickness?: number | components["schemas"]["Schedule"] | null;
             /**
              * Waves around the wall
-             * @description Greatest number of maxima around the wall.
+             * @description Maximum number of maxima around the wall.
              */
             waves?: number | null;
         };
@@ -4069,12 +4087,12 @@ export interface components {
         WallPatch: {
             /**
              * Lobe drift
-             * @description Greatest phase drift of the lobes per step.
+             * @description Maximum phase drift of the lobes per step.
              */
             drift?: number | null;
             /**
              * Lobes
-             * @description Greatest number of lobes around the tube.
+             * @description Maximum number of lobes around the tube.
              */
             lobes?: number | null;
             /**
@@ -4177,7 +4195,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -4188,7 +4206,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -4217,9 +4235,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -4294,7 +4312,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -4305,7 +4323,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -4361,9 +4379,9 @@ export interface operations {
             /** @description The queue is full (`queue-full`); The quota is used up (`quota-exceeded`); Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -4429,7 +4447,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -4440,7 +4458,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -4496,9 +4514,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -4556,7 +4574,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -4567,7 +4585,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -4596,9 +4614,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -4652,7 +4670,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -4663,7 +4681,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -4692,9 +4710,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -4767,7 +4785,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -4778,7 +4796,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -4816,9 +4834,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -4874,7 +4892,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -4885,7 +4903,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -4914,9 +4932,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -4985,7 +5003,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -4996,7 +5014,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -5043,9 +5061,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -5157,7 +5175,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -5168,7 +5186,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -5197,9 +5215,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -5278,7 +5296,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -5289,7 +5307,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -5318,9 +5336,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -5395,7 +5413,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -5406,7 +5424,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -5462,9 +5480,9 @@ export interface operations {
             /** @description The queue is full (`queue-full`); The quota is used up (`quota-exceeded`); Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -5530,7 +5548,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -5541,7 +5559,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -5597,9 +5615,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -5678,7 +5696,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -5689,7 +5707,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -5727,9 +5745,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -5783,7 +5801,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -5794,7 +5812,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -5823,9 +5841,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -5881,7 +5899,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -5892,7 +5910,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -5921,9 +5939,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -6001,7 +6019,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -6012,7 +6030,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -6050,9 +6068,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -6145,7 +6163,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -6156,7 +6174,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -6176,9 +6194,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -6261,7 +6279,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -6272,7 +6290,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -6301,9 +6319,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -6408,7 +6426,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -6419,7 +6437,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -6475,9 +6493,9 @@ export interface operations {
             /** @description The queue is full (`queue-full`); The quota is used up (`quota-exceeded`); Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -6558,7 +6576,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -6569,7 +6587,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -6598,9 +6616,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -6681,7 +6699,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -6692,7 +6710,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -6721,9 +6739,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -6789,7 +6807,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -6800,7 +6818,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -6856,9 +6874,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -6940,7 +6958,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -6951,7 +6969,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -6989,9 +7007,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -7045,7 +7063,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -7056,7 +7074,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -7085,9 +7103,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -7143,7 +7161,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -7154,7 +7172,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -7183,9 +7201,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -7253,7 +7271,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -7264,7 +7282,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -7293,9 +7311,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -7397,7 +7415,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -7408,7 +7426,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -7455,9 +7473,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -7537,7 +7555,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -7548,7 +7566,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -7586,9 +7604,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -7689,7 +7707,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -7700,7 +7718,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -7740,9 +7758,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -7810,7 +7828,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -7821,7 +7839,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -7850,9 +7868,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -7934,7 +7952,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -7945,7 +7963,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -7983,9 +8001,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -8053,7 +8071,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -8064,7 +8082,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -8093,9 +8111,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -8163,7 +8181,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -8174,7 +8192,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -8203,9 +8221,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -8292,7 +8310,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -8303,7 +8321,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -8350,9 +8368,9 @@ export interface operations {
             /** @description The queue is full (`queue-full`); The quota is used up (`quota-exceeded`); Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -8444,7 +8462,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -8455,7 +8473,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -8502,9 +8520,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -8557,7 +8575,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -8577,9 +8595,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -8632,7 +8650,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -8652,9 +8670,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -8710,7 +8728,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -8739,9 +8757,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -8834,7 +8852,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -8854,9 +8872,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -8922,7 +8940,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -8933,7 +8951,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -8989,9 +9007,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -9044,7 +9062,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -9055,7 +9073,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -9075,9 +9093,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -9130,7 +9148,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -9141,7 +9159,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -9161,9 +9179,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -9216,7 +9234,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -9227,7 +9245,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -9247,9 +9265,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -9305,7 +9323,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -9316,7 +9334,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -9345,9 +9363,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -9403,7 +9421,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -9414,7 +9432,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -9443,9 +9461,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
@@ -9501,7 +9519,7 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    /** @description `Bearer`, and why the key was refused */
+                    /** @description `Bearer`, and the reason why the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -9512,7 +9530,7 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
-                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
                     "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
@@ -9541,9 +9559,9 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
-                    /** @description What is left of the limit; not if the queue is full */
+                    /** @description Remaining part of the limit. Absent if the queue is full */
                     ratelimit?: string;
-                    /** @description The limit; not if the queue is full */
+                    /** @description The limit. Absent if the queue is full */
                     "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;

@@ -19,7 +19,7 @@ use serde_json::Value;
 use std::time::Duration;
 use utoipa::ToSchema;
 
-/// How long a ticket is good.
+/// Lifetime of a ticket.
 const LIFE: Duration = Duration::from_secs(60);
 /// Maximum length of a path, bytes.
 const PATH_MAX: usize = 512;
@@ -29,7 +29,8 @@ const PATH_MAX: usize = 512;
 #[serde(deny_unknown_fields)]
 #[expect(dead_code, reason = "describes the body; `path_of` reads it and collects its faults")]
 pub(in crate::http) struct TicketRequest {
-    /// Path that the ticket is good for, without a query, such as `/models/{id}/events`.
+    /// Path of the request that the ticket authorizes, without a query string, such as
+    /// `/models/{id}/events`.
     #[schema(pattern = "^/[!\"$->@-~]*$", max_length = 512)]
     path: String,
 }
@@ -39,17 +40,18 @@ pub(in crate::http) struct TicketRequest {
 pub(in crate::http) struct Ticket {
     /// Value for the parameter `ticket` of one `GET` of the path.
     ticket: String,
-    /// The path.
+    /// Path of the request that the ticket authorizes.
     path: String,
-    /// When it expires; null on a service without keys, where any value will do.
+    /// Time at which the ticket expires; null on a service without keys, which accepts any value.
     #[schema(value_type = Option<String>, format = DateTime)]
     expires_at: Option<Timestamp>,
 }
 
 /// Get a ticket.
 ///
-/// It is good for one `GET` of one path within 60 seconds, as `?ticket=…`, with the rights of the key: for an `EventSource`
-/// or a link, which cannot send `Authorization`. For each reconnection get another.
+/// A ticket authorizes one `GET` of one path within 60 seconds, as `?ticket=…`, with the rights of
+/// the key that requested it. It is meant for an `EventSource` or a link, which cannot send
+/// `Authorization`. Each reconnection needs a new ticket.
 #[utoipa::path(
     post, path = "/tickets", operation_id = "create_ticket", tag = "access",
     request_body(content = TicketRequest, content_type = "application/json"),

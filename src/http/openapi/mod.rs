@@ -34,11 +34,11 @@ use utoipa::OpenApi;
         super::batches::archive::ArchiveFormat, ModelEvent, DeletedEvent, Certificate)),
     tags(
         (name = "models", description = "Request, find, cancel and delete models"),
-        (name = "fits", description = "Search for parameters whose models have given measures"),
+        (name = "fits", description = "Search for parameters that reproduce given measures"),
         (name = "batches", description = "Many models of one spec in one request"),
         (name = "events", description = "Follow models while they grow"),
         (name = "files", description = "Files, sections and reports of finished models"),
-        (name = "access", description = "Tickets for what cannot send a key"),
+        (name = "access", description = "Tickets for clients that cannot send a key"),
         (name = "presets", description = "Presets and the parameters of a spec"),
         (name = "service", description = "Health, metrics, workers and this description"),
     )
@@ -52,7 +52,7 @@ pub(super) struct Description(pub(super) fn() -> &'static Value);
 
 /// Read this description as YAML.
 ///
-/// It is the same for every caller and changes only with the version of the service.
+/// The description is the same for every caller and changes only with the version of the service.
 #[utoipa::path(
     get, path = "/openapi.yaml", operation_id = "get_openapi", tag = "service",
     responses((status = 200, description = "This description", content_type = "application/yaml", body = String))

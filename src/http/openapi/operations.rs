@@ -21,9 +21,9 @@ pub(super) fn complete(paths: &mut Value) {
 pub(super) fn security_schemes() -> Value {
     json!({
         BEARER: { "type": "http", "scheme": "bearer",
-            "description": "A key, `oviduct_…`. Only a service without keys serves requests without one." },
+            "description": "API key, `oviduct_…`. Only a service without keys serves requests without one." },
         TICKET: { "type": "apiKey", "in": "query", "name": TICKET,
-            "description": "A ticket from `POST /tickets`, for one `GET` of one path by what cannot send a header." },
+            "description": "Ticket from `POST /tickets` for one `GET` of one path, for clients that cannot send headers." },
     })
 }
 
@@ -64,11 +64,11 @@ fn responses(operation: &mut Value) {
         responses.entry(status).or_insert_with(|| serde_json::to_value(response).unwrap_or_default());
     }
     for (status, name, kind, text) in [
-        ("401", "www-authenticate", "string", "`Bearer`, and why the key was refused"),
-        ("403", "www-authenticate", "string", "`Bearer` and the scope that is missing; only if the key was refused"),
+        ("401", "www-authenticate", "string", "`Bearer`, and the reason why the key was refused"),
+        ("403", "www-authenticate", "string", "`Bearer` and the missing scope. Only if the key was refused"),
         ("416", "content-range", "string", "`bytes */` and the size of the file"),
-        ("429", "ratelimit", "string", "What is left of the limit; not if the queue is full"),
-        ("429", "ratelimit-policy", "string", "The limit; not if the queue is full"),
+        ("429", "ratelimit", "string", "Remaining part of the limit. Absent if the queue is full"),
+        ("429", "ratelimit-policy", "string", "The limit. Absent if the queue is full"),
         ("429", "retry-after", "integer", "Seconds to wait before the next attempt"),
         ("503", "retry-after", "integer", "Seconds to wait before the next attempt"),
     ] {

@@ -88,9 +88,9 @@ fn server_sent_event() -> Value {
             "event": {
                 "type": "string",
                 "enum": ["status", "progress", "section", "end"],
-                "description": "What has changed; `end` is the last event of a model",
+                "description": "Kind of the change. `end` is the last event of a model",
             },
-            "id": { "type": "string", "description": "Value for `Last-Event-ID` when the client reconnects" },
+            "id": { "type": "string", "description": "Value of `Last-Event-ID` when the client reconnects" },
             "data": {
                 "type": "string",
                 "contentMediaType": "application/json",
@@ -117,7 +117,7 @@ fn problems(schema: &mut Value) {
     schema["properties"]["condition"] = json!({ "type": "string",
         "description": "not-ready: the reason, such as `opening-devices` or `draining`" });
     schema["properties"]["workers"] = json!({ "type": "array", "items": { "type": "string" },
-        "description": "workers-stuck: a sentence on each" });
+        "description": "workers-stuck: a sentence about each worker" });
     schema["properties"]["prediction"] = json!({ "$ref": "#/components/schemas/Cost" });
     schema["properties"]["limit"] = json!({ "description": "The limit that was exceeded", "oneOf": [
         { "title": "Limit", "type": "integer", "description": "queue-full, quota-exceeded, payload-too-large" },

@@ -35,7 +35,7 @@ pub(in crate::http) fn escape(name: &str) -> String {
     name.replace('~', "~0").replace('/', "~1")
 }
 
-/// One fault of a request: where, and what.
+/// One invalid value of a request. Exactly one of `pointer`, `parameter` and `header` is present.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, ToSchema)]
 #[schema(as = Fault)]
 pub(in crate::http) struct RequestFault {
@@ -51,7 +51,7 @@ pub(in crate::http) struct RequestFault {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(nullable = false)]
     pub header: Option<String>,
-    /// What is wrong, and what is allowed.
+    /// Description of the fault, and of the allowed values.
     pub detail: String,
 }
 

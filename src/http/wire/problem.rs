@@ -245,24 +245,24 @@ impl IntoResponse for Problem {
 /// `application/problem+json`.
 pub(in crate::http) const MEDIA_TYPE: HeaderValue = HeaderValue::from_static("application/problem+json");
 
-/// A problem as sent (RFC 9457, `application/problem+json`).
+/// Body of an error response (RFC 9457, `application/problem+json`).
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 #[schema(as = Problem)]
 pub(in crate::http) struct ProblemBody {
     /// `urn:oviduct:problem:` and a stable slug.
     pub r#type: String,
-    /// The same for every problem of the type.
+    /// Title, the same for every problem of the type.
     pub title: String,
     /// Status of the response.
     #[schema(minimum = 400, maximum = 599)]
     pub status: u16,
-    /// What happened.
+    /// What went wrong, for people.
     pub detail: String,
     /// Path of the request.
     pub instance: String,
-    /// Id of the request, as in the header `x-request-id`. Quote it in reports.
+    /// Id of the request, as in the header `x-request-id`. Quote it when you report a problem.
     pub request_id: String,
-    /// The faults of the request.
+    /// The invalid values of the request.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[schema(required = false)]
     pub errors: Vec<RequestFault>,

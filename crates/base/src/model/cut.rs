@@ -4,7 +4,8 @@
 use super::Plane;
 use serde::Serialize;
 
-/// What a ring of a cut bounds.
+/// Area that a ring of a cut bounds: `tissue` that nothing surrounds, the `lumen` (the largest hole
+/// in it), an `island` of tissue that lumen surrounds, or a `pocket` (any other hole in tissue).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[serde(rename_all = "lowercase")]

@@ -4,7 +4,8 @@ use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::ops::Range;
 
-/// The closed body, or bodies, that a mesh bounds.
+/// The body, or bodies, that a closed surface bounds: `tissue` lies between the walls, `lumen`
+/// inside the inner wall, and `regions` are both with their common wall once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[serde(rename_all = "lowercase")]
@@ -59,7 +60,7 @@ impl BodyKind {
     }
 }
 
-/// A unit of length of files.
+/// Unit of length of the coordinates in a file: metres, millimetres or micrometres.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub enum LengthUnit {

@@ -2,13 +2,13 @@
 
 use serde::Serialize;
 
-/// A plane with coordinates u and v in it; lengths in micrometres. Seen from the side to which the normal points, v is counter-clockwise
-/// from u.
+/// A plane with coordinates u and v, in micrometres. Seen from the side to which the normal points,
+/// v is 90° counter-clockwise from u.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "schema", schema(as = PlaneAnswer))]
 pub struct Plane {
-    /// Where u and v are zero.
+    /// Origin of u and v, micrometres.
     pub origin_um: [f64; 3],
     /// Unit normal.
     pub normal: [f64; 3],
@@ -16,7 +16,8 @@ pub struct Plane {
     pub u: [f64; 3],
     /// Unit vector of v.
     pub v: [f64; 3],
-    /// Radius around the origin beyond which nothing is cut: across a bent tube, other parts of it are left out.
+    /// Radius around the origin, micrometres, within which the tube is cut. It excludes other parts
+    /// of a bent tube; null if there is no limit.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "schema", schema(required = false))]
     pub reach_um: Option<f64>,

@@ -58,7 +58,7 @@ pub(super) fn write_sections(
     Ok(files.remove(0))
 }
 
-/// What `report.json` holds.
+/// Content of `report.json`.
 #[derive(Serialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema), schema(as = StoredReport))]
 pub struct Report<'a> {
@@ -69,36 +69,37 @@ pub struct Report<'a> {
     /// Seed.
     #[cfg_attr(feature = "schema", schema(minimum = 0, maximum = 9007199254740991i64))]
     seed: u64,
-    /// Version of the program that grew it.
+    /// Version of the program that grew the model.
     engine: &'a str,
-    /// The complete resolved spec.
+    /// The complete, resolved spec.
     #[cfg_attr(feature = "schema", schema(value_type = crate::spec::ModelSpec))]
     spec: Value,
-    /// Counts and measures.
+    /// Counts, main measures and warnings.
     summary: &'a Summary,
-    /// The certificate of the surface as exported.
+    /// Certificate of the tissue in metres.
     certificate: &'a Certificate,
-    /// What its sections measure. Models of version 0.2 and earlier have none.
+    /// Measures of the sections. Absent in models of version 0.2 and earlier.
     #[cfg_attr(feature = "schema", schema(required = false))]
     morphometry: &'a Morphometry,
-    /// What planar cuts across the ampulla show, if the surface leans; otherwise null: they are its sections.
+    /// Measures of planar cuts across the ampulla; null if the surface does not lean, because its
+    /// cuts then equal its sections.
     #[cfg_attr(feature = "schema", schema(required = false, nullable = true))]
     cuts: Option<&'a Cuts>,
-    /// How the surface was displaced, if it leans; otherwise null.
+    /// Displacement of the surface; null if it does not lean.
     #[cfg_attr(feature = "schema", schema(required = false, nullable = true))]
     lean: Option<&'a Leaned>,
-    /// How the surface was bent, if its tube is not straight; otherwise null.
+    /// Bending of the surface; null if the tube is straight.
     #[cfg_attr(feature = "schema", schema(required = false, nullable = true))]
     course: Option<&'a Bending>,
-    /// What the frames of the contraction measure; only if the tube contracts.
+    /// Measures of the frames of the contraction. Absent if the tube does not contract.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "schema", schema(value_type = ContractionReport, required = false))]
     contraction: Option<&'a ContractionReport>,
-    /// The measures beside published ones of the organ and species of the preset.
+    /// Measures compared with published values for the organ and species of the preset.
     #[cfg_attr(feature = "schema", schema(value_type = Comparison, required = false))]
     comparison: Option<&'a Comparison>,
-    /// The levels of detail, the finest first; only if the model was grown with `lod`. A model that reuses it has the same
-    /// report, and the files that it asked for.
+    /// Levels of detail, the finest first. Absent if the model was grown without `lod`. A model
+    /// that reuses this model has the same report, but only the files that its request names.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[cfg_attr(feature = "schema", schema(required = false))]
     levels: Vec<&'a LevelReport>,
@@ -106,7 +107,8 @@ pub struct Report<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "schema", schema(value_type = LabelReport, required = false))]
     labels: Option<&'a LabelReport>,
-    /// The other surfaces that are written: lumen, both bodies together, and what is written in other units than metres.
+    /// Certificates of the other written surfaces: the lumen, both bodies together, and surfaces in
+    /// units other than metres.
     #[serde(skip_serializing_if = "<[_]>::is_empty")]
     #[cfg_attr(feature = "schema", schema(required = false))]
     surfaces: &'a [SurfaceFinding],

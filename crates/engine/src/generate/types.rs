@@ -105,7 +105,7 @@ pub struct Progress {
     pub step: u32,
     /// Total time steps.
     pub steps: u32,
-    /// Particles of both loops.
+    /// Number of particles of both loops.
     pub particles: u32,
     /// Sections recorded.
     pub sections: u32,
@@ -309,19 +309,20 @@ pub struct FrameReport {
     pub certificate: Certificate,
 }
 
-/// A surface besides the tissue in metres, certified in the coordinates that are written.
+/// Certificate of a surface that is written in addition to the tissue in metres. It refers to the
+/// written coordinates.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema), schema(as = OtherSurface))]
 pub struct SurfaceFinding {
-    /// Its body.
+    /// Certified body.
     pub body: BodyKind,
-    /// Unit of its files.
+    /// Unit of the written coordinates.
     pub unit: LengthUnit,
-    /// What is proved of it.
+    /// Result of the tests.
     pub certificate: SurfaceCertificate,
 }
 
-/// The certificate of one body, or of both together.
+/// Certificate of one body, or of both bodies together.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema), schema(as = OtherCertificate))]
 #[serde(untagged)]
@@ -333,56 +334,56 @@ pub enum SurfaceCertificate {
     Regions(RegionsCertificate),
 }
 
-/// Counts and measures of a model that has succeeded. An older version wrote fewer.
+/// Counts and main measures of a finished model. Models of older versions lack some members.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Summary {
-    /// Recorded sections, without those added by mending.
+    /// Number of recorded sections, without sections that mending added.
     #[cfg_attr(feature = "schema", schema(minimum = 0))]
     pub sections: u64,
-    /// Sections added by mending.
+    /// Number of sections that mending added.
     #[cfg_attr(feature = "schema", schema(value_type = Option<u64>, minimum = 0))]
     pub sections_added: u64,
-    /// Diagonals of the surface that were flipped by mending.
+    /// Number of diagonals of the surface that mending flipped.
     #[cfg_attr(feature = "schema", schema(value_type = Option<u64>, minimum = 0))]
     pub diagonals_flipped: u64,
-    /// Particles of both loops.
+    /// Number of particles of both loops.
     pub particles: ParticleCounts,
-    /// Splits that were made later than asked for.
+    /// Number of particle splits that were deferred for lack of room.
     #[cfg_attr(feature = "schema", schema(value_type = Option<u64>, minimum = 0))]
     pub splits_deferred: u64,
-    /// Splits that were never made.
+    /// Number of particle splits that were omitted for lack of room.
     #[cfg_attr(feature = "schema", schema(value_type = Option<u64>, minimum = 0))]
     pub splits_missing: u64,
-    /// Vertices of the surface.
+    /// Number of vertices of the surface.
     #[cfg_attr(feature = "schema", schema(minimum = 0))]
     pub vertices: u64,
-    /// Triangles of the surface.
+    /// Number of triangles of the surface.
     #[cfg_attr(feature = "schema", schema(minimum = 0))]
     pub triangles: u64,
-    /// Least distance between walls of one section, micrometres.
+    /// Minimum distance between walls within a section, over all sections, micrometres.
     pub min_gap_um: Option<f64>,
-    /// Enclosed volume, cubic millimetres.
+    /// Volume of the tissue, mm³.
     pub volume_mm3: f64,
-    /// Area of the surface, square millimetres.
+    /// Area of the surface, mm².
     pub area_mm2: f64,
-    /// Signs of poor growth.
+    /// Warnings about poor growth.
     #[cfg_attr(feature = "schema", schema(required = false))]
     pub warnings: Vec<Warning>,
-    /// The figures of the certificate; not in a report, which has the certificate itself.
+    /// Figures of the certificate. Absent in a report, which contains the whole certificate.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "schema", schema(value_type = CertificateFigures, required = false))]
     pub certificate: Option<CertificateFigures>,
 }
 
-/// Numbers of particles at the two ends of the tube.
+/// Number of particles of both loops at the ends of the model.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct ParticleCounts {
-    /// In the first section.
+    /// Particles of the first section.
     #[cfg_attr(feature = "schema", schema(minimum = 0))]
     pub start: u64,
-    /// In the last section.
+    /// Particles of the last section.
     #[cfg_attr(feature = "schema", schema(minimum = 0))]
     pub end: u64,
 }
@@ -414,8 +415,7 @@ impl utoipa::PartialSchema for CertificateFigures {
         use utoipa::openapi::{RefOr, Schema};
         let mut schema = Certificate::schema();
         if let RefOr::T(Schema::Object(object)) = &mut schema {
-            object.description =
-                Some("The figures of a certificate: all but its lists of components and failures.".into());
+            object.description = Some("Certificate without its lists of components and failures.".into());
             object.properties.retain(|name, _| !Self::LISTS.contains(&name.as_str()));
             object.required.retain(|name| !Self::LISTS.contains(&name.as_str()));
         }

@@ -32,13 +32,14 @@ pub(super) struct Growth {
     pub(super) wave: Option<[f64; 2]>,
 }
 
-/// A sign of poor growth of a model that has succeeded.
+/// Warning about a finished model that grew poorly.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema), schema(as = ModelWarning))]
 pub struct Warning {
-    /// `splits-missing`, `small-gap`, `particles-short`, `lean-reduced`, `lean-left-out` or `contraction-reduced`; there may be more in future.
+    /// `splits-missing`, `small-gap`, `particles-short`, `lean-reduced`, `lean-left-out` or
+    /// `contraction-reduced`. Later versions may add codes.
     pub code: String,
-    /// A sentence with the numbers.
+    /// A sentence with the measured values.
     pub detail: String,
 }
 

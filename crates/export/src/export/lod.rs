@@ -44,7 +44,7 @@ pub const FILES: [&str; 3] = ["model.lod0.glb", "model.lod1.glb", "model.lod2.gl
 pub struct LevelReport {
     /// Name of the file.
     pub file: &'static str,
-    /// Vertices; those that patches share are counted once.
+    /// Number of vertices. Vertices that patches share count once.
     #[cfg_attr(feature = "schema", schema(minimum = 0))]
     pub vertices: usize,
     /// Triangles.
@@ -52,7 +52,8 @@ pub struct LevelReport {
     pub triangles: usize,
     /// Step of the grid to which positions are rounded, along x, y and z, micrometres.
     pub precision_um: [f64; 3],
-    /// Largest distance measured between the level and the full surface, in both directions, micrometres.
+    /// Maximum measured distance between the level and the full surface, in both directions,
+    /// micrometres.
     pub distance_um: f64,
 }
 

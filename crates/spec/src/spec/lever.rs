@@ -22,7 +22,8 @@ pub struct Lever {
     pub schedule: bool,
 }
 
-/// Ends of a tube, where a schedule can be changed alone.
+/// End of the tube at which a schedule is changed: `isthmus` up to the junction, or `ampulla` from
+/// the junction on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[serde(rename_all = "lowercase")]

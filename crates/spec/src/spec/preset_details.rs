@@ -51,9 +51,9 @@ pub struct PresetSummary<'a> {
     pub organ: &'a str,
     /// Species.
     pub species: &'a str,
-    /// What it is a model of.
+    /// Description of the preset.
     pub description: &'a str,
-    /// Whether it is the preset of requests that name none.
+    /// True if requests without `preset` use this preset.
     pub default: bool,
 }
 
@@ -64,10 +64,10 @@ pub struct PresetDetails<'a> {
     /// Entry of the preset in a list.
     #[serde(flatten)]
     pub summary: PresetSummary<'a>,
-    /// Its spec.
+    /// The complete spec of the preset.
     #[cfg_attr(feature = "schema", schema(value_type = super::ModelSpec))]
     pub spec: &'a Value,
-    /// Its parameters.
+    /// All parameters, with units and sources.
     pub parameters: Vec<PresetParameter<'a>>,
 }
 
@@ -84,7 +84,7 @@ pub struct PresetParameter<'a> {
     /// Value.
     #[cfg_attr(feature = "schema", schema(value_type = super::openapi::ParameterValue))]
     pub value: &'a Value,
-    /// Where the value comes from.
+    /// Source of the value.
     pub source: Option<&'a str>,
     /// JSON pointer into the spec.
     pub pointer: String,

@@ -117,12 +117,12 @@ pub(super) fn definitions() -> Value {
     json!({
         "Schedule": {
             "type": "object",
-            "description": "A value that changes along the tube: keys, and an optional fluctuation.",
+            "description": "Value that changes along the tube: keys and an optional fluctuation.",
             "additionalProperties": false,
             "properties": {
                 "keys": {
                     "title": "Keys",
-                    "description": "At least two, in order; the first at 0, the last at 1.",
+                    "description": "At least two keys in ascending order, the first at 0 and the last at 1.",
                     "type": "array",
                     "minItems": 2,
                     "maxItems": MAX_KEYS,
@@ -130,7 +130,7 @@ pub(super) fn definitions() -> Value {
                 },
                 "ease": {
                     "title": "Ease",
-                    "description": "How the value changes between two keys.",
+                    "description": "Interpolation between two keys.",
                     "type": "string",
                     "enum": Ease::NAMES.iter().map(|(name, _)| *name).collect::<Vec<_>>(),
                     "x-enum-descriptions": Ease::NAMES.iter().map(|(_, doc)| *doc).collect::<Vec<_>>(),
@@ -140,7 +140,7 @@ pub(super) fn definitions() -> Value {
             },
         },
         "ScheduleKey": {
-            "description": "A key of a schedule: the fraction of the steps, and the value there.",
+            "description": "A key of a schedule: a fraction of all steps, and the value at this step.",
             "type": "array",
             "prefixItems": [fraction(), { "type": "number" }],
             "items": { "type": "number" },
@@ -149,7 +149,7 @@ pub(super) fn definitions() -> Value {
         },
         "Fluctuation": {
             "title": "Fluctuation",
-            "description": "A sine added to the keys; its phase depends on the seed. Amplitude 0 means no fluctuation.",
+            "description": "Sine that is added to the value between the keys. Its phase depends on the seed. An amplitude of 0 disables it.",
             "type": "object",
             "additionalProperties": false,
             "properties": {
