@@ -42,7 +42,7 @@ fn bench(criterion: &mut Criterion) {
         triangles.swap(i, (i * 7_919 + 13) % count);
     }
     group.bench_function("paper size as a soup", |b| {
-        b.iter(|| check_surface(black_box(&positions), &triangles, &CheckOptions::default()))
+        b.iter(|| check_surface(black_box(&positions), &triangles, &CheckOptions::default()));
     });
     group.finish();
 }
