@@ -65,7 +65,11 @@ impl IntersectionSearch {
             .with_min_len(256)
             .flat_map_iter(|t| {
                 let t = t as usize;
-                let mut found: Vec<[u32; 2]> = self.flat(t).into_iter().collect();
+                // A triangle without area has no exact test with others.
+                if let Some(own) = self.flat(t) {
+                    return vec![own];
+                }
+                let mut found = Vec::new();
                 let near = Bounds::of(corners(mesh, t));
                 self.coarse.overlapping(
                     &near,
@@ -118,4 +122,22 @@ fn corners(mesh: &Mesh, t: usize) -> [[f64; 3]; 3] {
 fn pair(mesh: &Mesh, i: usize, j: usize) -> Option<[u32; 2]> {
     let [a, b] = [i, j].map(|t| Triangle::new(corners(mesh, t)));
     meet_in_mesh((&a, mesh.triangles[i]), (&b, mesh.triangles[j])).then_some([i as u32, j as u32])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::BodyKind;
+
+    #[test]
+    fn a_triangle_without_area_intersects_itself_alone() {
+        // Vertices 1 and 2 coincide, so the triangles that are not flat meet along an edge.
+        let positions = vec![[0.0; 3], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let triangles = vec![[0, 1, 2], [1, 0, 3], [2, 1, 3], [0, 2, 4]];
+        let mesh = Mesh { body: BodyKind::Tissue, positions, triangles, patches: Vec::new() };
+        let search = IntersectionSearch::new(&mesh);
+        assert_eq!(search.all_pairs(&mesh), [[0, 0], [1, 3], [2, 2]]);
+        assert_eq!(search.pairs_touching(&mesh, &[true; 4]), [[0, 0], [1, 3], [2, 2]]);
+        assert_eq!(search.pairs_touching(&mesh, &[true, false, false, false]), [[0, 0]]);
+    }
 }

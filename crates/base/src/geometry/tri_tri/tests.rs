@@ -57,6 +57,8 @@ proptest! {
         prop_assume!(!ta.is_degenerate() && !tb.is_degenerate());
         prop_assert_eq!(meet(&ta, &tb), reference(&a, &b));
         prop_assert_eq!(meet(&tb, &ta), reference(&a, &b));
+        prop_assert_eq!(meet_in_mesh((&ta, [0, 1, 2]), (&tb, [3, 4, 5])), reference(&a, &b));
+        prop_assert!(meet_in_mesh((&ta, [0, 1, 2]), (&ta, [1, 2, 0])), "the same vertices");
     }
 
     #[test]
@@ -80,15 +82,25 @@ proptest! {
         let (ta, tb) = (triangle(a), triangle(b));
         prop_assume!(!ta.is_degenerate() && !tb.is_degenerate());
         prop_assert_eq!(meet_beyond_corner(&ta, i, &tb, j), expected);
+        let (mut na, mut nb) = ([0, 1, 2], [0, 3, 4]);
+        na.rotate_right(i);
+        nb.rotate_right(j);
+        prop_assert_eq!(meet_in_mesh((&ta, na), (&tb, nb)), expected);
     }
 
     #[test]
-    fn edges_are_exact(u in point(2), v in point(2), a in point(2), b in point(2)) {
+    fn edges_are_exact(u in point(2), v in point(2), a in point(2), b in point(2), i in 0usize..3, j in 0usize..3) {
         let (ta, tb) = (triangle([u, v, a]), triangle([b, v, u]));
         prop_assume!(!ta.is_degenerate() && !tb.is_degenerate());
         let (na, nb) = (icross(isub(v, u), isub(a, u)), icross(isub(v, u), isub(b, u)));
         let folded = icross(na, nb) == [0, 0, 0] && na.iter().zip(nb).map(|(x, y)| x * y).sum::<i64>() > 0;
         prop_assert_eq!(overlap_across_edge(&ta, 2, &tb, 0), folded);
+        let (mut a, mut na, mut b, mut nb) = ([u, v, a], [0, 1, 2], [b, v, u], [3, 1, 0]);
+        a.rotate_right(i);
+        na.rotate_right(i);
+        b.rotate_right(j);
+        nb.rotate_right(j);
+        prop_assert_eq!(meet_in_mesh((&triangle(a), na), (&triangle(b), nb)), folded);
     }
 
     #[test]
