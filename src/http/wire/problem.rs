@@ -167,14 +167,14 @@ impl Problem {
     /// counted.
     #[must_use]
     pub(in crate::http) fn invalid(faults: impl Into<Faults>) -> Self {
-        let Faults { listed: errors, left_out } = faults.into();
-        let detail = match errors.len() + left_out {
+        let faults = faults.into();
+        let listed = faults.listed.len();
+        let detail = match listed + faults.left_out {
             1 => "One value is invalid; see errors.".to_owned(),
-            n if left_out > 0 => format!("{n} values are invalid; errors lists the first {}.", errors.len()),
+            n if n > listed => format!("{n} values are invalid; errors lists the first {listed}."),
             n => format!("{n} values are invalid; see errors."),
         };
-        let problem = Self { errors, ..Self::new(Kind::InvalidRequest, detail) };
-        if left_out > 0 { problem.with("errors_left_out", left_out) } else { problem }
+        Self::new(Kind::InvalidRequest, detail).with_errors(faults)
     }
 
     /// Returns the problem of a request with faults, if there are any.
@@ -188,10 +188,12 @@ impl Problem {
         Self { detail: detail.into(), ..self }
     }
 
-    /// Adds faults.
+    /// Sets the faults.
     #[must_use]
     pub(in crate::http) fn with_errors(self, faults: impl Into<Faults>) -> Self {
-        Self { errors: faults.into().listed, ..self }
+        let Faults { listed: errors, left_out } = faults.into();
+        let problem = Self { errors, ..self };
+        if left_out > 0 { problem.with("errors_left_out", left_out) } else { problem }
     }
 
     /// Adds an extension member.
@@ -266,8 +268,9 @@ pub(in crate::http) struct ProblemBody {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[schema(required = false)]
     pub errors: Vec<RequestFault>,
-    /// Members of some types: `line` and `column` (invalid-json), `prediction` and `limit` (cost-limit),
-    /// `errors_left_out` (invalid-request), `condition` (not-ready), `workers` (workers-stuck).
+    /// Members of some types: `line` and `column` (invalid-json), `prediction` and `limit`
+    /// (cost-limit), `errors_left_out` (invalid-request), `condition` (not-ready), `workers`
+    /// (workers-stuck).
     #[serde(flatten)]
     #[schema(ignore)]
     pub members: Map<String, Value>,

@@ -20,18 +20,35 @@ pub(super) fn number(value: f64) -> Value {
 /// text of `{"b": 62.0, "a": [1, 0.5]}` is `{"a":[1,0.5],"b":62}`.
 #[must_use]
 pub fn canonical_json(value: &Value) -> String {
-    let mut value = value.clone();
-    value.sort_all_objects();
-    normalise(&mut value);
-    value.to_string()
+    let mut text = String::new();
+    write(value, &mut text);
+    text
 }
 
-fn normalise(value: &mut Value) {
+fn write(value: &Value, text: &mut String) {
     match value {
-        Value::Number(n) if n.is_f64() => *value = number(n.as_f64().unwrap_or_default()),
-        Value::Array(items) => items.iter_mut().for_each(normalise),
-        Value::Object(members) => members.values_mut().for_each(normalise),
-        _ => {}
+        Value::Number(n) if n.is_f64() => text.push_str(&number(n.as_f64().unwrap_or_default()).to_string()),
+        Value::Array(items) => {
+            text.push('[');
+            for (i, item) in items.iter().enumerate() {
+                text.push_str(if i > 0 { "," } else { "" });
+                write(item, text);
+            }
+            text.push(']');
+        }
+        Value::Object(members) => {
+            let mut members: Vec<_> = members.iter().collect();
+            members.sort_unstable_by_key(|(name, _)| *name);
+            text.push('{');
+            for (i, (name, member)) in members.into_iter().enumerate() {
+                text.push_str(if i > 0 { "," } else { "" });
+                text.push_str(&Value::from(name.as_str()).to_string());
+                text.push(':');
+                write(member, text);
+            }
+            text.push('}');
+        }
+        other => text.push_str(&other.to_string()),
     }
 }
 

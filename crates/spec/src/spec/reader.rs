@@ -198,8 +198,8 @@ impl JsonReader {
 
 /// The integer if it is within `range`. A number such as 7.0 is an integer in JSON.
 pub fn integer_in<T: TryFrom<i64> + PartialOrd>(value: &Value, range: &RangeInclusive<T>) -> Option<T> {
-    // The cast saturates.
-    let integer = value.as_i64().or_else(|| value.as_f64().filter(|x| x.fract() == 0.0).map(|x| x as i64));
+    let is_exact = |x: &f64| x.fract() == 0.0 && x.abs() <= SEED_MAX as f64;
+    let integer = value.as_i64().or_else(|| value.as_f64().filter(is_exact).map(|x| x as i64));
     integer.and_then(|n| T::try_from(n).ok()).filter(|n| range.contains(n))
 }
 
