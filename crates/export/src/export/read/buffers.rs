@@ -89,14 +89,14 @@ fn fetch(index: usize, uri: &str, files: &mut Files<'_>) -> Result<BufferData<'s
     files.read(folder.join(path.collect::<PathBuf>())).map(BufferData::Beside)
 }
 
-/// Decodes base64 in the standard or the URL-safe alphabet, with or without padding.
+/// Decodes base64 in the standard or the URL-safe alphabet, with any number of padding characters.
 fn decoded(text: &str) -> Option<Vec<u8>> {
     let standard = |symbol| match symbol {
         b'-' => b'+',
         b'_' => b'/',
         other => other,
     };
-    BASE64.decode(text.bytes().map(standard).collect::<Vec<u8>>()).ok()
+    BASE64.decode(text.trim_end_matches('=').bytes().map(standard).collect::<Vec<u8>>()).ok()
 }
 
 fn percent_decoded(uri: &str) -> Option<String> {
@@ -112,4 +112,22 @@ fn percent_decoded(uri: &str) -> Option<String> {
         }
     }
     String::from_utf8(bytes).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn alphabets_and_padding_of_base64_do_not_matter() {
+        for text in ["-_8=", "+/8=", "-_8", "+/8=="] {
+            assert_eq!(decoded(text), Some(vec![251, 255]), "{text}");
+        }
+        for text in ["AAAA", "AAAA="] {
+            assert_eq!(decoded(text), Some(vec![0; 3]), "{text}");
+        }
+        for text in ["A", "AA=A", "A A", "é"] {
+            assert_eq!(decoded(text), None, "{text}");
+        }
+    }
 }
