@@ -127,6 +127,11 @@ impl Feed {
         self.note(&mut reports);
         if self.lock().poll(self.age.elapsed(), self.last.receiver_count(), &self.timing) {
             let newest = Subscription::default().newest_ids(&self.store).await?;
+            let unknown = self.lock().unknown_newest(&newest);
+            // One query, because a request for a stream waits for it.
+            let mut models = self.read(unknown).await?;
+            models.sort_by_key(|model| model.id);
+            models.iter().for_each(|model| self.offer(model));
             self.lock().note_newest(newest);
         }
         let due = self.lock().due_jobs(self.age.elapsed());

@@ -1,8 +1,8 @@
 //! The published states of jobs, in the order of their publication.
 //!
 //! Each publication gets the next number, and only the latest snapshot of each job is kept. The
-//! position of a reader is a number: the reader lacks the snapshots with larger numbers. A slow
-//! reader therefore skips to the newest state of each job and costs no memory.
+//! position of a reader is a number: the reader lacks the snapshots with larger numbers. A reader
+//! that reads slowly therefore skips states, but never the last one of a job, and costs no memory.
 //!
 //! Jobs are followed while they have readers: a job with a stream of its own, and all jobs while a
 //! stream of many models is open and for [`LINGER`] afterwards, so that a client that reconnects
@@ -203,7 +203,9 @@ impl Published {
             status: last.is_none_or(|last| last.status != shown.status),
             progress: job.progress.is_some() && last.is_none_or(|last| last.progress != shown.progress),
         };
-        if let Some(last) = last.filter(|_| changes.progress && now < quiet_until) {
+        // The end shows all progress: a later snapshot would be a second end.
+        let is_held_back = changes.progress && now < quiet_until && !job.status.is_ended();
+        if let Some(last) = last.filter(|_| is_held_back) {
             self.due.entry(job.id).or_insert(quiet_until);
             (changes.progress, shown.progress) = (false, last.progress);
         }
@@ -274,14 +276,18 @@ impl Published {
         self.polls_since_search = SEARCH_POLLS;
     }
 
-    /// Notes the newest models that a search found, oldest first. Makes due those that were created
-    /// since the last search; after the first search, all of them. Ids of several processes are
-    /// not exactly in the order of creation, so a new model may be older than one that was found.
-    pub(super) fn note_newest(&mut self, found: Vec<JobId>) {
-        let last = self.newest.take().unwrap_or_default();
+    /// Unknown ones of the newest models, which a search found, oldest first: those that were
+    /// created since the last search; after the first search, all of them. Ids of several processes
+    /// are not exactly in the order of creation, so a new model may be older than one that was
+    /// found.
+    pub(super) fn unknown_newest(&self, found: &[JobId]) -> Vec<JobId> {
+        let last = self.newest.as_deref().unwrap_or_default();
         let is_new = |id: &&JobId| last.first().is_none_or(|oldest| *id > oldest) && !last.contains(id);
-        let new = found.iter().filter(is_new).filter(|id| !self.jobs.contains_key(id));
-        self.due.extend(new.map(|id| (*id, Duration::ZERO)));
+        found.iter().filter(is_new).filter(|id| !self.knows(**id)).copied().collect()
+    }
+
+    /// Notes the result of a search whose unknown models have been read.
+    pub(super) fn note_newest(&mut self, found: Vec<JobId>) {
         self.newest = Some(found);
         self.polls_since_search = 0;
     }

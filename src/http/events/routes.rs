@@ -41,22 +41,23 @@ fn last_seen<'a>(headers: &'a HeaderMap, parameters: &'a Parameters) -> Option<&
     last_event_id(headers).or_else(parameter)
 }
 
-/// Follow one model: its state at once, then every change.
+/// Follow one model: its current state, then every change.
 ///
-/// Event names are `status`, `progress`, `section` and `end`. The id is the model's version. The data is the whole Model
-/// but for its spec, which never changes and comes with `view=full`; in `section` events together with its latest contour. The stream closes after `end`. If the model is deleted, the data of
-/// `end` is `{"id", "status": "deleted"}`.
+/// Events are named `status`, `progress`, `section` and `end`. The id of an event is the version of
+/// the model. The data is the whole Model without its spec, which never changes; `view=full` adds
+/// the spec. In `section` events, the data also has the latest section. The stream closes after
+/// `end`. If the model is deleted, the data of `end` is `{"id", "status": "deleted"}`.
 #[utoipa::path(
     get, path = "/models/{id}/events", operation_id = "follow_model", tag = "events",
     params(
         ("id" = Uuid, Path, description = "Id of the model"),
         ("view" = Option<Detail>, Query, description = "`full` adds the spec to each event; `summary` by default"),
-        ("last-event-id" = Option<String>, Header, description = "Version that the client has. A newer one is sent at once"),
-        ("last_event_id" = Option<String>, Query, description = "The same for a new `EventSource`, which cannot send the header; the header takes precedence"),
+        ("last-event-id" = Option<String>, Header, description = "Version that the client has. The service sends a newer version immediately"),
+        ("last_event_id" = Option<String>, Query, description = "Value of `Last-Event-ID` for a new `EventSource`, which cannot send the header. The header takes precedence"),
     ),
     responses(
         (status = 200, description = "Events", content_type = "text/event-stream", body = ServerSentEvent),
-        (status = 204, description = "The model has ended, and `Last-Event-ID` is its last version: nothing will follow. An `EventSource` does not reconnect after this answer"),
+        (status = 204, description = "The model has ended, and `Last-Event-ID` is its last version, so no event will follow. An `EventSource` does not reconnect after this response"),
         ModelMissing, BadParameters, StreamAway,
     )
 )]
@@ -74,20 +75,21 @@ pub(in crate::http) async fn of_model(
     of_job(&state, caller, id, seen, detail, |caller, job| caller.model(job).ok_or_else(|| no_model(id))).await
 }
 
-/// Follow a fit: its state at once, then every change.
+/// Follow a fit: its current state, then every change.
 ///
-/// Event names are `status`, `progress` and `end`. The id is the fit's version. The data is the fit without its request. The stream
-/// closes after `end`. If the fit is deleted, the data of `end` is `{"id", "status": "deleted"}`.
+/// Events are named `status`, `progress` and `end`. The id of an event is the version of the fit.
+/// The data is the fit without its request. The stream closes after `end`. If the fit is deleted,
+/// the data of `end` is `{"id", "status": "deleted"}`.
 #[utoipa::path(
     get, path = "/fits/{id}/events", operation_id = "follow_fit", tag = "fits",
     params(
         ("id" = Uuid, Path, description = "Id of the fit"),
-        ("last-event-id" = Option<String>, Header, description = "Version that the client has. A newer one is sent at once"),
-        ("last_event_id" = Option<String>, Query, description = "The same for a new `EventSource`, which cannot send the header; the header takes precedence"),
+        ("last-event-id" = Option<String>, Header, description = "Version that the client has. The service sends a newer version immediately"),
+        ("last_event_id" = Option<String>, Query, description = "Value of `Last-Event-ID` for a new `EventSource`, which cannot send the header. The header takes precedence"),
     ),
     responses(
         (status = 200, description = "Events", content_type = "text/event-stream", body = ServerSentEvent),
-        (status = 204, description = "The fit has ended, and `Last-Event-ID` is its last version: nothing will follow"),
+        (status = 204, description = "The fit has ended, and `Last-Event-ID` is its last version, so no event will follow"),
         FitMissing, BadParameters, StreamAway,
     )
 )]
@@ -134,24 +136,27 @@ async fn of_job(
     Ok(EventStream::respond(state, caller, permit, detail, events, None))
 }
 
-/// Follow models: at once the state of each that runs and of the newest 100 that wait, then every change.
+/// Follow models: first the running and the newest 100 queued models, then every change.
 ///
-/// Events are as in the stream of one model. The id is a cursor. A client that sends it back as `Last-Event-ID`, with the
-/// same parameters, gets at once what has changed since; if that is no longer known, the state of the newest models, ended
-/// ones included. A client that reads slowly skips states, never the last one of a model.
+/// Events have the form of the events of a single model, but their id is a cursor. A client that
+/// reconnects with the last cursor as `Last-Event-ID` and the same parameters receives the changes
+/// since then. If the service does not have these changes, it sends the state of the newest models,
+/// including ended ones. A client that reads slowly may miss intermediate states of a model, but
+/// never the last one.
 ///
-/// `ids`, `label` and `batch` narrow the stream; a model must match all of them. With `ids` or `batch`, the state of each of
-/// these models comes at once, whether it has ended or not (for an id without a model, an `end` with `deleted`); when all
-/// have ended, the stream closes, and a client that reconnects gets 204. Other streams do not close.
+/// The parameters `ids`, `label` and `batch` select models; a model must match all of them. With
+/// `ids` or `batch`, the stream starts with the state of each of these models, including ended
+/// ones. For an id without a model, it sends `end` with `deleted`. When all of these models have
+/// ended, the stream closes, and a client that reconnects gets 204. Other streams do not close.
 #[utoipa::path(
     get, path = "/events", operation_id = "follow_all", tag = "events",
     params(
         ("ids" = Option<String>, Query, pattern = "^[0-9a-fA-F]{8}(-[0-9a-fA-F]{4}){3}-[0-9a-fA-F]{12}(,[0-9a-fA-F]{8}(-[0-9a-fA-F]{4}){3}-[0-9a-fA-F]{12}){0,99}$", description = "Only these models: up to 100 ids, separated by commas"),
-        ("label" = Option<Vec<String>>, Query, max_items = 16, pattern = "^[^:\\u0000]+:[^\\u0000]*$", description = "Only models with this label, `key:value`. May be given up to 16 times: models with all of them"),
+        ("label" = Option<Vec<String>>, Query, max_items = 16, pattern = "^[^:\\u0000]+:[^\\u0000]*$", description = "Only models with this label, `key:value`. May be repeated; models must have all labels"),
         ("batch" = Option<String>, Query, format = Uuid, description = "Only models of this batch"),
         ("view" = Option<Detail>, Query, description = "`full` adds the spec to each event; `summary` by default"),
         ("last-event-id" = Option<String>, Header, description = "Cursor of the last event that the client has"),
-        ("last_event_id" = Option<String>, Query, description = "The same for a new `EventSource`, which cannot send the header; the header takes precedence"),
+        ("last_event_id" = Option<String>, Query, description = "Value of `Last-Event-ID` for a new `EventSource`, which cannot send the header. The header takes precedence"),
     ),
     responses(
         (status = 200, description = "Events", content_type = "text/event-stream", body = ServerSentEvent),

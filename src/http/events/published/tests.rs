@@ -113,15 +113,16 @@ fn open_jobs_are_polled_in_turns_and_jobs_with_a_stream_each_time() {
 fn models_created_since_the_last_search_are_read() {
     let mut published = published(usize::MAX);
     let mut read = |found: &[u8]| {
-        published.note_newest(found.iter().map(|n| id(*n)).collect());
-        std::mem::take(&mut published.due).into_keys().collect::<Vec<_>>()
+        let found: Vec<_> = found.iter().map(|n| id(*n)).collect();
+        let unknown = published.unknown_newest(&found);
+        published.note_newest(found);
+        unknown
     };
     assert_eq!(read(&[3, 5]), [id(3), id(5)], "all at first");
     assert_eq!(read(&[3, 4, 5, 6]), [id(4), id(6)], "also one by a process whose clock is behind");
     assert!(read(&[1, 2, 3, 5]).is_empty(), "older ones, after others were deleted");
     offer(&mut published, 7, Status::Queued);
-    published.note_newest(vec![id(5), id(7)]);
-    assert!(published.due.is_empty(), "it is known");
+    assert!(published.unknown_newest(&[id(5), id(7)]).is_empty(), "it is known");
 }
 
 #[test]
@@ -274,6 +275,16 @@ fn a_change_of_the_status_or_of_the_position_in_the_queue_is_published_immediate
     assert_eq!(names(&mut published, &Job { attempts: 3, ..claimed }, 600 * MS), ["status"]);
     let end = Job { status: Status::Cancelled, ..running(30) };
     assert_eq!(names(&mut published, &end, 601 * MS), ["end"]);
+}
+
+#[test]
+fn an_end_is_published_once_even_while_progress_is_held_back() {
+    let mut published = published(usize::MAX);
+    names(&mut published, &running(10), Duration::ZERO);
+    assert!(names(&mut published, &running(20), MS).is_empty(), "it is held back");
+    let end = Job { status: Status::Cancelled, ..running(20) };
+    assert_eq!(names(&mut published, &end, 2 * MS), ["end"]);
+    assert!(names(&mut published, &end, 300 * MS).is_empty());
 }
 
 proptest! {
