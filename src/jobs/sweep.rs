@@ -1,5 +1,5 @@
-//! Retention: deletes models by age and total size. Orphan sweep: removes files that no record
-//! names.
+//! Retention: deletes models by age and total size. Orphan sweep: removes orphans, files that the
+//! database does not name.
 //!
 //! Retention deletes only jobs that have ended. It deletes the record before the files, so a reader
 //! sees a whole model or none. A file whose removal fails becomes an orphan, and the next orphan

@@ -1,4 +1,5 @@
-//! Cache of the API keys, so that a request costs no query.
+//! Cache of the API keys. The service reads its keys again every second (`AccessOptions::refresh`),
+//! so a request costs no query.
 
 use crate::clock::Stopwatch;
 use crate::jobs::keys::{Key, Secret};

@@ -148,7 +148,7 @@ pub fn containment(p: DVec2, ellipse: &Ellipse, k: f64, ramp: f64) -> DVec2 {
 
 /// Regulatory force `F_g = d × k` on a particle at `p` (equation 3, figure 6d).
 ///
-/// d is the direction of the `anchor`, the point of the inner ellipse that was nearest when the
+/// d is the direction of the `anchor`, the nearest point on the inner radius ellipse when the
 /// particle was created; k is the strength. Departure: within the distance `softening` (µm), the
 /// force is proportional to the distance.
 #[must_use]

@@ -97,7 +97,8 @@ impl InnerLoop {
     }
 }
 
-/// The contortion sign of the particle with this id: −1, 1, or 0 if it is not contorted.
+/// The contortion sign of the particle with this id: −1 or 1 for a small percentage of the
+/// particles, 0 for the others.
 pub(crate) fn contortion_sign(plan: &Plan, id: u32) -> f32 {
     let w = random::words(plan.seed, Stream::Contortion, id, 0);
     match (random::unit(w[0]) < plan.contorted, w[1] & 1) {

@@ -1,12 +1,12 @@
-//! The lofter: receives sections one after the other and builds the surface slab by slab. Every
-//! slab is tested.
+//! The lofter: receives sections one after the other and joins consecutive cross sections by
+//! triangle strips, slab by slab. Every slab is tested.
 //!
 //! If the walls of a slab intersect, the lofter tries in this order:
 //!
 //! - flip diagonals
 //! - add one of the sections in between (the steps that the simulation kept)
-//! - add sections between two steps, halfway on the straight paths of the vertices, down to 1/4096
-//!   of a step
+//! - add sections between two steps, halfway on the straight paths of the vertices, down to
+//!   1/4096 of a step
 //!
 //! The straight paths from step to step never cross (docs/physics.md), so this terminates.
 
@@ -357,6 +357,7 @@ pub(super) fn ampulla_cap(rim: &Rim, vertices: &[u32]) -> Result<Vec<[u32; 3]>, 
     cap(rim, vertices, "ampulla")
 }
 
+/// Triangles of an end cap, which closes the tissue between the inner and the outer wall.
 fn cap(rim: &Rim, vertices: &[u32], end: &'static str) -> Result<Vec<[u32; 3]>, LoftError> {
     let (inner, outer) = rim.points.split_at(rim.inner);
     let triangles = annulus(inner, outer).map_err(|source| LoftError::Cap { end, source })?;
