@@ -24,9 +24,10 @@ pub(super) struct Health {
 
 const OK: Health = Health { status: "ok", version: crate::ENGINE_VERSION };
 
-/// Tell whether the process works.
+/// Check whether the process works.
 ///
-/// The answer is 503 if a worker has been stuck for minutes. The process should then be restarted.
+/// The response is 503 if a worker has been stuck for minutes. The process should then be
+/// restarted.
 #[utoipa::path(
     get, path = "/healthz", operation_id = "get_health", tag = "service",
     responses((status = 200, description = "The process works", body = Health), Unhealthy)
@@ -40,13 +41,13 @@ pub(super) async fn alive(State(state): State<AppState>) -> Result<Json<Health>,
     Err(Problem::new(Kind::WorkersStuck, detail).with("workers", stuck).with_header(header::RETRY_AFTER, LATER))
 }
 
-/// Tell whether the process takes work.
+/// Check whether the process accepts work.
 ///
-/// The answer is 503 while the job store is unavailable, the artifact store does not accept a small file, or the process is
-/// opening its GPUs or shutting down.
+/// The response is 503 while the job store is unavailable, the artifact store does not accept a
+/// small file, or the process is opening its GPUs or shutting down.
 #[utoipa::path(
     get, path = "/readyz", operation_id = "get_readiness", tag = "service",
-    responses((status = 200, description = "The process takes work", body = Health), Unready)
+    responses((status = 200, description = "The process accepts work", body = Health), Unready)
 )]
 pub(super) async fn ready(State(state): State<AppState>) -> Result<Json<Health>, Problem> {
     if let Some((condition, detail)) = state.status.not_ready() {

@@ -21,34 +21,36 @@ pub struct Worker {
     pub id: String,
     /// Host name.
     pub host: String,
-    /// Backend.
+    /// Backend of the worker.
     #[schema(value_type = crate::generate::Backend)]
     pub backend: WorkerKind,
     /// Name of the device.
     pub device: String,
-    /// Id of the oldest model that it grows.
+    /// Id of the oldest model or fit that the worker runs; null if it runs none.
     pub job: Option<Uuid>,
-    /// Ids of the models that it grows, oldest first: one, or those of a GPU batch.
+    /// Ids of the models or fits that the worker runs, oldest first: one, or the models of a GPU
+    /// batch.
     pub jobs: Vec<Uuid>,
-    /// Number of models it has finished.
+    /// Number of models and fits that the worker has ended.
     #[schema(minimum = 0)]
     pub jobs_done: u64,
-    /// Last heartbeat.
+    /// Time of the last heartbeat.
     #[schema(value_type = String, format = DateTime)]
     pub heartbeat_at: Timestamp,
-    /// Whether it starts models, unless all workers are paused.
+    /// State of the worker, without a pause of all workers.
     pub state: WorkerState,
-    /// Its own pause; null if it is active.
+    /// Pause of this worker alone; null if the worker is active.
     pub pause: Option<Pause>,
 }
 
-/// A pause of a worker or of all.
+/// Pause of one worker or of all workers.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, ToSchema)]
 pub struct Pause {
-    /// When it began.
+    /// Start of the pause.
     #[schema(value_type = String, format = DateTime)]
     pub since: Timestamp,
-    /// Who asked for it; null if unknown, and for callers without the scope `admin`.
+    /// Name of the caller that requested the pause; null if unknown, and for callers without the
+    /// scope `admin`.
     pub by: Option<String>,
 }
 
@@ -75,18 +77,19 @@ impl From<WorkerInfo> for Worker {
     }
 }
 
-/// Workers that sent a heartbeat within the last minutes.
+/// Workers that sent a heartbeat within the last five minutes.
 #[derive(Clone, Debug, Serialize, ToSchema)]
 pub struct WorkerList {
-    /// The pause of all workers; null while those that are active start models.
+    /// Pause of all workers; null while active workers start models.
     pub pause: Option<Pause>,
     /// The workers.
     pub workers: Vec<Worker>,
 }
 
-/// List the workers that sent a heartbeat within the last minutes.
+/// List the workers that sent a heartbeat within the last five minutes.
 ///
-/// Without the scope `admin`, only models of the caller are named, and nobody who paused a worker.
+/// Without the scope `admin`, the response names only jobs of the caller, and does not name who
+/// paused a worker.
 #[utoipa::path(
     get, path = "/workers", operation_id = "list_workers", tag = "service",
     responses((status = 200, description = "The workers", body = WorkerList), StoreAway)
@@ -113,10 +116,10 @@ async fn visible(state: &AppState, caller: &Caller, jobs: &[JobId]) -> Result<Ve
     Ok(visible)
 }
 
-/// Pause all workers, also those that start later.
+/// Pause all workers, including workers that start later.
 ///
-/// They start no more models. The models that they grow go on, and requests are accepted and queued. The pause holds across
-/// restarts until `POST /workers/resume`.
+/// Paused workers start no models. Running models continue, and the service accepts and queues
+/// requests. The pause holds across restarts until `POST /workers/resume`.
 #[utoipa::path(
     post, path = "/workers/pause", operation_id = "pause_workers", tag = "service",
     responses((status = 200, description = "The workers", body = WorkerList), StoreAway)
@@ -126,9 +129,9 @@ pub(super) async fn pause_all(State(state): State<AppState>, caller: Caller) -> 
     list(State(state), caller).await
 }
 
-/// End the pause of all workers. Those that are paused or drained one by one remain so.
+/// End the pause of all workers; individual pauses of workers remain.
 ///
-/// The answer tells which those are.
+/// The response contains the state of each worker.
 #[utoipa::path(
     post, path = "/workers/resume", operation_id = "resume_workers", tag = "service",
     responses((status = 200, description = "The workers", body = WorkerList), StoreAway)
@@ -138,9 +141,10 @@ pub(super) async fn resume_all(State(state): State<AppState>, caller: Caller) ->
     list(State(state), caller).await
 }
 
-/// Pause a worker: it starts no more models; those that it grows go on.
+/// Pause a worker: it starts no models, and its running models continue.
 ///
-/// The pause holds until the worker is resumed, also for a worker that is started again under the same name.
+/// The pause holds until the worker is resumed, even if the worker is restarted under the same
+/// name.
 #[utoipa::path(
     post, path = "/workers/{id}/pause", operation_id = "pause_worker", tag = "service",
     params(("id" = String, Path, description = "Name of the worker")),
@@ -154,9 +158,9 @@ pub(super) async fn pause(
     instruct(&state, &caller, texts.get("id"), Instruction::Pause).await
 }
 
-/// Let a worker that was paused or drained start models again.
+/// Resume a paused or drained worker, so that it starts models again.
 ///
-/// While all workers are paused, it still starts none.
+/// While all workers are paused, the worker still starts no models.
 #[utoipa::path(
     post, path = "/workers/{id}/resume", operation_id = "resume_worker", tag = "service",
     params(("id" = String, Path, description = "Name of the worker")),
@@ -170,9 +174,10 @@ pub(super) async fn resume(
     instruct(&state, &caller, texts.get("id"), Instruction::Resume).await
 }
 
-/// Drain a worker: it starts no more models, ends those that it grows, and is `drained` then.
+/// Drain a worker: it starts no models, completes its running models, and is then `drained`.
 ///
-/// A drained worker can be stopped without interrupting a model. It idles until it is stopped or resumed.
+/// A drained worker can be stopped without interrupting a model. It idles until it is stopped or
+/// resumed.
 #[utoipa::path(
     post, path = "/workers/{id}/drain", operation_id = "drain_worker", tag = "service",
     params(("id" = String, Path, description = "Name of the worker")),

@@ -114,17 +114,17 @@ pub struct Problem {
     pub detail: String,
 }
 
-/// What computes or computed a model.
+/// Requested backend of a model, and the backend and device that compute or computed it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct BackendReport {
-    /// The backend asked for.
+    /// Requested backend.
     pub requested: Backend,
-    /// The backend that runs or ran it; null while queued.
+    /// Backend that computes or computed the model; null while the model is queued.
     #[schema(value_type = Option<Backend>)]
     pub used: Option<UsedBackend>,
     /// Name of the device.
     pub device: Option<String>,
-    /// Why it is not the backend that one would expect; null if it is.
+    /// Reason why an `auto` model runs on the CPU instead of a GPU; null without such a reason.
     pub fallback: Option<String>,
 }
 
@@ -144,7 +144,7 @@ pub struct File {
     pub key: String,
 }
 
-/// The last section, thinned to at most 512 points per ring, so that a page can draw the growing tube.
+/// Latest section, thinned to at most 512 points per contour, for drawing the growing tube.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct LiveSection {
     /// Index among the recorded sections.

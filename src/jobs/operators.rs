@@ -71,17 +71,17 @@ pub struct Pause {
     pub by: Option<String>,
 }
 
-/// What a worker does about new jobs.
+/// State of a worker with regard to new jobs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, utoipa::ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum WorkerState {
     /// Claims jobs.
     Active,
-    /// Claims nothing; what it runs goes on.
+    /// Claims no jobs; running jobs continue.
     Paused,
-    /// Claims nothing, and ends what it runs.
+    /// Claims no jobs, and completes running jobs.
     Draining,
-    /// Claims nothing and runs nothing: it can be removed.
+    /// Claims no jobs and runs none, so the worker can be removed.
     Drained,
 }
 

@@ -3,7 +3,7 @@
  * Do not make direct changes to the file.
  */
 
-// openapi.yaml: sha256 743d9a1ee2fecb186332a6bba2e613b5a8472bc74ff82601a62f0083642ac9f4
+// openapi.yaml: sha256 a1a073efbafab6cad0c7a7647701b4a313c9966f51efdb2a082d7a9bb023f1cd
 
 export interface paths {
     "/batches": {
@@ -15,7 +15,7 @@ export interface paths {
         };
         /**
          * List batches, newest first, without the ids of their models.
-         * @description Their models are counted by status.
+         * @description Each batch has the number of its models by status.
          *
          *     Needs a key with the scope `read`.
          */
@@ -23,7 +23,8 @@ export interface paths {
         put?: never;
         /**
          * Request many models of one spec, or of the points of a study.
-         * @description Either all of them are queued, or none. Finished models of the same digest are reused as by `POST /models`.
+         * @description The service queues all of the models or none. Finished models with the same digest are reused as
+         *     by `POST /models`.
          *
          *     Needs a key with the scope `submit`.
          */
@@ -45,7 +46,8 @@ export interface paths {
         put?: never;
         /**
          * Check a request for a batch and predict its cost, without queueing anything.
-         * @description The answer has the cost of each point. A request that passes can still be refused by a full queue.
+         * @description The response contains the cost of each point. A full queue can still refuse a request that
+         *     passes this check.
          *
          *     Needs a key with the scope `read`.
          */
@@ -65,7 +67,7 @@ export interface paths {
         };
         /**
          * Read a batch: the ids of its models, their number by status, and its study.
-         * @description Models that were deleted one by one are not listed.
+         * @description Models that were deleted individually are not listed.
          *
          *     Needs a key with the scope `read`.
          */
@@ -73,7 +75,7 @@ export interface paths {
         put?: never;
         post?: never;
         /**
-         * Delete a batch with all its models; those that have not ended are cancelled.
+         * Delete a batch with all its models; models that have not ended are cancelled first.
          * @description Files that another model shares are kept.
          *
          *     Needs a key with the scope `submit`.
@@ -93,9 +95,10 @@ export interface paths {
         };
         /**
          * Download files of all models of a batch as one archive.
-         * @description `manifest.json`, its first entry, has the batch's id and study and, for each model, its place, id, seed, status, spec,
-         *     digest, varied values and problem, and path, size and SHA-256 of its files. Models that have not succeeded have no
-         *     files. The transfer is broken off if a file cannot be read.
+         * @description The first entry, `manifest.json`, contains the id and the study of the batch. For each model, it
+         *     contains index, id, seed, status, spec, digest, varied values and problem, and path, size and
+         *     SHA-256 of each file. Models that have not succeeded have no files. If the service cannot read a
+         *     file, it aborts the transfer.
          *
          *     Needs a key with the scope `read`.
          */
@@ -119,7 +122,7 @@ export interface paths {
         put?: never;
         /**
          * Cancel all models of a batch.
-         * @description Queued models end at once, running ones within a second; ended models do not change.
+         * @description Queued models end immediately, running models within a second. Ended models do not change.
          *
          *     Needs a key with the scope `submit`.
          */
@@ -139,7 +142,7 @@ export interface paths {
         };
         /**
          * Read the models of a batch as a table: varied values, seed, status and all figures.
-         * @description Models that have not ended, or not succeeded, have no figures.
+         * @description Models that have not succeeded have no figures.
          *
          *     Needs a key with the scope `read`.
          */
@@ -182,14 +185,17 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Follow models: at once the state of each that runs and of the newest 100 that wait, then every change.
-         * @description Events are as in the stream of one model. The id is a cursor. A client that sends it back as `Last-Event-ID`, with the
-         *     same parameters, gets at once what has changed since; if that is no longer known, the state of the newest models, ended
-         *     ones included. A client that reads slowly skips states, never the last one of a model.
+         * Follow models: first the running and the newest 100 queued models, then every change.
+         * @description Events have the form of the events of a single model, but their id is a cursor. A client that
+         *     reconnects with the last cursor as `Last-Event-ID` and the same parameters receives the changes
+         *     since then. If the service does not have these changes, it sends the state of the newest models,
+         *     including ended ones. A client that reads slowly may miss intermediate states of a model, but
+         *     never the last one.
          *
-         *     `ids`, `label` and `batch` narrow the stream; a model must match all of them. With `ids` or `batch`, the state of each of
-         *     these models comes at once, whether it has ended or not (for an id without a model, an `end` with `deleted`); when all
-         *     have ended, the stream closes, and a client that reconnects gets 204. Other streams do not close.
+         *     The parameters `ids`, `label` and `batch` select models; a model must match all of them. With
+         *     `ids` or `batch`, the stream starts with the state of each of these models, including ended
+         *     ones. For an id without a model, it sends `end` with `deleted`. When all of these models have
+         *     ended, the stream closes, and a client that reconnects gets 204. Other streams do not close.
          *
          *     Needs a key with the scope `read`.
          */
@@ -217,8 +223,9 @@ export interface paths {
         put?: never;
         /**
          * Request a fit.
-         * @description It searches for parameters whose models have the measures in `targets` and `images`. It is queued with the models, runs on a
-         *     CPU worker, and can be followed by `GET /fits/{id}` or its events.
+         * @description A fit searches for parameters whose models have the measures in `targets` and `images`. The
+         *     service queues the fit with the models and runs it on a CPU worker. Follow the fit with
+         *     `GET /fits/{id}` or its events.
          *
          *     Needs a key with the scope `submit`.
          */
@@ -240,7 +247,7 @@ export interface paths {
         put?: never;
         /**
          * Check a request for a fit, without queueing anything.
-         * @description The answer has the targets measured in images, and the parameters that would be varied.
+         * @description The response contains the targets measured in images, and the parameters that would be varied.
          *
          *     Needs a key with the scope `read`.
          */
@@ -260,7 +267,7 @@ export interface paths {
         };
         /**
          * Read a fit.
-         * @description A fit that has ended never changes, but for its removal.
+         * @description An ended fit never changes until it is deleted.
          *
          *     Needs a key with the scope `read`.
          */
@@ -268,7 +275,7 @@ export interface paths {
         put?: never;
         post?: never;
         /**
-         * Delete a fit. It is cancelled if it has not ended.
+         * Delete a fit; if it has not ended, it is cancelled first.
          * @description Needs a key with the scope `submit`.
          */
         delete: operations["delete_fit"];
@@ -288,7 +295,7 @@ export interface paths {
         put?: never;
         /**
          * Cancel a fit.
-         * @description A queued fit ends at once, a running one within a second. An ended fit does not change.
+         * @description A queued fit ends immediately, a running fit within a second. An ended fit does not change.
          *
          *     Needs a key with the scope `submit`.
          */
@@ -307,9 +314,10 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Follow a fit: its state at once, then every change.
-         * @description Event names are `status`, `progress` and `end`. The id is the fit's version. The data is the fit without its request. The stream
-         *     closes after `end`. If the fit is deleted, the data of `end` is `{"id", "status": "deleted"}`.
+         * Follow a fit: its current state, then every change.
+         * @description Events are named `status`, `progress` and `end`. The id of an event is the version of the fit.
+         *     The data is the fit without its request. The stream closes after `end`. If the fit is deleted,
+         *     the data of `end` is `{"id", "status": "deleted"}`.
          *
          *     Needs a key with the scope `read`.
          */
@@ -330,8 +338,9 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Tell whether the process works.
-         * @description The answer is 503 if a worker has been stuck for minutes. The process should then be restarted.
+         * Check whether the process works.
+         * @description The response is 503 if a worker has been stuck for minutes. The process should then be
+         *     restarted.
          *
          *     Needs no key.
          */
@@ -375,7 +384,7 @@ export interface paths {
         };
         /**
          * List models, newest first.
-         * @description The conditions narrow the list; a model must match all of them. `next` is the `cursor` of the next page.
+         * @description The list contains the models that match all conditions. `next` is the `cursor` of the next page.
          *
          *     Needs a key with the scope `read`.
          */
@@ -383,15 +392,16 @@ export interface paths {
         put?: never;
         /**
          * Request a model.
-         * @description It is queued and grown in the background. Follow it by `GET /models/{id}` or its events.
+         * @description The service queues the model and grows it in the background. Follow the model with
+         *     `GET /models/{id}` or its events.
          *
          *     Needs a key with the scope `submit`.
          */
         post: operations["create_model"];
         /**
          * Delete all models that match, and their files.
-         * @description Models that have not ended are cancelled; files that another model shares are kept. The conditions are those of
-         *     `GET /models`; without any, `all=true` is needed.
+         * @description Models that have not ended are cancelled first. Files that another model shares are kept. The
+         *     conditions are those of `GET /models`; without a condition, `all=true` is required.
          *
          *     Needs a key with the scope `submit`.
          */
@@ -412,8 +422,8 @@ export interface paths {
         put?: never;
         /**
          * Cancel all models that match.
-         * @description Queued models end at once, running ones within a second; ended models do not change. The conditions are those of
-         *     `GET /models`; without any, `all=true` is needed.
+         * @description Queued models end immediately, running models within a second. Ended models do not change. The
+         *     conditions are those of `GET /models`; without a condition, `all=true` is required.
          *
          *     Needs a key with the scope `submit`.
          */
@@ -435,7 +445,8 @@ export interface paths {
         put?: never;
         /**
          * Check a request and predict its cost, without queueing anything.
-         * @description The answer has the complete spec. A request that passes can still be refused by a full queue.
+         * @description The response contains the complete spec. A full queue can still refuse a request that passes
+         *     this check.
          *
          *     Needs a key with the scope `read`.
          */
@@ -455,7 +466,7 @@ export interface paths {
         };
         /**
          * Read a model.
-         * @description A model that has ended never changes, but for its removal.
+         * @description An ended model never changes until it is deleted.
          *
          *     Needs a key with the scope `read`.
          */
@@ -463,7 +474,7 @@ export interface paths {
         put?: never;
         post?: never;
         /**
-         * Delete a model and its files. It is cancelled if it has not ended.
+         * Delete a model and its files; if it has not ended, it is cancelled first.
          * @description Files that another model shares are kept.
          *
          *     Needs a key with the scope `submit`.
@@ -485,7 +496,8 @@ export interface paths {
         put?: never;
         /**
          * Cancel a model.
-         * @description A queued model ends at once, a running one within a second. An ended model does not change.
+         * @description A queued model ends immediately, a running model within a second. An ended model does not
+         *     change.
          *
          *     Needs a key with the scope `submit`.
          */
@@ -505,9 +517,11 @@ export interface paths {
         };
         /**
          * Read the centre line that a model follows.
-         * @description Points at equal distances along the centre line, each with a frame. A point (x, y) of the cross section at `s_mm` is at
-         *     `position_mm` + x·`u` + y·`v` in the files of the model. Between points, straight lines are within 1 µm of the centre line. The course
-         *     follows from the spec, so it is known before the model has grown. A straight tube has two points.
+         * @description The response contains points at equal distances along the centre line, each with a local frame.
+         *     A point (x, y) of the section at `s_mm` is at `position_mm` + x·`u` + y·`v` in the files of the
+         *     model. A straight line between two points stays within 1 µm of the centre line. The course
+         *     follows from the spec, so it is known before the model has grown. A straight tube has two
+         *     points.
          *
          *     Needs a key with the scope `read`.
          */
@@ -529,13 +543,16 @@ export interface paths {
         };
         /**
          * Cut a finished model with a plane.
-         * @description The stored surface of the tissue is cut exactly as it is, across the tube (`z_um`) or along any plane (`origin_um` and
-         *     `normal`). Rings are nested and told apart: `tissue`; its largest hole, `lumen`; `island`, tissue that is not connected to the
-         *     wall in this plane; `pocket`, lumen that is not connected to the rest in this plane. The cross sections of
-         *     `/models/{id}/sections/{k}` are those of the simulation, before the surface leans, and have no islands. A plane across a bent tube
-         *     cuts the part around its centre line there, and no other.
+         * @description The service cuts the stored surface of the tissue exactly, across the tube (`z_um`) or along any
+         *     plane (`origin_um` and `normal`). The rings of the cut are nested, and each has a kind:
+         *     `tissue`; `lumen`, its largest hole; `island`, tissue that is not connected to the wall in this
+         *     plane; `pocket`, lumen that is not connected to the rest in this plane. A plane across a bent
+         *     tube cuts only the part around the centre line at this place. In contrast, the sections of
+         *     `/models/{id}/sections/{k}` come from the simulation, before the surface leans, and have no
+         *     islands.
          *
-         *     Pictures show the same tissues as those of sections. A longer picture of a plane along the tube has larger pixels.
+         *     Pictures show the same tissues as pictures of sections. A longer picture of a plane along the
+         *     tube has larger pixels.
          *
          *     Needs a key with the scope `read`.
          */
@@ -556,10 +573,11 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Follow one model: its state at once, then every change.
-         * @description Event names are `status`, `progress`, `section` and `end`. The id is the model's version. The data is the whole Model
-         *     but for its spec, which never changes and comes with `view=full`; in `section` events together with its latest contour. The stream closes after `end`. If the model is deleted, the data of
-         *     `end` is `{"id", "status": "deleted"}`.
+         * Follow one model: its current state, then every change.
+         * @description Events are named `status`, `progress`, `section` and `end`. The id of an event is the version of
+         *     the model. The data is the whole Model without its spec, which never changes; `view=full` adds
+         *     the spec. In `section` events, the data also has the latest section. The stream closes after
+         *     `end`. If the model is deleted, the data of `end` is `{"id", "status": "deleted"}`.
          *
          *     Needs a key with the scope `read`.
          */
@@ -581,7 +599,8 @@ export interface paths {
         };
         /**
          * Download a file.
-         * @description Its name and media type are among the `files` of the model. Files never change; ranges resume a download.
+         * @description The `files` of the model contain the names and media types. Files never change, so a client can
+         *     resume a download with a range.
          *
          *     Needs a key with the scope `read`.
          */
@@ -602,9 +621,10 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Read what the files of a model are.
-         * @description Names, sizes, hashes, bodies, units and patches of its files, and its origin: spec, seed, digest, engine, licence, how to
-         *     cite. `oviduct generate` writes the same beside the files.
+         * Read the manifest of a model: its files and their origin.
+         * @description The manifest contains name, size, hash, body, unit and patches of each file, and the origin of
+         *     the model: spec, seed, digest, engine, licence and citation. `oviduct generate` writes the same
+         *     manifest next to the files.
          *
          *     Needs a key with the scope `read`.
          */
@@ -626,8 +646,9 @@ export interface paths {
         };
         /**
          * Draw a picture of a finished model.
-         * @description PNG with a transparent background. From 256 pixels on it has a scale bar, which also names the factor by which a long tube
-         *     is shortened. The same version of the service draws the same picture.
+         * @description The picture is a PNG with a transparent background. At 256 pixels or more, it has a scale bar,
+         *     which also names the factor by which a long tube is shortened. The same version of the service
+         *     always draws the same picture.
          *
          *     Needs a key with the scope `read`.
          */
@@ -648,8 +669,8 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Read the report of a model: its certificate, its summary, and what computed it.
-         * @description It holds what `report.json` holds.
+         * Read the report of a model: its certificate, its summary and the backend that computed it.
+         * @description The report has all members of `report.json`.
          *
          *     Needs a key with the scope `read`.
          */
@@ -670,11 +691,12 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Read the report of a model as a page to show or to print.
-         * @description One HTML file that needs no other: the cut-open tube, a strip of sections (cuts of the surface if it leans), measures
-         *     beside published anatomy and along the tube, the certificate, all parameters with their sources, and how to cite the
-         *     model. It is made from `report.json`, `sections.bin` and, if the surface leans, the surface; the same version of the
-         *     service makes the same page.
+         * Read the report of a model as a page for display or printing.
+         * @description The page is a single HTML file that loads no other files. It contains the cut-open tube, a strip
+         *     of sections (cuts of the surface if it leans), measures next to published anatomy and along the
+         *     tube, the certificate, all parameters with their sources, and the citation of the model. The
+         *     service creates it from `report.json`, `sections.bin` and, if the surface leans, the surface.
+         *     The same version of the service always creates the same page.
          *
          *     Needs a key with the scope `read`.
          */
@@ -698,8 +720,9 @@ export interface paths {
         put?: never;
         /**
          * Grow a failed model again, as a new model with the same request.
-         * @description An ended model never changes, so the retry is a model of its own: `retry_of` names the failed one, and it belongs to the
-         *     same batch. A finished model of the same digest is reused as by `POST /models`.
+         * @description An ended model never changes, so the retry is a separate model. Its `retry_of` names the failed
+         *     model, and it belongs to the same batch. A finished model with the same digest is reused as by
+         *     `POST /models`.
          *
          *     Needs a key with the scope `submit`.
          */
@@ -718,12 +741,15 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Read a cross section of a finished model.
-         * @description Sections are those of the simulation, before the surface leans; `/models/{id}/cut` cuts the surface itself.
+         * Read a section of a finished model.
+         * @description Sections come from the simulation, before the surface leans; `/models/{id}/cut` cuts the surface
+         *     itself.
          *
-         *     As points with the ids of particles, as a drawing, or as a picture: stained with haematoxylin and eosin, or with the tissue
-         *     of each pixel as its value (0 outside, 1 lumen, 2 epithelium, 3 lamina propria, 4 circular muscle, 5 longitudinal muscle,
-         *     6 serosa). Both pictures have the same pixels. Heights of the layers are those of `histology` in the spec.
+         *     A section is available as points with the ids of particles, as a drawing, or as a picture. A
+         *     picture is either stained with haematoxylin and eosin, or has the tissue of each pixel as its
+         *     value: 0 outside, 1 lumen, 2 epithelium, 3 lamina propria, 4 circular muscle, 5 longitudinal
+         *     muscle, 6 serosa. Both pictures have the same pixels. `histology` in the spec defines the
+         *     heights of the layers.
          *
          *     Needs a key with the scope `read`.
          */
@@ -810,9 +836,9 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Tell whether the process takes work.
-         * @description The answer is 503 while the job store is unavailable, the artifact store does not accept a small file, or the process is
-         *     opening its GPUs or shutting down.
+         * Check whether the process accepts work.
+         * @description The response is 503 while the job store is unavailable, the artifact store does not accept a
+         *     small file, or the process is opening its GPUs or shutting down.
          *
          *     Needs no key.
          */
@@ -879,8 +905,9 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * List the workers that sent a heartbeat within the last minutes.
-         * @description Without the scope `admin`, only models of the caller are named, and nobody who paused a worker.
+         * List the workers that sent a heartbeat within the last five minutes.
+         * @description Without the scope `admin`, the response names only jobs of the caller, and does not name who
+         *     paused a worker.
          *
          *     Needs a key with the scope `read`.
          */
@@ -903,9 +930,9 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Pause all workers, also those that start later.
-         * @description They start no more models. The models that they grow go on, and requests are accepted and queued. The pause holds across
-         *     restarts until `POST /workers/resume`.
+         * Pause all workers, including workers that start later.
+         * @description Paused workers start no models. Running models continue, and the service accepts and queues
+         *     requests. The pause holds across restarts until `POST /workers/resume`.
          *
          *     Needs a key with the scope `admin`.
          */
@@ -926,8 +953,8 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * End the pause of all workers. Those that are paused or drained one by one remain so.
-         * @description The answer tells which those are.
+         * End the pause of all workers; individual pauses of workers remain.
+         * @description The response contains the state of each worker.
          *
          *     Needs a key with the scope `admin`.
          */
@@ -948,8 +975,9 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Drain a worker: it starts no more models, ends those that it grows, and is `drained` then.
-         * @description A drained worker can be stopped without interrupting a model. It idles until it is stopped or resumed.
+         * Drain a worker: it starts no models, completes its running models, and is then `drained`.
+         * @description A drained worker can be stopped without interrupting a model. It idles until it is stopped or
+         *     resumed.
          *
          *     Needs a key with the scope `admin`.
          */
@@ -970,8 +998,9 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Pause a worker: it starts no more models; those that it grows go on.
-         * @description The pause holds until the worker is resumed, also for a worker that is started again under the same name.
+         * Pause a worker: it starts no models, and its running models continue.
+         * @description The pause holds until the worker is resumed, even if the worker is restarted under the same
+         *     name.
          *
          *     Needs a key with the scope `admin`.
          */
@@ -992,8 +1021,8 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Let a worker that was paused or drained start models again.
-         * @description While all workers are paused, it still starts none.
+         * Resume a paused or drained worker, so that it starts models again.
+         * @description While all workers are paused, the worker still starts no models.
          *
          *     Needs a key with the scope `admin`.
          */
@@ -1008,11 +1037,11 @@ export interface paths {
 export type webhooks = Record<string, never>;
 export interface components {
     schemas: {
-        /** @description A quantity along a region; each section counts by the length of tube next to it. */
+        /** @description A quantity along a region. Each section is weighted by the length of tube next to it. */
         Along: {
             /**
              * Format: double
-             * @description Greatest value.
+             * @description Maximum.
              */
             max: number;
             /**
@@ -1027,7 +1056,7 @@ export interface components {
             median: number;
             /**
              * Format: double
-             * @description Least value.
+             * @description Minimum.
              */
             min: number;
             /**
@@ -1036,29 +1065,29 @@ export interface components {
              */
             sd: number;
         };
-        /** @description Distributions of many cuts. */
+        /** @description Distributions of a measure in many cuts. */
         AmongCuts: {
             /**
              * Format: double
-             * @description Least 5th percentile of a cut.
+             * @description Minimum of the 5th percentiles of the cuts.
              */
             least_p5: number;
             /**
              * Format: double
-             * @description Mean 5th percentile of a cut.
+             * @description Mean of the 5th percentiles of the cuts.
              */
             p5: number;
             /**
              * Format: double
-             * @description Mean median of a cut.
+             * @description Mean of the medians of the cuts.
              */
             p50: number;
         };
-        /** @description What a request for many models did. */
+        /** @description Result of a request that cancels or deletes many models. */
         Applied: {
-            /** @description Number of models that were cancelled or deleted, or with `dry_run` would be. */
+            /** @description Number of models that were cancelled or deleted; with `dry_run`, the number that would be. */
             count: number;
-            /** @description Whether nothing was done. */
+            /** @description True if the request only counted the models (`dry_run=true`) and changed nothing. */
             dry_run: boolean;
         };
         /**
@@ -1071,23 +1100,26 @@ export interface components {
          * @enum {string}
          */
         Backend: "auto" | "gpu" | "cpu" | "cpu-single";
-        /** @description What computes or computed a model. */
+        /** @description Requested backend of a model, and the backend and device that compute or computed it. */
         BackendReport: {
             /** @description Name of the device. */
             device?: string | null;
-            /** @description Why it is not the backend that one would expect; null if it is. */
+            /** @description Reason why an `auto` model runs on the CPU instead of a GPU; null without such a reason. */
             fallback?: string | null;
-            /** @description The backend asked for. */
+            /** @description Requested backend. */
             requested: components["schemas"]["Backend"];
             used?: components["schemas"]["Backend"] | null;
         };
-        /** @description A batch: many models of one spec, or of the points of a study, requested together. Models that were deleted individually are not listed. */
+        /**
+         * @description A batch: many models of one spec, or of the points of a study, requested together. Models that
+         *     were deleted individually are not listed.
+         */
         Batch: {
-            /** @description Number of its models by status. */
+            /** @description Number of the models by status. */
             counts: components["schemas"]["BatchCounts"];
             /**
              * Format: date-time
-             * @description When it was accepted.
+             * @description Time at which the request was accepted.
              */
             created_at: string;
             /**
@@ -1096,40 +1128,43 @@ export interface components {
              */
             id: string;
             /**
-             * @description Ids of its models, in the order of the seeds; of a study, in the order of the points, each with its seeds; then those of
-             *     retries. Absent in lists.
+             * @description Ids of the models, in the order of the seeds. In a study, the models of a point follow each
+             *     other, in the order of the seeds. Retries follow at the end. Absent in lists.
              */
             models?: string[];
-            /** @description Who submitted it; null if that was done without a key. */
+            /**
+             * @description Owner of the key with which the request was submitted; null if it was submitted without a
+             *     key.
+             */
             owner?: string | null;
-            /** @description Priority of its models. */
+            /** @description Priority of the models. */
             priority: number;
             study?: components["schemas"]["BatchStudy"] | null;
         };
         /** @description Predicted cost of a batch. */
         BatchCost: {
-            /** @description Bytes of all files. */
+            /** @description Size of all files, bytes. */
             bytes: number;
-            /** @description Memory of the model that needs most. */
+            /** @description Peak memory of the model that needs most memory, bytes. */
             memory_bytes: number;
-            /** @description Seconds to grow all models one after the other, by backend. */
+            /** @description Seconds for growing all models one after the other, by backend. */
             seconds: {
                 [key: string]: number;
             };
         };
         /** @description Number of models of a batch by status. */
         BatchCounts: {
-            /** @description Models that were cancelled. */
+            /** @description Number of models that were cancelled. */
             cancelled: number;
-            /** @description Models that have failed. */
+            /** @description Number of models that have failed. */
             failed: number;
-            /** @description Models that wait for a worker. */
+            /** @description Number of models that wait for a worker. */
             queued: number;
-            /** @description Models that a worker grows. */
+            /** @description Number of models that a worker grows. */
             running: number;
-            /** @description Models that have succeeded. */
+            /** @description Number of models that have succeeded. */
             succeeded: number;
-            /** @description All models. */
+            /** @description Number of all models. */
             total: number;
         };
         /** @description A page of batches, newest first. */
@@ -1143,56 +1178,57 @@ export interface components {
         BatchRequest: components["schemas"]["SeedsBatchRequest"] | components["schemas"]["CountBatchRequest"] | components["schemas"]["StudyBatchRequest"];
         /** @description The study of a batch. */
         BatchStudy: {
-            /** @description The models in the order of `models`: points in the order of the design, each with its seeds. */
+            /** @description Models, in the order of `models`: points in the order of the design, each with its seeds. */
             models: components["schemas"]["StudyModel"][];
             /** @description The member `vary` of the request. */
             vary: components["schemas"]["Vary"];
         };
-        /** @description The result of a check: what would be queued. */
+        /** @description Result of a check: the request as the service would queue it. */
         BatchValidation: {
             /** @description Predicted cost of all models. */
             cost: components["schemas"]["BatchCost"];
-            /** @description Number of models: points times seeds. */
+            /** @description Number of models: the number of points times the number of seeds. */
             models: number;
-            /** @description The points of the study; without one, a single point without values. */
+            /** @description Points of the study; without a study, a single point without values. */
             points: components["schemas"]["PointValidation"][];
             /** @description Preset that the specs were resolved on. */
             preset: string;
-            /** @description The seeds of each point; null if they will be drawn. */
+            /** @description Seeds of each point; null if the service will draw them. */
             seeds?: number[] | null;
         };
-        /** @description How a tube was bent along its course. */
+        /** @description Bending of a tube along its course. */
         Bending: components["schemas"]["Refined"] & {
             /**
              * Format: double
-             * @description Radius of curvature there, mm; none if the course is straight.
+             * @description Radius of curvature at this place, mm; null if the course is straight.
              */
             curve_radius_mm?: number | null;
             /**
              * Format: double
-             * @description Distance of the ends of the centre line, mm.
+             * @description Distance between the ends of the centre line, mm.
              */
             end_distance_mm: number;
             /**
              * Format: double
-             * @description At least this far apart are the walls of far parts, µm; none if the course does not turn far enough for that.
+             * @description Lower bound of the distance between the outer walls of two distant parts of the tube, µm;
+             *     null if the course turns too little for two parts to approach each other.
              */
             far_parts_um?: number | null;
-            /** @description Whether the course was changed because it was too tight or came too near to itself. */
+            /** @description True if the course was changed because it was too tight or approached itself too closely. */
             relaxed: boolean;
             /**
              * Format: double
-             * @description Where the tube is bent most for its radius, mm from the isthmus end.
+             * @description Place at which the tube is bent most in relation to its radius, mm from the isthmus end.
              */
             tightest_at_mm: number;
             /**
              * Format: double
-             * @description Length of the centre line over that distance.
+             * @description Length of the centre line divided by the distance between its ends.
              */
             tortuosity: number;
             /**
              * Format: double
-             * @description Greatest radius of the wall there, mm.
+             * @description Maximum radius of the wall at this place, mm.
              */
             wall_radius_mm: number;
         };
@@ -1204,89 +1240,96 @@ export interface components {
         Body: "tissue" | "lumen" | "regions";
         /** @description A bound of a variable. */
         Bound: {
-            /** @description `from` or `to`. */
+            /** @description Name of the bound: `from` or `to`. */
             bound: string;
             end?: components["schemas"]["End"] | null;
             /** @description JSON pointer of the parameter. */
             parameter: string;
             /**
              * Format: double
-             * @description Its value.
+             * @description Value of the bound.
              */
             value: number;
         };
-        /** @description The findings on one surface and, for a generated model, the sections it was made from. */
+        /** @description Certificate of a surface. For the tissue of a generated model, it also covers the sections. */
         Certificate: {
             /**
              * Format: double
              * @description Area of the surface.
              */
             area_mm2: number;
-            /** @description The components in the order of their first vertices; the first 256. */
+            /** @description The first 256 components, in the order of their first vertices. */
             bodies: components["schemas"]["Component"][];
-            /** @description Least and greatest coordinates. */
+            /** @description Minimum and maximum of each coordinate, micrometres. */
             bounds_um: [
                 components["schemas"]["Position"],
                 components["schemas"]["Position"]
             ];
-            /** @description No open edges: each belongs to at least two triangles. */
+            /** @description True if there are no open edges: each edge belongs to at least two triangles. */
             closed: boolean;
-            /** @description Number of parts connected by vertices. */
+            /** @description Number of components: parts that are connected by vertices. */
             components: number;
-            /** @description Triangles whose area is exactly zero. */
+            /** @description Number of triangles whose area is exactly zero. */
             degenerate_triangles: number;
-            /** @description Edges whose two triangles run along it in the same direction. */
+            /** @description Number of edges along which two triangles run in the same direction. */
             disoriented_edges: number;
-            /** @description Pairs of triangles with the same three vertices. */
+            /** @description Number of pairs of triangles with the same three vertices. */
             duplicate_triangles: number;
-            /** @description Vertices − edges + triangles, over all components. */
+            /** @description Euler number of all components together: vertices − edges + triangles. */
             euler: number;
             /** @description The failures, at most one entry per kind. */
             failures: components["schemas"]["Failure"][];
-            /** @description Each edge belongs to exactly two triangles, and the triangles at each vertex form one closed fan. */
+            /**
+             * @description True if each edge belongs to exactly two triangles, and the triangles at each vertex form
+             *     one closed fan.
+             */
             manifold: boolean;
             /**
              * Format: double
-             * @description Smallest angle of a triangle.
+             * @description Smallest angle of a triangle, degrees.
              */
             min_angle_deg: number;
             /**
              * Format: double
-             * @description Shortest edge of the surface.
+             * @description Length of the shortest edge, micrometres.
              */
             min_edge_um: number;
             /**
              * Format: double
-             * @description Least distance between a vertex and an edge of the same section that does not end there, over both rings;
-             *     null without sections.
+             * @description Minimum distance between a vertex and an edge of the same section that does not end at this
+             *     vertex, over both contours, micrometres; null without sections.
              */
             min_gap_um?: number | null;
-            /** @description Edges of more than two triangles. */
+            /** @description Number of edges that belong to more than two triangles. */
             non_manifold_edges: number;
-            /** @description Vertices whose triangles form more than one fan. */
+            /** @description Number of vertices whose triangles form more than one fan. */
             non_manifold_vertices: number;
-            /** @description Edges of one triangle only. */
+            /** @description Number of edges that belong to only one triangle. */
             open_edges: number;
-            /** @description Triangles at an edge run along it in opposite directions, everywhere. */
+            /** @description True if the two triangles at each edge run along it in opposite directions. */
             oriented: boolean;
-            /** @description Whether there are no failures. */
+            /** @description True if there are no failures. */
             passed: boolean;
-            /** @description Histograms of the shape of triangles. */
+            /** @description Histograms of the shapes of the triangles. */
             quality: components["schemas"]["TriangleQuality"];
-            /** @description Pairs of edges of one section that meet other than as neighbours, and inner rings not inside the outer one. */
+            /**
+             * @description Number of pairs of edges of one section that touch or cross other than as neighbours, plus
+             *     the number of inner contours that are not inside the outer contour.
+             */
             section_crossings: number;
             /**
-             * @description Pairs of triangles that have a point in common other than vertices and edges they share. The search stops after
-             *     100,000 that are found one by one; the number is then a lower bound, and the failure states it.
+             * @description Number of pairs of triangles that intersect outside their shared vertices and edges. The
+             *     search stops after 100,000 pairs that are found one by one. The number is then a lower
+             *     bound, and the failure says so.
              */
             triangle_intersections: number;
-            /** @description Triangles. */
+            /** @description Number of triangles. */
             triangles: number;
-            /** @description Vertices that belong to triangles. */
+            /** @description Number of vertices that belong to triangles. */
             vertices: number;
             /**
              * Format: double
-             * @description Enclosed volume; components that are inside out, such as cavities, count as negative.
+             * @description Enclosed volume. Components that are inside out, such as cavities, count as negative.
              */
             volume_mm3: number;
         };
@@ -1297,67 +1340,74 @@ export interface components {
              * @description Area of the surface.
              */
             area_mm2: number;
-            /** @description Least and greatest coordinates. */
+            /** @description Minimum and maximum of each coordinate, micrometres. */
             bounds_um: [
                 components["schemas"]["Position"],
                 components["schemas"]["Position"]
             ];
-            /** @description No open edges: each belongs to at least two triangles. */
+            /** @description True if there are no open edges: each edge belongs to at least two triangles. */
             closed: boolean;
-            /** @description Number of parts connected by vertices. */
+            /** @description Number of components: parts that are connected by vertices. */
             components: number;
-            /** @description Triangles whose area is exactly zero. */
+            /** @description Number of triangles whose area is exactly zero. */
             degenerate_triangles: number;
-            /** @description Edges whose two triangles run along it in the same direction. */
+            /** @description Number of edges along which two triangles run in the same direction. */
             disoriented_edges: number;
-            /** @description Pairs of triangles with the same three vertices. */
+            /** @description Number of pairs of triangles with the same three vertices. */
             duplicate_triangles: number;
-            /** @description Vertices − edges + triangles, over all components. */
+            /** @description Euler number of all components together: vertices − edges + triangles. */
             euler: number;
-            /** @description Each edge belongs to exactly two triangles, and the triangles at each vertex form one closed fan. */
+            /**
+             * @description True if each edge belongs to exactly two triangles, and the triangles at each vertex form
+             *     one closed fan.
+             */
             manifold: boolean;
             /**
              * Format: double
-             * @description Smallest angle of a triangle.
+             * @description Smallest angle of a triangle, degrees.
              */
             min_angle_deg: number;
             /**
              * Format: double
-             * @description Shortest edge of the surface.
+             * @description Length of the shortest edge, micrometres.
              */
             min_edge_um: number;
             /**
              * Format: double
-             * @description Least distance between a vertex and an edge of the same section that does not end there, over both rings;
-             *     null without sections.
+             * @description Minimum distance between a vertex and an edge of the same section that does not end at this
+             *     vertex, over both contours, micrometres; null without sections.
              */
             min_gap_um?: number | null;
-            /** @description Edges of more than two triangles. */
+            /** @description Number of edges that belong to more than two triangles. */
             non_manifold_edges: number;
-            /** @description Vertices whose triangles form more than one fan. */
+            /** @description Number of vertices whose triangles form more than one fan. */
             non_manifold_vertices: number;
-            /** @description Edges of one triangle only. */
+            /** @description Number of edges that belong to only one triangle. */
             open_edges: number;
-            /** @description Triangles at an edge run along it in opposite directions, everywhere. */
+            /** @description True if the two triangles at each edge run along it in opposite directions. */
             oriented: boolean;
-            /** @description Whether there are no failures. */
+            /** @description True if there are no failures. */
             passed: boolean;
-            /** @description Histograms of the shape of triangles. */
+            /** @description Histograms of the shapes of the triangles. */
             quality: components["schemas"]["TriangleQuality"];
-            /** @description Pairs of edges of one section that meet other than as neighbours, and inner rings not inside the outer one. */
+            /**
+             * @description Number of pairs of edges of one section that touch or cross other than as neighbours, plus
+             *     the number of inner contours that are not inside the outer contour.
+             */
             section_crossings: number;
             /**
-             * @description Pairs of triangles that have a point in common other than vertices and edges they share. The search stops after
-             *     100,000 that are found one by one; the number is then a lower bound, and the failure states it.
+             * @description Number of pairs of triangles that intersect outside their shared vertices and edges. The
+             *     search stops after 100,000 pairs that are found one by one. The number is then a lower
+             *     bound, and the failure says so.
              */
             triangle_intersections: number;
-            /** @description Triangles. */
+            /** @description Number of triangles. */
             triangles: number;
-            /** @description Vertices that belong to triangles. */
+            /** @description Number of vertices that belong to triangles. */
             vertices: number;
             /**
              * Format: double
-             * @description Enclosed volume; components that are inside out, such as cavities, count as negative.
+             * @description Enclosed volume. Components that are inside out, such as cavities, count as negative.
              */
             volume_mm3: number;
         };
@@ -1402,13 +1452,14 @@ export interface components {
              */
             tissue_um?: number | components["schemas"]["Schedule"] | null;
         };
-        /** @description A measure beside a published value, in the unit of the measure. */
+        /** @description A measure and a published value, in the unit of the measure. */
         Compared: {
-            /** @description How it was learnt. */
+            /** @description Origin of the value: read in the source, derived from it, or recalled from memory. */
             confidence: string;
             /**
              * Format: double
-             * @description Distance from the published mean in standard deviations, if it has one.
+             * @description Difference from the published mean, in published standard deviations; null if one of these
+             *     is missing.
              */
             deviation_sd?: number | null;
             /**
@@ -1423,12 +1474,12 @@ export interface components {
             low?: number | null;
             /**
              * Format: double
-             * @description The model's mean over the region.
+             * @description Mean of the model over the region; null if the model lacks the measure.
              */
             measured?: number | null;
             /** @description Number of individuals in the publication. */
             n?: number | null;
-            /** @description What was measured, as the source names it. */
+            /** @description Region and quantity, as the source names them. */
             published: string;
             /** @description Name of the quantity. */
             quantity: string;
@@ -1439,42 +1490,42 @@ export interface components {
              * @description Published standard deviation.
              */
             sd?: number | null;
-            /** @description Where it is published. */
+            /** @description Source of the published value. */
             source: string;
             /**
              * Format: double
-             * @description Published mean or value.
+             * @description Published mean, or the only published value.
              */
             value?: number | null;
-            /** @description Result. */
+            /** @description Result of the comparison. */
             verdict: components["schemas"]["Verdict"];
         };
-        /** @description A model beside what is published about its organ and species. */
+        /** @description Comparison of a model with values published for its organ and species. */
         Comparison: {
-            /** @description The measures that something is published about. */
+            /** @description Measures with a published value. */
             compared: components["schemas"]["Compared"][];
             /** @description Number of measures inside the published range. */
             inside: number;
-            /** @description Quantities that have no published value in any region. */
+            /** @description Quantities without a published value in any region. */
             no_reference: string[];
             /** @description Organ. */
             organ: string;
-            /** @description Number of measures outside. */
+            /** @description Number of measures outside the published range. */
             outside: number;
             /** @description Species. */
             species: string;
         };
-        /** @description A connected part of a surface. */
+        /** @description Component: a connected part of a surface. */
         Component: {
-            /** @description Vertices − edges + triangles: 2 for a ball, 0 for a ring. */
+            /** @description Euler number (vertices − edges + triangles): 2 for a ball, 0 for a ring. */
             euler: number;
-            /** @description Triangles. */
+            /** @description Number of triangles. */
             triangles: number;
-            /** @description Vertices. */
+            /** @description Number of vertices. */
             vertices: number;
             /**
              * Format: double
-             * @description Enclosed volume, negative if the component is inside out.
+             * @description Enclosed volume; negative if the component is inside out.
              */
             volume_mm3: number;
         };
@@ -1530,25 +1581,26 @@ export interface components {
              */
             period?: number | null;
         };
-        /** @description What was done so that the walls of frames do not meet. */
+        /** @description Statistics of the contraction: intersecting triangles, and the damping that separated them. */
         Contracted: {
-            /** @description Places at which the motion of the mucosa was damped. */
+            /** @description Number of places at which the motion of the mucosa was damped. */
             damped: number;
-            /** @description Places at which the lean of frames was damped. */
+            /** @description Number of places at which the lean of frames was damped. */
             lean_damped: number;
             /**
              * Format: double
-             * @description Least factor on the wave, away from the ends: 1 if there is room for all of it everywhere.
+             * @description Minimum factor on the wave, without its rise at the ends: 1 if there is room for the whole
+             *     wave everywhere.
              */
             least_factor: number;
             /**
              * Format: double
-             * @description Where that is, mm from the isthmus end.
+             * @description Place of the minimum factor, mm from the isthmus end.
              */
             least_factor_at_mm: number;
-            /** @description Pairs of triangles that met before damping, in all frames. */
+            /** @description Number of pairs of triangles that intersected before damping, in all frames. */
             met: number;
-            /** @description Rounds of damping. */
+            /** @description Number of rounds of damping. */
             rounds: number;
         };
         /**
@@ -1598,13 +1650,13 @@ export interface components {
              */
             wavelength_mm?: number | components["schemas"]["Schedule"] | null;
         };
-        /** @description A wave of contraction: what its frames measure. */
+        /** @description Measures of a contraction and of its frames. */
         ContractionReport: components["schemas"]["Contracted"] & {
             /** @description The frames of one period, in order. */
             frames: components["schemas"]["FrameReport"][];
             /**
              * Format: double
-             * @description Volume of the lumen at rest, mm³; that of the tissue is in the certificate of the model.
+             * @description Volume of the lumen at rest, mm³. The certificate of the model has the volume of the tissue.
              */
             lumen_volume_mm3: number;
             /**
@@ -1614,47 +1666,47 @@ export interface components {
             period_s: number;
             /**
              * Format: double
-             * @description Greatest difference of the volume of the tissue of a frame from that at rest, as a share of it.
+             * @description Maximum relative difference between the volumes of the tissue in a frame and at rest.
              */
             tissue_deviation: number;
         };
         /** @description Predicted cost of growing a specification. */
         Cost: {
-            /** @description Size by output, including `sections` and `report`, which are always written. */
+            /** @description Size by output, bytes. Includes `sections` and `report`, which are always written. */
             bytes: {
                 [key: string]: number;
             };
-            /** @description Greatest memory in use. */
+            /** @description Peak memory, bytes. */
             memory_bytes: number;
-            /** @description Particles of both loops at the end. */
+            /** @description Number of particles of both loops at the end. */
             particles_end: number;
-            /** @description Seconds from start to end, by backend. */
+            /** @description Time from start to end, by backend. */
             seconds: {
                 [key: string]: components["schemas"]["Estimate"];
             };
-            /** @description Recorded sections, without those added by mending. */
+            /** @description Number of recorded sections, without sections that mending adds. */
             sections: number;
-            /** @description Triangles of the surface. */
+            /** @description Number of triangles of the surface. */
             triangles: number;
-            /** @description Vertices of the surface. */
+            /** @description Number of vertices of the surface. */
             vertices: number;
         };
         /**
          * Drawn seeds
-         * @description So many models, of each point of a study.
+         * @description A number of models, or of models per point of a study, with seeds that the service draws.
          */
         CountBatchRequest: {
             backend?: components["schemas"]["Backend"];
             /**
-             * @description The bodies whose surfaces are written in each format that holds one: `tissue` as `model.*`, `lumen` as `lumen.*`, `regions` (both, with their common wall once) as `regions.*`.
+             * @description Bodies whose surfaces are written in each surface format: `tissue` as `model.*`, `lumen` as `lumen.*`, `regions` (both, with their common wall once) as `regions.*`.
              * @default [
              *       "tissue"
              *     ]
              */
             bodies?: components["schemas"]["Body"][];
-            /** @description Number of models, of each point of a study. The service draws their seeds. */
+            /** @description Number of models; in a study, number of models per point. The service draws the seeds. */
             count: number;
-            /** @description Names and values of the client's own, to find models by. */
+            /** @description Labels by which clients can find the model: names and values. */
             labels?: {
                 [key: string]: string;
             };
@@ -1672,12 +1724,12 @@ export interface components {
              */
             preset?: string;
             /**
-             * @description Of the queued models, those of higher priority are started first.
+             * @description Priority in the queue. Workers claim queued models of higher priority first.
              * @default 0
              */
             priority?: number;
             /**
-             * @description Whether a model with the same digest may be reused instead of growing it again: a finished one at once, one that is queued or running when it ends.
+             * @description True to reuse a model with the same digest instead of growing it again. A finished model is reused immediately, a queued or running model when it ends.
              * @default true
              */
             reuse?: boolean;
@@ -1686,7 +1738,7 @@ export interface components {
             units?: components["schemas"]["LengthUnit"] | null;
             vary?: components["schemas"]["Vary"];
         };
-        /** @description The course of a model. */
+        /** @description Course of a model. */
         CourseAnswer: components["schemas"]["CourseDocument"] & {
             /**
              * Format: uuid
@@ -1694,45 +1746,45 @@ export interface components {
              */
             model: string;
         };
-        /** @description The centre line that a model follows. */
+        /** @description Centre line that a model follows. */
         CourseDocument: {
             /**
              * Format: double
-             * @description Distance of the ends of the whole tube's centre line, mm.
+             * @description Distance between the ends of the centre line of the whole tube, mm.
              */
             end_distance_mm: number;
             /**
              * Format: double
-             * @description Where the model begins, mm along the centre line of the whole tube from its isthmus end.
+             * @description Start of the model, mm from the isthmus end along the centre line of the whole tube.
              */
             from_mm: number;
             /**
              * Format: double
-             * @description Least radius of curvature, mm; null if the course is straight.
+             * @description Minimum radius of curvature, mm; null if the course is straight.
              */
             least_radius_mm: number | null;
             /** @description Points at equal distances, from `from_mm` to `to_mm`. */
             points: components["schemas"]["CoursePoint"][];
-            /** @description Whether the course was changed because it was too tight or came too near to itself. */
+            /** @description True if the course was changed because it was too tight or approached itself too closely. */
             relaxed: boolean;
             /**
-             * @description Which curve it is.
+             * @description Kind of the curve.
              * @example arc
              */
             shape: string;
             /**
              * Format: double
-             * @description Where it ends.
+             * @description End, measured like `from_mm`.
              */
             to_mm: number;
             /**
              * Format: double
-             * @description Length of the centre line over that distance.
+             * @description Length of the centre line divided by the distance between its ends.
              */
             tortuosity: number;
             /**
              * Format: double
-             * @description Turn of the tube about its centre line, from end to end, degrees.
+             * @description Twist of the tube around the centre line from end to end, degrees.
              */
             twist_deg: number;
         };
@@ -1802,14 +1854,14 @@ export interface components {
              */
             windings?: number | null;
         };
-        /** @description A place of a centre line. */
+        /** @description Point of a centre line with its local frame. */
         CoursePoint: {
             /**
              * Format: double
              * @description Curvature of the centre line, 1/mm.
              */
             curvature_per_mm: number;
-            /** @description Where it is, mm. */
+            /** @description Position, mm. */
             position_mm: number[];
             /**
              * Format: double
@@ -1818,14 +1870,14 @@ export interface components {
             s_mm: number;
             /** @description Unit vector along the centre line. */
             tangent: number[];
-            /** @description Unit vector of x of the cross section. */
+            /** @description Unit vector of the x axis of the section. */
             u: number[];
-            /** @description Unit vector of y of the cross section. */
+            /** @description Unit vector of the y axis of the section. */
             v: number[];
         };
         /** @description A planar cut of a model's surface. */
         CutAnswer: components["schemas"]["CutDocument"] & {
-            /** @description The file that was cut. */
+            /** @description Name of the file whose surface was cut. */
             file: string;
             /**
              * Format: uuid
@@ -1833,7 +1885,7 @@ export interface components {
              */
             model: string;
         };
-        /** @description A planar cut of a surface; lengths in micrometres. */
+        /** @description A planar cut of a surface. Lengths are in micrometres. */
         CutDocument: {
             /** @description Number of islands. */
             islands: number;
@@ -1842,18 +1894,18 @@ export interface components {
              * @description Area of the lumen and of pockets, without islands.
              */
             lumen_area_um2: number;
-            /** @description The plane. */
+            /** @description Plane of the cut. */
             plane: components["schemas"]["PlaneAnswer"];
             /** @description Number of pockets. */
             pockets: number;
             /**
-             * @description Closed rings that do not cross. A ring comes after the one that surrounds it; of rings with the same one, the largest comes
-             *     first.
+             * @description Closed rings that do not cross. A ring follows the ring that surrounds it. Rings inside the
+             *     same ring are sorted by area, largest first.
              */
             rings: components["schemas"]["CutRingAnswer"][];
             /**
              * Format: double
-             * @description Area of the tissue, islands included.
+             * @description Area of the tissue, including islands.
              */
             tissue_area_um2: number;
             /** @description Unit of lengths: `um`. */
@@ -1863,69 +1915,73 @@ export interface components {
         CutRingAnswer: {
             /**
              * Format: double
-             * @description Area within it, with all that it surrounds.
+             * @description Area inside the ring, including all rings that it surrounds.
              */
             area_um2: number;
-            /** @description What it bounds. */
+            /** @description Area that the ring bounds. */
             kind: components["schemas"]["RingKind"];
-            /** @description Index of the ring that directly surrounds it. */
+            /** @description Index of the ring that directly surrounds this one; null if there is none. */
             parent: number | null;
             /**
              * Format: double
-             * @description Its length.
+             * @description Length of the ring.
              */
             perimeter_um: number;
-            /** @description u and v of its points, micrometres: counter-clockwise around tissue and islands, clockwise around lumen and pockets. */
+            /**
+             * @description Coordinates u and v of the points, micrometres: counter-clockwise around tissue and islands,
+             *     clockwise around lumen and pockets.
+             */
             points: number[][];
         };
-        /** @description What planar cuts across the ampulla show. */
+        /** @description Measures of planar cuts across the ampulla. */
         Cuts: {
-            /** @description Number of cuts. They are evenly spread from `from_mm` to `to_mm`. */
+            /** @description Number of cuts, evenly spread from `from_mm` to `to_mm`. */
             count: number;
             /**
              * Format: double
-             * @description Where the ampulla, or the part of it in the model, begins, mm.
+             * @description Start of the part of the ampulla in the model, mm.
              */
             from_mm: number;
             gap_um?: components["schemas"]["AmongCuts"] | null;
             island_area_um2?: components["schemas"]["Spread"] | null;
             /**
              * Format: double
-             * @description Islands in a cut, on average.
+             * @description Mean number of islands per cut.
              */
             islands_per_cut: number;
             /**
              * Format: double
-             * @description Area from which an island counts, µm².
+             * @description Minimum area of an island that counts, µm².
              */
             least_island_um2: number;
             /**
              * Format: double
-             * @description Pockets in a cut, on average: parts of the lumen not connected to the rest in that plane.
+             * @description Mean number of pockets per cut: parts of the lumen that are not connected to the rest in the
+             *     plane.
              */
             pockets_per_cut: number;
             thickness_um?: components["schemas"]["AmongCuts"] | null;
             /**
              * Format: double
-             * @description Where it ends, mm.
+             * @description End of the part of the ampulla in the model, mm.
              */
             to_mm: number;
             /**
              * Format: double
-             * @description Share of the cuts with an island.
+             * @description Fraction of the cuts that have an island.
              */
             with_islands: number;
         };
         /**
-         * @description The status in the last event of what was deleted.
+         * @description Status in the last event of a deleted model or fit.
          * @enum {string}
          */
         Deleted: "deleted";
-        /** @description The data of the `end` event of a deleted model or fit. */
+        /** @description Data of the `end` event of a deleted model or fit. */
         DeletedEvent: {
             /**
              * Format: uuid
-             * @description Its id.
+             * @description Id of the model or fit.
              */
             id: string;
             /** @description `deleted`. */
@@ -1943,7 +1999,7 @@ export interface components {
             file: string;
             /** @description Step of the grid to which positions are rounded, along x, y and z, micrometres. */
             precision_um: number[];
-            /** @description Triangles. */
+            /** @description Number of triangles. */
             triangles: number;
             /** @description Number of vertices. Vertices that patches share count once. */
             vertices: number;
@@ -1957,29 +2013,29 @@ export interface components {
          */
         End: "isthmus" | "ampulla";
         /**
-         * @description Why a search ended.
+         * @description Reason why a search ended.
          * @enum {string}
          */
         Ended: "reached" | "evaluations" | "converged";
-        /** @description A number of seconds and its basis. */
+        /** @description A predicted time and its basis. */
         Estimate: {
-            /** @description Basis of the number. */
+            /** @description Basis of the prediction: counted work and reference machine. */
             basis: string;
             /**
              * Format: double
-             * @description Seconds.
+             * @description Predicted time, seconds.
              */
             seconds: number;
         };
-        /** @description A failure. */
+        /** @description A failed test of a certificate. */
         Failure: {
             /** @description Number of occurrences. */
             count: number;
-            /** @description Description. */
+            /** @description Description of the failure. */
             detail: string;
-            /** @description Kind. */
+            /** @description Kind of the failure. */
             kind: components["schemas"]["FailureKind"];
-            /** @description The first 16 places. */
+            /** @description Places of the first 16 occurrences. */
             places: components["schemas"]["Place"][];
         };
         /**
@@ -1987,16 +2043,16 @@ export interface components {
          * @enum {string}
          */
         FailureKind: "empty" | "indices" | "coordinates" | "section_ring" | "section_crossing" | "section_nesting" | "open_edges" | "non_manifold_edges" | "non_manifold_vertices" | "orientation" | "volume" | "overlap" | "degenerate_triangles" | "duplicate_triangles" | "triangle_intersections" | "components" | "euler" | "conformity";
-        /** @description A fall of the misfit. */
+        /** @description An improvement of the minimum misfit. */
         Fall: {
-            /** @description Number of candidates. */
+            /** @description Number of candidates up to this improvement. */
             evaluations: number;
             /**
              * Format: double
-             * @description The least misfit of these.
+             * @description Minimum misfit of these candidates.
              */
             misfit: number;
-            /** @description Whether it is that of reduced models. */
+            /** @description True if `misfit` is the misfit of reduced models. */
             reduced?: boolean;
         };
         /** @description One invalid value of a request. Exactly one of `pointer`, `parameter` and `header` is present. */
@@ -2016,19 +2072,20 @@ export interface components {
             attempts: number;
             /**
              * Format: date-time
-             * @description When it was accepted.
+             * @description Time at which the request was accepted.
              */
             created_at: string;
             /** @description SHA-256 of the request with its defaults and the engine version, as lower-case hex. */
             digest: string;
             /**
              * Format: date-time
-             * @description When it will be removed; null if it is kept.
+             * @description Time at which the service will delete the record and the files; null before the end, and if
+             *     the service keeps them.
              */
             expires_at?: string | null;
             /**
              * Format: date-time
-             * @description When it ended.
+             * @description Time of the end: success, failure or cancellation. Null before the end.
              */
             finished_at?: string | null;
             /**
@@ -2040,29 +2097,35 @@ export interface components {
             labels: {
                 [key: string]: string;
             };
-            /** @description Who submitted it; null if that was done without a key. */
+            /**
+             * @description Owner of the key with which the request was submitted; null if it was submitted without a
+             *     key.
+             */
             owner?: string | null;
             /** @description Preset that the spec is resolved on. */
             preset: string;
-            /** @description Of the queued jobs, those of higher priority are started first. */
+            /** @description Priority in the queue. Workers claim queued jobs of higher priority first. */
             priority: number;
             problem?: components["schemas"]["ModelProblem"] | null;
             progress?: components["schemas"]["FitProgress"] | null;
-            /** @description Position and waiting time in the queue, which it shares with models. */
+            /** @description Position and waiting time in the queue, which fits and models share. */
             queue: components["schemas"]["Queue"];
-            /** @description The request with everything that it left open. Absent in lists and events. */
+            /** @description The complete request, including defaults. Absent in lists and events. */
             request?: components["schemas"]["FitRequest"];
             result?: components["schemas"]["FitResult"] | null;
             /**
              * Format: date-time
-             * @description When the first attempt started.
+             * @description Time at which the first attempt started.
              */
             started_at?: string | null;
             /** @description Status. A fit that has succeeded, failed or was cancelled never changes. */
             status: components["schemas"]["Status"];
-            /** @description Increases with every change. */
+            /** @description Version, which increases with every change. */
             version: number;
-            /** @description Name of the worker that runs it, or made the last attempt; null before the first. */
+            /**
+             * @description Name of the worker that runs the current or ran the last attempt; null before the first
+             *     attempt.
+             */
             worker?: string | null;
         };
         /** @description A page of fits, newest first. */
@@ -2076,73 +2139,89 @@ export interface components {
         FitProgress: {
             /**
              * Format: double
-             * @description Seconds until all evaluations are used, at the pace so far.
+             * @description Estimated seconds until all evaluations are used, at the current pace.
              */
             eta_seconds?: number | null;
-            /** @description Candidates measured so far. */
+            /** @description Number of candidates measured so far. */
             evaluations: number;
-            /** @description Candidates at most. */
+            /** @description Maximum number of candidates. */
             evaluations_most: number;
             /**
              * Format: double
-             * @description Fraction of the whole, 0 to 1, never decreasing. A search may end before it has used all evaluations.
+             * @description Fraction of the whole, 0 to 1, never decreasing. A search may end before it has used all
+             *     evaluations.
              */
             fraction: number;
             /**
              * Format: double
-             * @description Least misfit so far, on reduced models or, once there are such candidates, with the physics of the spec; see `misfit` of the
-             *     result.
+             * @description Minimum misfit so far: on reduced models or, once such candidates exist, with the physics of
+             *     the spec. See `misfit` of the result.
              */
             misfit?: number | null;
-            /** @description Models grown in full so far. */
+            /** @description Number of models grown in full so far. */
             models: number;
             /** @description Stage. */
             stage: components["schemas"]["FitStage"];
         };
-        /** @description What to fit. Targets come from `targets`, `targets_csv` and `images`; at least one is needed. */
+        /**
+         * @description Request for a fit. Targets come from `targets`, `targets_csv` and `images`; at least one target
+         *     is required.
+         */
         FitRequest: {
-            /** @description Candidates at most; 70 by default. */
+            /** @description Maximum number of candidates; 70 by default. */
             evaluations?: number;
-            /** @description Sections to be measured as targets. */
+            /** @description Images of sections whose measures become targets. */
             images?: components["schemas"]["SectionImage"][];
-            /** @description Names and values of the client's own, to find fits by. */
+            /** @description Labels by which clients can find the fit: names and values. */
             labels?: {
                 [key: string]: string;
             };
-            /** @description Models of the result that are grown in full, each with another seed; 4 by default. */
+            /**
+             * @description Number of models of the result that are grown in full, each with a different seed; 4 by
+             *     default.
+             */
             models?: number;
             /** @description Name of a preset; see `GET /presets`. `pig` by default. */
             preset?: string;
-            /** @description Of the queued jobs, those of higher priority are started first. */
+            /** @description Priority in the queue. Workers claim queued jobs of higher priority first. */
             priority?: number;
-            /** @description First of the seeds, and the seed of the search; 0 by default. */
+            /** @description First of the seeds, and seed of the search; 0 by default. */
             seed?: number;
-            /** @description Seeds with which each candidate is measured, four times as many for measures that cost little; 4 by default. */
+            /**
+             * @description Number of seeds with which each candidate is measured; 4 by default. Inexpensive measures
+             *     use four times as many.
+             */
             seeds?: number;
             /** @description The spec that the search starts from, as a patch of the preset. */
             spec?: components["schemas"]["SpecPatch"];
-            /** @description Measures to be reached. */
+            /** @description Measures to reach. */
             targets?: components["schemas"]["FitTarget"][];
-            /** @description The same as CSV: a header with the columns `region`, `quantity`, `value`, `low`, `high`, and one row a target. */
+            /**
+             * @description Targets as CSV: a header with the columns `region`, `quantity`, `value`, `low` and `high`,
+             *     and one row per target.
+             */
             targets_csv?: string;
-            /** @description The parameters to search for; by default those that the targets depend on, between half and twice their values. */
+            /**
+             * @description Parameters to search for. By default, the parameters on which the targets depend, between
+             *     half and twice their values.
+             */
             vary?: components["schemas"]["FitVariable"][];
         };
         /** @description The result of a fit. */
         FitResult: {
             /** @description Models of the spec, each grown in full with a seed that the search did not use. */
             models: components["schemas"]["Grown"][];
-            /** @description The parameters that were varied, with their values. */
+            /** @description Varied parameters with their values. */
             parameters: components["schemas"]["Fitted"][];
             /** @description Preset that the spec was resolved on. */
             preset: string;
-            /** @description The search. */
+            /** @description Statistics of the search. */
             search: components["schemas"]["Searched"];
-            /** @description The complete spec, as a request for a model takes it. */
+            /** @description The complete spec, in the form that a request for a model has. */
             spec: components["schemas"]["SpecPatch"];
-            /** @description The targets, with what the spec gives. */
+            /** @description Targets, each with the values that the spec reaches. */
             targets: components["schemas"]["Reached"][];
-            /** @description Targets that the search did not meet, and why. */
+            /** @description Targets that the search did not meet, with the reasons. */
             unmet: components["schemas"]["Unmet"][];
         };
         /**
@@ -2151,8 +2230,9 @@ export interface components {
          */
         FitStage: "search" | "verify";
         /**
-         * @description A measure to be reached. Either `value` or both `low` and `high` are needed: the value is then their middle; the range is by
-         *     default 5 % of the value to both sides.
+         * @description A measure to reach. Either `value` or both `low` and `high` are required. Without `value`, the
+         *     value is the middle of the range. Without a range, the range extends 5 % of the value to both
+         *     sides.
          */
         FitTarget: {
             /**
@@ -2169,23 +2249,26 @@ export interface components {
             quantity: string;
             /** @description `isthmus`, `junction`, `ampulla`, `whole`, or `tube` for a measure of the whole tube. */
             region: string;
-            /** @description Where it comes from. */
+            /** @description Source of the value. */
             source?: string | null;
             /**
              * Format: double
-             * @description The value to be reached: the mean over the region.
+             * @description Value to reach: the mean over the region.
              */
             value?: number | null;
         };
-        /** @description The result of a check: what would be queued. */
+        /** @description Result of a check: the request as the service would queue it. */
         FitValidation: {
             /** @description Digest of the request. */
             digest: string;
-            /** @description The request with everything that it left open: targets measured in images, the parameters that are varied, their bounds. */
+            /**
+             * @description The complete request, including targets measured in images, varied parameters and their
+             *     bounds.
+             */
             request: components["schemas"]["FitRequest"];
             /**
              * Format: double
-             * @description Predicted seconds on one core, if all evaluations are used.
+             * @description Predicted seconds on one core if all evaluations are used.
              */
             seconds: number;
         };
@@ -2194,7 +2277,8 @@ export interface components {
             end?: components["schemas"]["End"] | null;
             /**
              * Format: double
-             * @description Lower bound; by default half of the value in the spec. Of a schedule: of its value at that end, or at the ampulla end.
+             * @description Lower bound; by default half of the value in the spec. For a schedule, this is the value at
+             *     `end`, or at the ampulla end without `end`.
              */
             from?: number | null;
             /** @description JSON pointer of a parameter that takes numbers, such as `/collision/gap_um`. */
@@ -2205,7 +2289,7 @@ export interface components {
              */
             to?: number | null;
         };
-        /** @description The value of a parameter. */
+        /** @description Result for one parameter. */
         Fitted: {
             end?: components["schemas"]["End"] | null;
             /**
@@ -2229,7 +2313,8 @@ export interface components {
             unit: string;
             /**
              * Format: double
-             * @description Its value; of a schedule, at that end of the tube, or at the ampulla end.
+             * @description Value in the result. For a schedule, the value at `end`, or at the ampulla end if `end` is
+             *     null.
              */
             value: number;
         };
@@ -2294,11 +2379,11 @@ export interface components {
         Format: "json" | "svg" | "png";
         /** @description A frame of a contraction. */
         FrameReport: {
-            /** @description What is proved of its surface. */
+            /** @description Certificate of the surface of the frame. */
             certificate: components["schemas"]["Certificate"];
             /**
              * Format: double
-             * @description Greatest share of the lumen that is closed in a section.
+             * @description Maximum fraction of the lumen of a section that is closed.
              */
             closed: number;
             /**
@@ -2313,7 +2398,7 @@ export interface components {
             lumen_volume_mm3: number;
             /**
              * Format: double
-             * @description Greatest share by which the outer wall of a section is narrower than at rest.
+             * @description Maximum fraction by which the outer wall of a section is narrower than at rest.
              */
             narrowed: number;
             /**
@@ -2327,13 +2412,13 @@ export interface components {
              */
             tissue_volume_mm3: number;
         };
-        /** @description A model of the result. */
+        /** @description A model that was grown from the result. */
         Grown: {
-            /** @description Whether it passed its certificate. */
+            /** @description True if the model passed its certificate. */
             certified: boolean;
-            /** @description Why there is no model. */
+            /** @description Reason why there is no model; null if there is one. */
             failure?: string | null;
-            /** @description Its measures, in the order of the targets. */
+            /** @description Measures of the model, in the order of the targets. */
             measures: (number | null)[];
             /** @description Seed. */
             seed: number;
@@ -2396,14 +2481,17 @@ export interface components {
             type?: string;
             /** @description The meaning of each choice. */
             "x-enum-descriptions"?: string[];
-            /** @description Why there is a maximum. */
+            /** @description Reason for the maximum. */
             "x-maximum-reason"?: string;
             /** @description Unit of the value. */
             "x-unit"?: string;
         };
         /** @description A label volume. */
         LabelReport: {
-            /** @description Centre of the voxel of column 0, row 0 and slice 0, micrometres. The next row has a smaller y. */
+            /**
+             * @description Centre of the voxel of column 0, row 0 and slice 0, micrometres. The next row has a smaller
+             *     y.
+             */
             first_um: number[];
             /** @description Number of voxels along x, y and z. */
             size: number[];
@@ -2462,17 +2550,18 @@ export interface components {
              */
             wavelength_um?: number | null;
         };
-        /** @description What was done. */
+        /** @description Statistics of the lean: intersecting triangles, and the damping that separated them. */
         Leaned: {
-            /** @description Places at which the displacement was damped. */
+            /** @description Number of places at which the displacement was damped. */
             damped: number;
-            /** @description Pairs of triangles that met before damping. */
+            /** @description Number of pairs of triangles that intersected before damping. */
             met: number;
-            /** @description Rounds of damping. */
+            /** @description Number of rounds of damping. */
             rounds: number;
             /**
              * Format: double
-             * @description Factor on all displacement: 1 unless it was too steep, or damping around places did not suffice.
+             * @description Factor on the whole displacement: 1 unless the displacement was too steep or damping around
+             *     places did not suffice.
              */
             scale: number;
         };
@@ -2483,12 +2572,12 @@ export interface components {
         LengthUnit: "m" | "mm" | "um";
         /** @description Terms of use. */
         Licence: {
-            /** @description What holds for a model. */
+            /** @description Terms of use of a model. */
             model: string;
-            /** @description SPDX expression of the program's licence. */
+            /** @description SPDX expression of the licence of the program. */
             software: string;
         };
-        /** @description The last section, thinned to at most 512 points per ring, so that a page can draw the growing tube. */
+        /** @description Latest section, thinned to at most 512 points per contour, for drawing the growing tube. */
         LiveSection: {
             /** @description Index among the recorded sections. */
             index: number;
@@ -2506,7 +2595,7 @@ export interface components {
         };
         /**
          * Distribution log-normal
-         * @description In the designs `grid` and `zip`, the quantiles in the middle of parts of equal probability.
+         * @description Distribution of values. The designs `grid` and `zip` use the quantiles in the middle of intervals of equal probability.
          */
         LogNormal: {
             /** @description Number of values; required in the designs `grid` and `zip`, not allowed in `lhs`. */
@@ -2527,7 +2616,7 @@ export interface components {
         };
         /**
          * Distribution log-uniform
-         * @description In the designs `grid` and `zip`, the quantiles in the middle of parts of equal probability.
+         * @description Distribution of values. The designs `grid` and `zip` use the quantiles in the middle of intervals of equal probability.
          */
         LogUniform: {
             /** @description Number of values; required in the designs `grid` and `zip`, not allowed in `lhs`. */
@@ -2537,9 +2626,9 @@ export interface components {
              * @enum {string}
              */
             distribution: "log-uniform";
-            /** @description Least value. */
+            /** @description Minimum. */
             from: number;
-            /** @description Greatest value. */
+            /** @description Maximum. */
             to: number;
         };
         /** @description Files of a model with their origin. */
@@ -2548,13 +2637,13 @@ export interface components {
             axes: string;
             /** @description How to cite the method. */
             cite: string;
-            /** @description SHA-256 of spec, seed and engine version. Models of the same digest have the same surface. */
+            /** @description SHA-256 of spec, seed and engine version. Models with the same digest have the same surface. */
             digest: string;
-            /** @description The program that made it, with its version: the engine version of the digest. */
+            /** @description Program that created the files, with its version: the engine version of the digest. */
             engine: string;
             /** @description The files. */
             files: components["schemas"]["ManifestFile"][];
-            /** @description What the program and the model may be used for. */
+            /** @description Terms of use of the program and of the model. */
             licence: components["schemas"]["Licence"];
             /** @description Preset that the spec was resolved on. */
             preset: string;
@@ -2571,7 +2660,7 @@ export interface components {
             media_type: string;
             /** @description Name. */
             name: string;
-            /** @description Names of the patches of its surface, in order. */
+            /** @description Names of the patches of the surface, in order. */
             patches: string[];
             /** @description SHA-256, lower-case hex. */
             sha256: string;
@@ -2611,28 +2700,32 @@ export interface components {
             backend: components["schemas"]["BackendReport"];
             /**
              * Format: uuid
-             * @description Id of the batch that it belongs to.
+             * @description Id of the batch to which the model belongs; null if it belongs to none.
              */
             batch?: string | null;
             /** @description Bodies whose surfaces are written. */
             bodies: components["schemas"]["Body"][];
             /**
              * Format: date-time
-             * @description When it was accepted.
+             * @description Time at which the request was accepted.
              */
             created_at: string;
-            /** @description SHA-256 of the canonical spec (without `solver.search`), the seed and the engine version, as lower-case hex. */
+            /**
+             * @description SHA-256 of the canonical spec (without `solver.search`), the seed and the engine version, as
+             *     lower-case hex.
+             */
             digest: string;
             /**
              * Format: date-time
-             * @description When it will be removed; null if it is kept.
+             * @description Time at which the service will delete the record and the files; null before the end, and if
+             *     the service keeps them.
              */
             expires_at?: string | null;
-            /** @description Its files, once it has succeeded. */
+            /** @description Files of the model; empty until it has succeeded. */
             files: components["schemas"]["ModelFile"][];
             /**
              * Format: date-time
-             * @description When it ended.
+             * @description Time of the end: success, failure or cancellation. Null before the end.
              */
             finished_at?: string | null;
             /**
@@ -2646,11 +2739,14 @@ export interface components {
             };
             /** @description Requested file formats. */
             outputs: components["schemas"]["Output"][];
-            /** @description Who submitted it; null if that was done without a key. */
+            /**
+             * @description Owner of the key with which the request was submitted; null if it was submitted without a
+             *     key.
+             */
             owner?: string | null;
             /** @description Preset that the spec was resolved on. */
             preset: string;
-            /** @description Of the queued models, those of higher priority are started first. */
+            /** @description Priority in the queue. Workers claim queued models of higher priority first. */
             priority: number;
             problem?: components["schemas"]["ModelProblem"] | null;
             progress?: components["schemas"]["Progress"] | null;
@@ -2658,37 +2754,43 @@ export interface components {
             queue: components["schemas"]["Queue"];
             /**
              * Format: uuid
-             * @description Id of the failed model that it repeats.
+             * @description Id of the failed model that this model retries; null if it is not a retry.
              */
             retry_of?: string | null;
             /**
              * Format: uuid
-             * @description Id of the finished model whose files it shares.
+             * @description Id of the finished model whose files this model shares; null if it was grown.
              */
             reused_from?: string | null;
             /** @description Seed. */
             seed: number;
-            /** @description The complete resolved spec, as `GET /schema` describes it. Present with `view=full`, absent with `view=summary`. */
+            /**
+             * @description The complete resolved spec, as `GET /schema` describes it. Present with `view=full`, absent
+             *     with `view=summary`.
+             */
             spec?: components["schemas"]["SpecPatch"];
             /**
              * Format: date-time
-             * @description When the first attempt started.
+             * @description Time at which the first attempt started.
              */
             started_at?: string | null;
             /** @description Status. A model that has succeeded, failed or was cancelled never changes. */
             status: components["schemas"]["Status"];
             summary?: components["schemas"]["Summary"] | null;
             units?: components["schemas"]["LengthUnit"] | null;
-            /** @description Increases with every change. */
+            /** @description Version, which increases with every change. */
             version: number;
-            /** @description Signs of poor growth, once it has succeeded; empty if there are none. */
+            /** @description Warnings about poor growth; empty if there are none, and until the model has succeeded. */
             warnings: components["schemas"]["ModelWarning"][];
-            /** @description Name of the worker that grows it, or made the last attempt; null before the first. */
+            /**
+             * @description Name of the worker that runs the current or ran the last attempt; null before the first
+             *     attempt.
+             */
             worker?: string | null;
         };
         /**
-         * @description The data of an event: the whole state of a model, without its spec unless `view=full`, and in `section` events its
-         *     latest contour.
+         * @description Data of an event: the whole state of a model, without its spec unless `view=full`. In `section`
+         *     events, the data also has the latest section.
          */
         ModelEvent: components["schemas"]["Model"] & {
             section?: components["schemas"]["LiveSection"] | null;
@@ -2699,7 +2801,7 @@ export interface components {
             bytes: number;
             /**
              * Format: uri-reference
-             * @description Where to download it: a reference relative to the URL of the answer or stream that names it.
+             * @description Reference to the file, relative to the URL of the response or stream that contains it.
              */
             href: string;
             /** @description Media type. */
@@ -2716,26 +2818,29 @@ export interface components {
             /** @description Value of `cursor` for the next page; null on the last page. */
             next?: string | null;
         };
-        /** @description Why a model failed. */
+        /** @description Problem that caused a failure. */
         ModelProblem: {
-            /** @description What happened, and where. */
+            /** @description Description of the error and its place. */
             detail: string;
-            /** @description The same for every problem of the type. */
+            /** @description Title, the same for every problem of the type. */
             title: string;
-            /** @description `urn:oviduct:problem:` and a stable slug: `certificate`, `panic`, `memory`, `attempts-exhausted`, `storage`, … */
+            /**
+             * @description `urn:oviduct:problem:` and a stable slug: `certificate`, `panic`, `memory`,
+             *     `attempts-exhausted`, `storage`, …
+             */
             type: string;
         };
-        /** @description What to grow. All members are optional: `{}` requests the default preset with a random seed. */
+        /** @description Request for a model. All members are optional: `{}` requests the default preset with a random seed. */
         ModelRequest: {
             backend?: components["schemas"]["Backend"];
             /**
-             * @description The bodies whose surfaces are written in each format that holds one: `tissue` as `model.*`, `lumen` as `lumen.*`, `regions` (both, with their common wall once) as `regions.*`.
+             * @description Bodies whose surfaces are written in each surface format: `tissue` as `model.*`, `lumen` as `lumen.*`, `regions` (both, with their common wall once) as `regions.*`.
              * @default [
              *       "tissue"
              *     ]
              */
             bodies?: components["schemas"]["Body"][];
-            /** @description Names and values of the client's own, to find models by. */
+            /** @description Labels by which clients can find the model: names and values. */
             labels?: {
                 [key: string]: string;
             };
@@ -2753,16 +2858,16 @@ export interface components {
              */
             preset?: string;
             /**
-             * @description Of the queued models, those of higher priority are started first.
+             * @description Priority in the queue. Workers claim queued models of higher priority first.
              * @default 0
              */
             priority?: number;
             /**
-             * @description Whether a model with the same digest may be reused instead of growing it again: a finished one at once, one that is queued or running when it ends.
+             * @description True to reuse a model with the same digest instead of growing it again. A finished model is reused immediately, a queued or running model when it ends.
              * @default true
              */
             reuse?: boolean;
-            /** @description The same seed and spec give the same model. If it is absent, the service draws one and reports it. */
+            /** @description Seed. The same seed and spec give the same model. If the seed is absent, the service draws one and reports it. */
             seed?: number;
             spec?: components["schemas"]["SpecPatch"];
             /** @description Unit of coordinates in `obj`, `stl`, `stl-ascii`, `ply`, `vtp` and `centreline`. By default `obj` is in metres and the others in millimetres. glTF is always in metres. */
@@ -2778,19 +2883,25 @@ export interface components {
             /** @description A sentence with the measured values. */
             detail: string;
         };
-        /** @description The measures of a model. `docs/morphometry.md` defines them. */
+        /** @description Measures of a model. `docs/morphometry.md` defines them. */
         Morphometry: {
-            /** @description One value a section, by quantity; null where the section has none. Sections that were added to mend a slab are left out. */
+            /**
+             * @description One value per section, by quantity; null if the section lacks the quantity. Sections that
+             *     were added to mend a slab are left out.
+             */
             along: {
                 [key: string]: (number | null)[];
             };
-            /** @description By region: `isthmus`, `junction`, `ampulla`, and `whole`; a region without a section is missing. */
+            /**
+             * @description Measures by region: `isthmus`, `junction`, `ampulla` and `whole`. A region without sections
+             *     is absent.
+             */
             regions: {
                 [key: string]: components["schemas"]["Region"];
             };
-            /** @description How it was measured. */
+            /** @description Settings of the measurement. */
             settings: components["schemas"]["Settings"];
-            /** @description Of the whole tube. */
+            /** @description Measures of the whole tube. */
             tube: components["schemas"]["Tube"];
         };
         /**
@@ -2800,7 +2911,7 @@ export interface components {
         NamedView: "whole" | "opened" | "isthmus" | "ampulla";
         /**
          * Distribution normal
-         * @description In the designs `grid` and `zip`, the quantiles in the middle of parts of equal probability.
+         * @description Distribution of values. The designs `grid` and `zip` use the quantiles in the middle of intervals of equal probability.
          */
         Normal: {
             /** @description Number of values; required in the designs `grid` and `zip`, not allowed in `lhs`. */
@@ -2874,11 +2985,11 @@ export interface components {
             strength?: number | components["schemas"]["Schedule"] | null;
         };
         /**
-         * @description A format of the model: one file, or several.
+         * @description A format of the model: one or several files.
          * @enum {string}
          */
         Output: "glb" | "gltf" | "obj" | "stl" | "stl-ascii" | "ply" | "vtp" | "centreline" | "lod" | "labels";
-        /** @description A value of a parameter or of a part of a schedule; null leaves that of `spec`. */
+        /** @description Value of a parameter or of a part of a schedule. Null keeps the value of `spec`. */
         ParameterValue: null | boolean | number | string | components["schemas"]["ScheduleKey"][] | components["schemas"]["Schedule"] | components["schemas"]["Fluctuation"] | number[][];
         /** @description Number of particles of both loops at the ends of the model. */
         ParticleCounts: {
@@ -2923,13 +3034,16 @@ export interface components {
              */
             total?: number | components["schemas"]["Schedule"] | null;
         };
-        /** @description A pause of a worker or of all. */
+        /** @description Pause of one worker or of all workers. */
         Pause: {
-            /** @description Who asked for it; null if unknown, and for callers without the scope `admin`. */
+            /**
+             * @description Name of the caller that requested the pause; null if unknown, and for callers without the
+             *     scope `admin`.
+             */
             by?: string | null;
             /**
              * Format: date-time
-             * @description When it began.
+             * @description Start of the pause.
              */
             since: string;
         };
@@ -2949,13 +3063,13 @@ export interface components {
              */
             to?: number | null;
         };
-        /** @description The place of a failure. */
+        /** @description Place of a failure. */
         Place: {
             /** @description Position; `z` is the place along the tube. */
             position_um: components["schemas"]["Position"];
-            /** @description Section concerned, by index. */
+            /** @description Index of the section concerned. */
             section?: number | null;
-            /** @description Triangles concerned, by index. */
+            /** @description Indices of the triangles concerned. */
             triangles: number[];
         };
         /**
@@ -2980,7 +3094,7 @@ export interface components {
         };
         /**
          * Format: binary
-         * @description Stands for a PNG picture.
+         * @description A PNG picture.
          */
         Png: string;
         /** @description x and y, micrometres. */
@@ -2992,7 +3106,7 @@ export interface components {
         PointValidation: {
             /** @description Predicted cost of one model. */
             cost: components["schemas"]["Cost"];
-            /** @description The varied values by their pointers. */
+            /** @description Varied values, by JSON pointer. */
             values: {
                 [key: string]: components["schemas"]["ParameterValue"];
             };
@@ -3084,7 +3198,7 @@ export interface components {
         Progress: {
             /**
              * Format: double
-             * @description Estimated seconds to the end; unknown until there is enough data.
+             * @description Estimated seconds to the end; null until there is enough data.
              */
             eta_seconds?: number | null;
             /**
@@ -3094,33 +3208,36 @@ export interface components {
             fraction: number;
             /** @description Number of particles of both loops. */
             particles: number;
-            /** @description Sections recorded. */
+            /** @description Number of recorded sections. */
             sections: number;
             /** @description Stage. */
             stage: components["schemas"]["Stage"];
-            /** @description Time step reached. */
+            /** @description Current time step. */
             step: number;
-            /** @description Total time steps. */
+            /** @description Total number of time steps. */
             steps: number;
         };
         /** @description Position and waiting time of a model in the queue. */
         Queue: {
             /**
-             * @description Number of models ahead of it that request the same backend: those of higher priority, of an earlier turn between
-             *     submitters, or older ones. Counted up to 1000; null once it has left the queue.
+             * @description Number of models that are ahead in the queue and request the same backend: models of higher
+             *     priority, of an earlier turn between submitters, or older ones. Counted up to 1000; null
+             *     after the model has left the queue.
              */
             position?: number | null;
             /**
              * Format: double
-             * @description Seconds between acceptance and the first attempt; null while it waits.
+             * @description Seconds between acceptance and the first attempt or, without an attempt, the end; null while
+             *     the model waits.
              */
             wait_seconds?: number | null;
         };
-        /** @description A target and what the spec gives. */
+        /** @description A target, with the values that the spec reaches. */
         Reached: components["schemas"]["Target"] & {
             /**
              * Format: double
-             * @description Distance from the value, in distances from the value to the end of the range on that side.
+             * @description Deviation of the measure from the value, in units of the distance from the value to the end
+             *     of the range on the same side.
              */
             deviation: number;
             /**
@@ -3128,77 +3245,84 @@ export interface components {
              * @description Mean over the seeds of the search.
              */
             measured?: number | null;
-            /** @description Whether it is within the range. */
+            /** @description True if the measure is within the range. */
             met: boolean;
             /**
              * Format: double
-             * @description Mean over the models; null if none has it.
+             * @description Mean over the models; null if no model has the measure.
              */
             models_mean?: number | null;
             /** @description Number of models within the range. */
             models_met: number;
             /**
              * Format: double
-             * @description Standard deviation between the models: the spread over seeds; null if fewer than two have it.
+             * @description Standard deviation between the models, which is the spread over seeds; null if fewer than
+             *     two models have the measure.
              */
             models_sd?: number | null;
-            /** @description Number of these seeds: more than `seeds` for measures that cost little. */
+            /** @description Number of these seeds. For inexpensive measures, it is larger than `seeds`. */
             seeds?: number;
         };
-        /** @description What was done so that bent triangles do not meet. */
+        /** @description Statistics of the bending: intersecting triangles, and the changes that separated them. */
         Refined: {
-            /** @description Places at which the lean was damped. */
+            /** @description Number of places at which the lean was damped. */
             damped: number;
-            /** @description Pairs of triangles that would have met. */
+            /** @description Number of pairs of triangles that intersected at first. */
             met: number;
-            /** @description Rounds of both. */
+            /** @description Number of rounds of splitting and damping. */
             rounds: number;
-            /** @description Edges that were split. */
+            /** @description Number of edges that were split. */
             split: number;
         };
         /** @description Measures of a region. */
         Region: {
             /**
              * Format: double
-             * @description Where it begins, from the isthmus end.
+             * @description Start of the region, mm from the isthmus end.
              */
             from_mm: number;
-            /** @description Along the region, by quantity; a quantity that no section has is missing. */
+            /** @description Values along the region, by quantity. A quantity that no section has is absent. */
             quantities: {
                 [key: string]: components["schemas"]["Along"];
             };
-            /** @description Sections in it. */
+            /** @description Number of sections in the region. */
             sections: number;
             /**
              * Format: double
-             * @description Where it ends.
+             * @description End, measured like `from_mm`.
              */
             to_mm: number;
         };
-        /** @description The findings on both bodies together. */
+        /** @description Certificate of both bodies together. */
         RegionsCertificate: {
             /** @description The failures, at most one entry per kind. */
             failures: components["schemas"]["Failure"][];
-            /** @description Whether there are no failures. */
+            /** @description True if there are no failures. */
             passed: boolean;
-            /** @description Edges at which three triangles meet: a wall, a cap and a lid. */
+            /**
+             * @description Number of edges that belong to three triangles: one of a wall, one of a cap and one of a
+             *     lid.
+             */
             rim_edges: number;
-            /** @description Triangles of the common wall. */
+            /** @description Number of triangles of the common wall. */
             shared_triangles: number;
-            /** @description Pairs of triangles, of either body, that have a point in common other than vertices and edges they share. */
+            /**
+             * @description Number of pairs of triangles, of one or both bodies, that intersect outside their shared
+             *     vertices and edges.
+             */
             triangle_intersections: number;
-            /** @description Triangles of both bodies, those of their common wall once. */
+            /** @description Number of triangles of both bodies. Triangles of the common wall count once. */
             triangles: number;
-            /** @description Vertices of both bodies. */
+            /** @description Number of vertices of both bodies. */
             vertices: number;
             /**
              * Format: double
-             * @description Relative difference between that and the sum of the volumes of both bodies.
+             * @description Relative difference between `volume_mm3` and the sum of the volumes of both bodies.
              */
             volume_error: number;
             /**
              * Format: double
-             * @description Volume enclosed by the outside: outer wall, caps, lids.
+             * @description Volume enclosed by the outer wall, the caps and the lids.
              */
             volume_mm3: number;
         };
@@ -3234,11 +3358,17 @@ export interface components {
              */
             strength?: number | components["schemas"]["Schedule"] | null;
         };
-        /** @description The report of a model: what `report.json` holds, and what computed it. */
+        /** @description Report of a model: the content of `report.json`, and the backend that computed the model. */
         Report: components["schemas"]["StoredReport"] & {
-            /** @description What computed the model. Not in the file, whose bytes are the same on any machine. */
+            /**
+             * @description Backend that computed the model. Absent in the file, whose bytes are the same on any
+             *     machine.
+             */
             backend: components["schemas"]["BackendReport"];
-            /** @description SHA-256 of the canonical spec (without `solver.search`), the seed and the engine version, as in the model. */
+            /**
+             * @description SHA-256 of the canonical spec (without `solver.search`), the seed and the engine version, as
+             *     in the model.
+             */
             digest: string;
             /** @description Preset that the spec was resolved on. */
             preset: string;
@@ -3278,22 +3408,26 @@ export interface components {
             number,
             number
         ];
-        /** @description The search. */
+        /** @description Statistics of the search. */
         Searched: {
-            /** @description Why it ended. */
+            /** @description Reason why the search ended. */
             ended: components["schemas"]["Ended"];
-            /** @description Candidates that were measured. */
+            /** @description Number of candidates that were measured. */
             evaluations: number;
-            /** @description Candidates that could not be measured. */
+            /** @description Number of candidates that could not be measured. */
             failed: number;
-            /** @description Where the least misfit fell: on reduced models, and then with the physics of the spec. */
+            /**
+             * @description Improvements of the minimum misfit: first on reduced models, then with the physics of the
+             *     spec.
+             */
             history: components["schemas"]["Fall"][];
             /**
              * Format: double
-             * @description Misfit of the result: the mean over the targets of (d² + d⁴)/2 of their deviations d.
+             * @description Misfit of the result: the mean over the targets of (d² + d⁴)/2, where d is the deviation of
+             *     a target. This term grows linearly above a deviation of 3.
              */
             misfit: number;
-            /** @description Seeds of every candidate; those of measures that cost little begin with them. */
+            /** @description Seeds of every candidate. Inexpensive measures use further seeds in addition. */
             seeds: number[];
             /**
              * Format: double
@@ -3301,9 +3435,9 @@ export interface components {
              */
             start_misfit?: number | null;
         };
-        /** @description A cross section; lengths in micrometres. */
+        /** @description A section of a model. Lengths are in micrometres. */
         SectionAnswer: {
-            /** @description Whether the section was added to mend a slab. */
+            /** @description True if the section was added to mend a slab. */
             added: boolean;
             /** @description Number of sections of the model. */
             count: number;
@@ -3331,7 +3465,7 @@ export interface components {
              */
             z_um: number;
         };
-        /** @description A section as an image. It is traced, and measured like a section of a model. */
+        /** @description An image of a section. The service traces the image and measures it like a section of a model. */
         SectionImage: {
             /**
              * Format: double
@@ -3340,32 +3474,35 @@ export interface components {
             pixel_um: number;
             /** @description The image: a PNG of 1 to 8 bits, grey or with a palette, without transparency, as base64. */
             png: string;
-            /** @description Quantities that become targets; by default those that a single section has reliably. */
+            /** @description Quantities that become targets; by default those that a single section determines reliably. */
             quantities?: string[] | null;
-            /** @description Region that the section is from. */
+            /** @description Region of the tube from which the section was taken. */
             region: string;
-            /** @description Values of pixels (of a palette: indices) that are tissue; by default all but 0. */
+            /**
+             * @description Values of the pixels that show tissue (indices if the image has a palette); by default all
+             *     except 0.
+             */
             tissue?: number[] | null;
             /**
              * Format: double
-             * @description Accepted range as a part of the value to both sides; 0.1 by default.
+             * @description Accepted deviation to both sides, as a fraction of the value; 0.1 by default.
              */
             tolerance?: number | null;
         };
         /**
          * Given seeds
-         * @description One model per seed, of each point of a study.
+         * @description One model per seed; in a study, one model per point and seed.
          */
         SeedsBatchRequest: {
             backend?: components["schemas"]["Backend"];
             /**
-             * @description The bodies whose surfaces are written in each format that holds one: `tissue` as `model.*`, `lumen` as `lumen.*`, `regions` (both, with their common wall once) as `regions.*`.
+             * @description Bodies whose surfaces are written in each surface format: `tissue` as `model.*`, `lumen` as `lumen.*`, `regions` (both, with their common wall once) as `regions.*`.
              * @default [
              *       "tissue"
              *     ]
              */
             bodies?: components["schemas"]["Body"][];
-            /** @description Names and values of the client's own, to find models by. */
+            /** @description Labels by which clients can find the model: names and values. */
             labels?: {
                 [key: string]: string;
             };
@@ -3383,16 +3520,16 @@ export interface components {
              */
             preset?: string;
             /**
-             * @description Of the queued models, those of higher priority are started first.
+             * @description Priority in the queue. Workers claim queued models of higher priority first.
              * @default 0
              */
             priority?: number;
             /**
-             * @description Whether a model with the same digest may be reused instead of growing it again: a finished one at once, one that is queued or running when it ends.
+             * @description True to reuse a model with the same digest instead of growing it again. A finished model is reused immediately, a queued or running model when it ends.
              * @default true
              */
             reuse?: boolean;
-            /** @description One model per seed, of each point of a study. The greatest number of models is a setting of the service. */
+            /** @description Seeds of the models, or of the models of each point of a study. The maximum number of models is a setting of the service. */
             seeds: number[];
             spec?: components["schemas"]["SpecPatch"];
             /** @description Unit of coordinates in `obj`, `stl`, `stl-ascii`, `ply`, `vtp` and `centreline`. By default `obj` is in metres and the others in millimetres. glTF is always in metres. */
@@ -3411,31 +3548,31 @@ export interface components {
             /** @description Value of `Last-Event-ID` when the client reconnects */
             id: string;
         };
-        /** @description How a model was measured. */
+        /** @description Settings with which a model was measured. */
         Settings: {
-            /** @description Least and greatest side of the boxes that are counted, in pixels. */
+            /** @description Minimum and maximum side of the counted boxes, pixels. */
             boxes_px: number[];
             /**
              * Format: double
-             * @description Least height of a fold or branch.
+             * @description Minimum height of a fold or branch.
              */
             least_height_um: number;
             /**
              * Format: double
-             * @description Least ratio of the height of a fold or branch to the width of its base.
+             * @description Minimum ratio of the height of a fold or branch to the width of its base.
              */
             least_slenderness: number;
             /**
              * Format: double
-             * @description Side of the pixels of masks; larger if the lumen is wider than 8192 of them.
+             * @description Side of a pixel of the masks. Pixels are larger if the lumen is wider than 8192 of them.
              */
             pixel_um: number;
             /**
              * Format: double
-             * @description The ring as a part of the base ellipse.
+             * @description Size of the counting ring as a fraction of the base ellipse.
              */
             ring_share: number;
-            /** @description Every how many sections the shape tree is made. */
+            /** @description Interval of sections at which the shape tree is built. */
             tree_every: number;
         };
         /**
@@ -3592,7 +3729,10 @@ export interface components {
             contraction?: components["schemas"]["ContractionReport"];
             course?: components["schemas"]["Bending"] | null;
             cuts?: components["schemas"]["Cuts"] | null;
-            /** @description SHA-256 of the canonical spec (without `solver.search`), the seed and the engine version, as in the model. */
+            /**
+             * @description SHA-256 of the canonical spec (without `solver.search`), the seed and the engine version, as
+             *     in the model.
+             */
             digest: string;
             /** @description Version of the program that grew the model. */
             engine: string;
@@ -3622,18 +3762,18 @@ export interface components {
         };
         /**
          * Study
-         * @description One model of each point of a study.
+         * @description One model per point of a study. The service draws one seed for all points.
          */
         StudyBatchRequest: {
             backend?: components["schemas"]["Backend"];
             /**
-             * @description The bodies whose surfaces are written in each format that holds one: `tissue` as `model.*`, `lumen` as `lumen.*`, `regions` (both, with their common wall once) as `regions.*`.
+             * @description Bodies whose surfaces are written in each surface format: `tissue` as `model.*`, `lumen` as `lumen.*`, `regions` (both, with their common wall once) as `regions.*`.
              * @default [
              *       "tissue"
              *     ]
              */
             bodies?: components["schemas"]["Body"][];
-            /** @description Names and values of the client's own, to find models by. */
+            /** @description Labels by which clients can find the model: names and values. */
             labels?: {
                 [key: string]: string;
             };
@@ -3651,12 +3791,12 @@ export interface components {
              */
             preset?: string;
             /**
-             * @description Of the queued models, those of higher priority are started first.
+             * @description Priority in the queue. Workers claim queued models of higher priority first.
              * @default 0
              */
             priority?: number;
             /**
-             * @description Whether a model with the same digest may be reused instead of growing it again: a finished one at once, one that is queued or running when it ends.
+             * @description True to reuse a model with the same digest instead of growing it again. A finished model is reused immediately, a queued or running model when it ends.
              * @default true
              */
             reuse?: boolean;
@@ -3672,11 +3812,11 @@ export interface components {
              * @description Id of the model.
              */
             id: string;
-            /** @description Index of its point in the design, from 0. */
+            /** @description Index of the point in the design, from 0. */
             point: number;
-            /** @description Its seed. */
+            /** @description Seed of the model. */
             seed: number;
-            /** @description The varied values by their pointers. */
+            /** @description Varied values, by JSON pointer. */
             values: {
                 [key: string]: components["schemas"]["ParameterValue"];
             };
@@ -3743,11 +3883,11 @@ export interface components {
         /** @description The models of a batch as a table. */
         Table: {
             /**
-             * @description Names of the columns: `id`, `status`, `seed`, the JSON pointer of each varied parameter, `problem`, and the figures of
-             *     the models by dotted names such as `summary.particles.end`.
+             * @description Names of the columns: `id`, `status`, `seed`, the JSON pointer of each varied parameter,
+             *     `problem`, and the figures of the models by dotted names such as `summary.particles.end`.
              */
             columns: string[];
-            /** @description One row a model, in the order of the request; a value that a model does not have is null. */
+            /** @description One row per model, in the order of the request. A value that a model lacks is null. */
             rows: components["schemas"]["ParameterValue"][][];
         };
         /**
@@ -3755,7 +3895,7 @@ export interface components {
          * @enum {string}
          */
         TableFormat: "json" | "csv";
-        /** @description A quantity in a region, and the range that is accepted. */
+        /** @description A quantity in a region, with the accepted range. */
         Target: {
             /**
              * Format: double
@@ -3771,11 +3911,11 @@ export interface components {
             quantity: string;
             /** @description `isthmus`, `junction`, `ampulla`, `whole`, or `tube` for a measure of the whole tube. */
             region: string;
-            /** @description Where it comes from, if it was measured in an image. */
+            /** @description Source of the value, if known. */
             source?: string | null;
             /**
              * Format: double
-             * @description The value to be reached: the mean over the region.
+             * @description Value to reach: the mean over the region.
              */
             value: number;
         };
@@ -3799,29 +3939,29 @@ export interface components {
              */
             path: string;
         };
-        /** @description The shape of triangles, as it matters to solvers. */
+        /** @description Shapes of the triangles of a surface, which affect solvers. */
         TriangleQuality: {
             /**
-             * @description Number of triangles by the ratio of their longest to their shortest edge: 1 to 1.5, 1.5 to 2, and so on to 5.5 to 6, then
-             *     6 and above.
+             * @description Number of triangles by the ratio of the longest edge to the shortest: 1 to 1.5, 1.5 to 2,
+             *     and so on to 5.5 to 6, then 6 and above.
              */
             edge_ratios: number[];
             /**
              * Format: double
-             * @description Share of the triangles whose edges have a ratio of at most 4.
+             * @description Fraction of the triangles whose longest edge is less than 4 times as long as the shortest.
              */
             edge_ratios_to_4: number;
-            /** @description Number of triangles by their least angle: 0 to 5 degrees, 5 to 10, and so on to 55 to 60. */
+            /** @description Number of triangles by smallest angle: 0 to 5 degrees, 5 to 10, and so on to 55 to 60. */
             least_angles: number[];
             /**
              * Format: double
-             * @description Share of the triangles whose least angle is at least 20 degrees.
+             * @description Fraction of the triangles whose smallest angle is at least 20 degrees.
              */
             least_angles_from_20: number;
         };
         /**
          * Distribution triangular
-         * @description In the designs `grid` and `zip`, the quantiles in the middle of parts of equal probability.
+         * @description Distribution of values. The designs `grid` and `zip` use the quantiles in the middle of intervals of equal probability.
          */
         Triangular: {
             /** @description Number of values; required in the designs `grid` and `zip`, not allowed in `lhs`. */
@@ -3831,74 +3971,78 @@ export interface components {
              * @enum {string}
              */
             distribution: "triangular";
-            /** @description Least value. */
+            /** @description Minimum. */
             from: number;
             /** @description Most likely value. */
             mode: number;
-            /** @description Greatest value. */
+            /** @description Maximum. */
             to: number;
         };
         /** @description Measures of the whole tube. */
         Tube: {
             /**
              * Format: double
-             * @description Length of the ampulla.
+             * @description Length of the part of the ampulla in the model.
              */
             ampulla_length_mm: number;
             /**
              * Format: double
-             * @description Mean part of the folds on the ring that continue as one fold each in the next section.
+             * @description Mean fraction of the folds on the counting ring that continue as one fold each in the next
+             *     section.
              */
             fold_continuity?: number | null;
             /**
              * Format: double
-             * @description Folds on the ring in the ampulla over those of the isthmus, means by region.
+             * @description Number of folds on the counting ring in the ampulla divided by the number in the isthmus;
+             *     both are means over the region.
              */
             fold_ratio?: number | null;
             /**
              * Format: double
-             * @description Four times the volume of the lumen over the surface of the mucosa.
+             * @description Four times the volume of the lumen, divided by the surface of the mucosa.
              */
             hydraulic_diameter_um: number;
             /**
              * Format: double
-             * @description Length of the isthmus.
+             * @description Length of the part of the isthmus in the model.
              */
             isthmus_length_mm: number;
             /**
              * Format: double
-             * @description Length.
+             * @description Length of the model along the tube.
              */
             length_mm: number;
             /**
              * Format: double
-             * @description Surface of the mucosa: perimeters of the sections, by the trapezoidal rule.
+             * @description Surface of the mucosa: the perimeters of the sections, integrated by the trapezoidal rule.
              */
             lumen_surface_mm2: number;
             /**
              * Format: double
-             * @description Volume of the lumen: areas of the sections, by the trapezoidal rule.
+             * @description Volume of the lumen: the areas of the sections, integrated by the trapezoidal rule.
              */
             lumen_volume_mm3: number;
             /**
              * Format: double
-             * @description Surface of the mucosa over the volume of the lumen.
+             * @description Surface of the mucosa divided by the volume of the lumen.
              */
             surface_over_volume_per_mm: number;
             /**
              * Format: double
-             * @description Volume of the tissue, likewise; the certificate has that of the surface.
+             * @description Volume of the tissue, integrated in the same way. The certificate has the volume of the
+             *     surface.
              */
             tissue_volume_mm3: number;
             /**
              * Format: double
-             * @description Angle by which the mucosa turns around the axis from end to end, seen from the ampulla, counter-clockwise positive.
+             * @description Angle by which the mucosa turns around the axis from end to end, degrees; positive if
+             *     counter-clockwise as seen from the ampulla.
              */
             twist_deg: number;
         };
         /**
          * Distribution uniform
-         * @description In the designs `grid` and `zip`, the quantiles in the middle of parts of equal probability.
+         * @description Distribution of values. The designs `grid` and `zip` use the quantiles in the middle of intervals of equal probability.
          */
         Uniform: {
             /** @description Number of values; required in the designs `grid` and `zip`, not allowed in `lhs`. */
@@ -3908,30 +4052,30 @@ export interface components {
              * @enum {string}
              */
             distribution: "uniform";
-            /** @description Least value. */
+            /** @description Minimum. */
             from: number;
-            /** @description Greatest value. */
+            /** @description Maximum. */
             to: number;
         };
         /** @description A target that is not met. */
         Unmet: {
-            /** @description Bounds beyond which it would come nearer. */
+            /** @description Bounds beyond which the measure would come closer to the target. */
             bounds: components["schemas"]["Bound"][];
-            /** @description Targets that it cannot be met together with, as `region/quantity`. */
+            /** @description Targets that cannot be met together with this one, as `region/quantity`. */
             conflicts: string[];
             /**
              * Format: double
-             * @description The value nearest to the target that any candidate had.
+             * @description Closest value to the target among all candidates.
              */
             nearest?: number | null;
-            /** @description Its quantity. */
+            /** @description Quantity of the target. */
             quantity: string;
-            /** @description Its region. */
+            /** @description Region of the target. */
             region: string;
-            /** @description Why. */
+            /** @description Reason why the target is not met. */
             why: components["schemas"]["Why"];
         };
-        /** @description The result of a check: what would be queued. */
+        /** @description Result of a check: the request as the service would queue it. */
         Validation: {
             /** @description Predicted cost. */
             cost: components["schemas"]["Cost"];
@@ -3946,12 +4090,12 @@ export interface components {
         };
         /**
          * List
-         * @description These values; in a Latin hypercube all are equally likely.
+         * @description List of values. In a Latin hypercube, all values are equally likely.
          */
         ValueList: components["schemas"]["ParameterValue"][];
         /**
          * Range
-         * @description Equal steps from one end to the other; in a Latin hypercube a uniform distribution.
+         * @description Values in equal steps from one end to the other. In a Latin hypercube, a uniform distribution.
          */
         ValueRange: {
             /** @description Number of values; required in the designs `grid` and `zip`, not allowed in `lhs`. */
@@ -3982,7 +4126,7 @@ export interface components {
              */
             wavelength_um?: number | null;
         };
-        /** @description The values of one parameter. */
+        /** @description Values of one parameter. */
         VariedValues: components["schemas"]["ValueList"] | components["schemas"]["Distribution"] | components["schemas"]["ValueRange"];
         /**
          * Variety around the wall
@@ -4021,7 +4165,7 @@ export interface components {
             waves?: number | null;
         };
         /**
-         * @description A parameter study: values of parameters, and how they are combined to points. Each point is grown with each seed.
+         * @description Parameter study: values of parameters, and the design that combines them into points. Each point is grown with each seed.
          * @example {
          *       "design": "lhs",
          *       "samples": 50,
@@ -4057,26 +4201,26 @@ export interface components {
          */
         Vary: {
             /**
-             * @description `grid`: every combination, the last pointer varying fastest. `zip`: the first values of all, the second of all, and so on. `lhs`: a Latin hypercube.
+             * @description `grid`: every combination; the last pointer varies fastest. `zip`: the first values of all parameters, then the second values, and so on. `lhs`: a Latin hypercube.
              * @enum {string}
              */
             design: "grid" | "zip" | "lhs";
             /** @description Number of points; design `lhs` only. */
             samples?: number;
-            /** @description The same seed gives the same points; design `lhs` only. If it is absent, 0. */
+            /** @description Seed of the design, 0 by default; design `lhs` only. The same seed gives the same points. */
             seed?: number;
-            /** @description The values of each parameter by its JSON pointer in the spec. */
+            /** @description Values of each parameter, by its JSON pointer in the spec. */
             values: {
                 [key: string]: components["schemas"]["VariedValues"];
             };
         };
         /**
-         * @description Outcome of a comparison.
+         * @description Result of a comparison.
          * @enum {string}
          */
         Verdict: "inside" | "outside" | "no_range" | "not_measured";
         /**
-         * @description How much of each model is sent.
+         * @description Members of each model that a response or event has.
          * @enum {string}
          */
         View: "summary" | "full";
@@ -4102,19 +4246,19 @@ export interface components {
             lobing?: number | components["schemas"]["Schedule"] | null;
         };
         /**
-         * @description Why a target is not met.
+         * @description Reason why a target is not met.
          * @enum {string}
          */
         Why: "out_of_reach" | "insensitive" | "conflict";
         /** @description A worker. */
         Worker: {
-            /** @description Backend. */
+            /** @description Backend of the worker. */
             backend: components["schemas"]["Backend"];
             /** @description Name of the device. */
             device: string;
             /**
              * Format: date-time
-             * @description Last heartbeat.
+             * @description Time of the last heartbeat.
              */
             heartbeat_at: string;
             /** @description Host name. */
@@ -4123,25 +4267,28 @@ export interface components {
             id: string;
             /**
              * Format: uuid
-             * @description Id of the oldest model that it grows.
+             * @description Id of the oldest model or fit that the worker runs; null if it runs none.
              */
             job?: string | null;
-            /** @description Ids of the models that it grows, oldest first: one, or those of a GPU batch. */
+            /**
+             * @description Ids of the models or fits that the worker runs, oldest first: one, or the models of a GPU
+             *     batch.
+             */
             jobs: string[];
-            /** @description Number of models it has finished. */
+            /** @description Number of models and fits that the worker has ended. */
             jobs_done: number;
             pause?: components["schemas"]["Pause"] | null;
-            /** @description Whether it starts models, unless all workers are paused. */
+            /** @description State of the worker, without a pause of all workers. */
             state: components["schemas"]["WorkerState"];
         };
-        /** @description Workers that sent a heartbeat within the last minutes. */
+        /** @description Workers that sent a heartbeat within the last five minutes. */
         WorkerList: {
             pause?: components["schemas"]["Pause"] | null;
             /** @description The workers. */
             workers: components["schemas"]["Worker"][];
         };
         /**
-         * @description What a worker does about new jobs.
+         * @description State of a worker with regard to new jobs.
          * @enum {string}
          */
         WorkerState: "active" | "paused" | "draining" | "drained";
@@ -4163,7 +4310,7 @@ export interface operations {
                 created_after?: string;
                 /** @description Only batches accepted before this time (RFC 3339) */
                 created_before?: string;
-                /** @description Most batches on the page; 20 by default */
+                /** @description Maximum number of batches on the page; 20 by default */
                 limit?: number;
                 /** @description `next` of the previous page */
                 cursor?: string;
@@ -4747,7 +4894,7 @@ export interface operations {
     get_batch_archive: {
         parameters: {
             query?: {
-                /** @description Names of files, with commas between them, such as `report.json,model.glb`; all files by default */
+                /** @description Names of files, separated by commas, such as `report.json,model.glb`; all files by default */
                 files?: string;
                 /** @description `zip` (the default) or `tar` */
                 format?: components["schemas"]["ArchiveFormat"];
@@ -4764,7 +4911,7 @@ export interface operations {
             /** @description The archive */
             200: {
                 headers: {
-                    /** @description File name to save it under */
+                    /** @description File name under which a client can save the response */
                     "content-disposition"?: string;
                     [name: string]: unknown;
                 };
@@ -5129,13 +5276,13 @@ export interface operations {
             query?: {
                 /** @description Only these models: up to 100 ids, separated by commas */
                 ids?: string;
-                /** @description Only models with this label, `key:value`. May be given up to 16 times: models with all of them */
+                /** @description Only models with this label, `key:value`. May be repeated; models must have all labels */
                 label?: string[];
                 /** @description Only models of this batch */
                 batch?: string;
                 /** @description `full` adds the spec to each event; `summary` by default */
                 view?: components["schemas"]["View"];
-                /** @description The same for a new `EventSource`, which cannot send the header; the header takes precedence */
+                /** @description Value of `Last-Event-ID` for a new `EventSource`, which cannot send the header. The header takes precedence */
                 last_event_id?: string;
             };
             header?: {
@@ -5256,15 +5403,15 @@ export interface operations {
                 status?: components["schemas"]["Status"];
                 /** @description Only fits of this preset */
                 preset?: string;
-                /** @description Only fits with this label, `key:value`. May be given up to 16 times */
+                /** @description Only fits with this label, `key:value`. May be repeated; fits must have all labels */
                 label?: string[];
-                /** @description Only fits of this owner; for keys that allow `admin`, or your own name */
+                /** @description Only fits of this owner; without the scope `admin`, only the caller's own name is allowed */
                 owner?: string;
-                /** @description Only fits accepted then or later */
+                /** @description Only fits accepted at this time (RFC 3339) or later */
                 created_after?: string;
-                /** @description Only fits accepted before */
+                /** @description Only fits accepted before this time (RFC 3339) */
                 created_before?: string;
-                /** @description Most fits on the page; 20 by default */
+                /** @description Maximum number of fits on the page; 20 by default */
                 limit?: number;
                 /** @description `next` of the previous page */
                 cursor?: string;
@@ -5669,7 +5816,7 @@ export interface operations {
                 headers: {
                     /** @description The version, followed by the position in the queue if that is not 0 */
                     etag?: string;
-                    /** @description Seconds to wait before the next request; absent once it has ended */
+                    /** @description Seconds to wait before the next request. Absent after the end */
                     "retry-after"?: number | null;
                     [name: string]: unknown;
                 };
@@ -5976,11 +6123,11 @@ export interface operations {
     follow_fit: {
         parameters: {
             query?: {
-                /** @description The same for a new `EventSource`, which cannot send the header; the header takes precedence */
+                /** @description Value of `Last-Event-ID` for a new `EventSource`, which cannot send the header. The header takes precedence */
                 last_event_id?: string;
             };
             header?: {
-                /** @description Version that the client has. A newer one is sent at once */
+                /** @description Version that the client has. The service sends a newer version immediately */
                 "last-event-id"?: string;
             };
             path: {
@@ -6000,7 +6147,7 @@ export interface operations {
                     "text/event-stream": components["schemas"]["ServerSentEvent"];
                 };
             };
-            /** @description The fit has ended, and `Last-Event-ID` is its last version: nothing will follow */
+            /** @description The fit has ended, and `Last-Event-ID` is its last version, so no event will follow */
             204: {
                 headers: {
                     [name: string]: unknown;
@@ -6235,7 +6382,7 @@ export interface operations {
                 status?: components["schemas"]["Status"];
                 /** @description Only models of this preset */
                 preset?: string;
-                /** @description Only models with this label, `key:value`. May be given up to 16 times: models with all of them */
+                /** @description Only models with this label, `key:value`. May be repeated; models must have all labels */
                 label?: string[];
                 /** @description Only models of this batch */
                 batch?: string;
@@ -6247,7 +6394,7 @@ export interface operations {
                 created_before?: string;
                 /** @description `summary` leaves out the specs; `full` by default */
                 view?: components["schemas"]["View"];
-                /** @description Most models on the page; 20 by default */
+                /** @description Maximum number of models on the page; 20 by default */
                 limit?: number;
                 /** @description `next` of the previous page */
                 cursor?: string;
@@ -6357,7 +6504,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description `wait=N`: hold the response until the model has ended, at most N seconds (1 to 60). If too many responses are held already, it is sent at once, without `preference-applied` */
+                /** @description `wait=N`: hold the response until the model has ended, at most N seconds (1 to 60). If the service already holds too many responses, it responds immediately, without `preference-applied` */
                 prefer?: string;
                 /** @description 1 to 255 visible ASCII characters. The same key with the same body returns the same model */
                 "idempotency-key"?: string;
@@ -6371,7 +6518,7 @@ export interface operations {
             };
         };
         responses: {
-            /** @description Ended: during the requested wait, or before the key was used again */
+            /** @description The model has ended, during the requested wait or before the key was used again */
             200: {
                 headers: {
                     /** @description `true` if the key returned a model that it had created before */
@@ -6386,7 +6533,7 @@ export interface operations {
                     "application/json": components["schemas"]["Model"];
                 };
             };
-            /** @description A finished model with the same digest and preset was reused: it has succeeded already */
+            /** @description A finished model with the same digest and preset was reused, so the new model has already succeeded */
             201: {
                 headers: {
                     /** @description The model, relative to this URL */
@@ -6397,7 +6544,7 @@ export interface operations {
                     "application/json": components["schemas"]["Model"];
                 };
             };
-            /** @description Accepted: queued or running */
+            /** @description Accepted. The model is queued or running */
             202: {
                 headers: {
                     /** @description `true` if the key returned a model that it had created before */
@@ -6534,7 +6681,7 @@ export interface operations {
                 status?: components["schemas"]["Status"];
                 /** @description Only models of this preset */
                 preset?: string;
-                /** @description Only models with this label, `key:value`. May be given up to 16 times: models with all of them */
+                /** @description Only models with this label, `key:value`. May be repeated; models must have all labels */
                 label?: string[];
                 /** @description Only models of this batch */
                 batch?: string;
@@ -6544,9 +6691,9 @@ export interface operations {
                 created_after?: string;
                 /** @description Only models accepted before this time (RFC 3339) */
                 created_before?: string;
-                /** @description Whether all models are meant, if no other parameter says which */
+                /** @description `true` to select all models; required if no other parameter selects models */
                 all?: boolean;
-                /** @description Whether models are only counted */
+                /** @description `true` to count the models without changing them */
                 dry_run?: boolean;
             };
             header?: never;
@@ -6555,7 +6702,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description What was done */
+            /** @description Number of models that the request changed or, in a dry run, counted */
             200: {
                 headers: {
                     [name: string]: unknown;
@@ -6657,7 +6804,7 @@ export interface operations {
                 status?: components["schemas"]["Status"];
                 /** @description Only models of this preset */
                 preset?: string;
-                /** @description Only models with this label, `key:value`. May be given up to 16 times: models with all of them */
+                /** @description Only models with this label, `key:value`. May be repeated; models must have all labels */
                 label?: string[];
                 /** @description Only models of this batch */
                 batch?: string;
@@ -6667,9 +6814,9 @@ export interface operations {
                 created_after?: string;
                 /** @description Only models accepted before this time (RFC 3339) */
                 created_before?: string;
-                /** @description Whether all models are meant, if no other parameter says which */
+                /** @description `true` to select all models; required if no other parameter selects models */
                 all?: boolean;
-                /** @description Whether models are only counted */
+                /** @description `true` to count the models without changing them */
                 dry_run?: boolean;
             };
             header?: never;
@@ -6678,7 +6825,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description What was done */
+            /** @description Number of models that the request changed or, in a dry run, counted */
             200: {
                 headers: {
                     [name: string]: unknown;
@@ -6931,7 +7078,7 @@ export interface operations {
                 headers: {
                     /** @description The version, followed by the position in the queue if that is not 0 */
                     etag?: string;
-                    /** @description Seconds to wait before the next request; absent once it has ended */
+                    /** @description Seconds to wait before the next request. Absent after the end */
                     "retry-after"?: number | null;
                     [name: string]: unknown;
                 };
@@ -7348,10 +7495,10 @@ export interface operations {
     cut_model: {
         parameters: {
             query?: {
-                /** @description Place along the tube of a plane across it, µm: along its centre line, if it is bent; u and v are x and y of the cross section there */
+                /** @description Place of a plane across the tube, µm along the tube or, if it is bent, along its centre line; u and v are x and y of the section at this place */
                 z_um?: number;
                 /**
-                 * @description A point of the plane, µm: `x,y,z`; with `normal`, instead of `z_um`
+                 * @description Point of the plane, µm: `x,y,z`; together with `normal`, instead of `z_um`
                  * @example 0,0,30000
                  */
                 origin_um?: string;
@@ -7360,7 +7507,7 @@ export interface operations {
                  * @example 0,1,0
                  */
                 normal?: string;
-                /** @description `json`, `svg` or `png`; takes precedence over `Accept`. `size`, `stain` and `labels` ask for `png` */
+                /** @description `json`, `svg` or `png`; takes precedence over `Accept`. `size`, `stain` and `labels` request `png` */
                 format?: components["schemas"]["Format"];
                 /** @description Longer side of a PNG picture, pixels; 1024 by default */
                 size?: number;
@@ -7386,7 +7533,7 @@ export interface operations {
                 headers: {
                     /** @description Entity tag of this representation */
                     etag?: string;
-                    /** @description Of a PNG picture: side of a pixel, µm. Its `pHYs` chunk has the pixels per metre */
+                    /** @description Side of a pixel of a PNG picture, µm. The `pHYs` chunk of the picture has the pixels per metre */
                     "um-per-pixel"?: number;
                     [name: string]: unknown;
                 };
@@ -7512,11 +7659,11 @@ export interface operations {
             query?: {
                 /** @description `full` adds the spec to each event; `summary` by default */
                 view?: components["schemas"]["View"];
-                /** @description The same for a new `EventSource`, which cannot send the header; the header takes precedence */
+                /** @description Value of `Last-Event-ID` for a new `EventSource`, which cannot send the header. The header takes precedence */
                 last_event_id?: string;
             };
             header?: {
-                /** @description Version that the client has. A newer one is sent at once */
+                /** @description Version that the client has. The service sends a newer version immediately */
                 "last-event-id"?: string;
             };
             path: {
@@ -7536,7 +7683,7 @@ export interface operations {
                     "text/event-stream": components["schemas"]["ServerSentEvent"];
                 };
             };
-            /** @description The model has ended, and `Last-Event-ID` is its last version: nothing will follow. An `EventSource` does not reconnect after this answer */
+            /** @description The model has ended, and `Last-Event-ID` is its last version, so no event will follow. An `EventSource` does not reconnect after this response */
             204: {
                 headers: {
                     [name: string]: unknown;
@@ -7644,11 +7791,11 @@ export interface operations {
             header?: {
                 /** @description One range of bytes */
                 range?: string;
-                /** @description Entity tag of the file that the range is of */
+                /** @description Entity tag of the file of which the client has a part */
                 "if-range"?: string;
                 /** @description Entity tags that the client has */
                 "if-none-match"?: string;
-                /** @description `redirect=no`: the file itself, where a download is redirected otherwise */
+                /** @description `redirect=no`: send the file itself instead of a redirect to the artifact store */
                 prefer?: string;
             };
             path: {
@@ -7666,7 +7813,7 @@ export interface operations {
                 headers: {
                     /** @description `bytes` */
                     "accept-ranges"?: string;
-                    /** @description File name to save it under */
+                    /** @description File name under which a client can save the response */
                     "content-disposition"?: string;
                     /** @description SHA-256 of the file */
                     etag?: string;
@@ -7695,10 +7842,10 @@ export interface operations {
                 };
                 content?: never;
             };
-            /** @description Download it from the artifact store, at this address, within five minutes. Only if the service is set up so */
+            /** @description Redirect to a signed URL of the artifact store, valid for five minutes. Only with `serve --redirect-downloads` */
             307: {
                 headers: {
-                    /** @description Signed address of the file */
+                    /** @description Signed URL of the file */
                     location?: string;
                     [name: string]: unknown;
                 };
@@ -8405,7 +8552,7 @@ export interface operations {
     get_section: {
         parameters: {
             query?: {
-                /** @description `json`, `svg` or `png`; takes precedence over `Accept`. `size`, `stain` and `labels` ask for `png` */
+                /** @description `json`, `svg` or `png`; takes precedence over `Accept`. `size`, `stain` and `labels` request `png` */
                 format?: components["schemas"]["Format"];
                 /** @description Longer side of a PNG picture, pixels; 1024 by default */
                 size?: number;
@@ -8433,7 +8580,7 @@ export interface operations {
                 headers: {
                     /** @description Entity tag of this representation */
                     etag?: string;
-                    /** @description Of a PNG picture: side of a pixel, µm. Its `pHYs` chunk has the pixels per metre */
+                    /** @description Side of a pixel of a PNG picture, µm. The `pHYs` chunk of the picture has the pixels per metre */
                     "um-per-pixel"?: number;
                     [name: string]: unknown;
                 };
@@ -8800,7 +8947,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description The process takes work */
+            /** @description The process accepts work */
             200: {
                 headers: {
                     [name: string]: unknown;

@@ -50,19 +50,20 @@ pub(in crate::http) enum ArchiveFormat {
 
 /// Download files of all models of a batch as one archive.
 ///
-/// `manifest.json`, its first entry, has the batch's id and study and, for each model, its place, id, seed, status, spec,
-/// digest, varied values and problem, and path, size and SHA-256 of its files. Models that have not succeeded have no
-/// files. The transfer is broken off if a file cannot be read.
+/// The first entry, `manifest.json`, contains the id and the study of the batch. For each model, it
+/// contains index, id, seed, status, spec, digest, varied values and problem, and path, size and
+/// SHA-256 of each file. Models that have not succeeded have no files. If the service cannot read a
+/// file, it aborts the transfer.
 #[utoipa::path(
     get, path = "/batches/{id}/archive", operation_id = "get_batch_archive", tag = "batches",
     params(
         ("id" = Uuid, Path, description = "Id of the batch"),
-        ("files" = Option<String>, Query, pattern = "^[^,]+(,[^,]+)*$", description = "Names of files, with commas between them, such as `report.json,model.glb`; all files by default"),
+        ("files" = Option<String>, Query, pattern = "^[^,]+(,[^,]+)*$", description = "Names of files, separated by commas, such as `report.json,model.glb`; all files by default"),
         ("format" = Option<ArchiveFormat>, Query, description = "`zip` (the default) or `tar`"),
     ),
     responses(
         (status = 200, description = "The archive", headers(
-            ("content-disposition" = String, description = "File name to save it under"))),
+            ("content-disposition" = String, description = "File name under which a client can save the response"))),
         BatchMissing, BadParameters, DownloadAway,
     )
 )]

@@ -7,27 +7,29 @@ use serde::Serialize;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-/// A batch: many models of one spec, or of the points of a study, requested together. Models that were deleted individually are not listed.
+/// A batch: many models of one spec, or of the points of a study, requested together. Models that
+/// were deleted individually are not listed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, ToSchema)]
 pub struct Batch {
     /// Identifier, a UUIDv7.
     pub id: Uuid,
-    /// Who submitted it; null if that was done without a key.
+    /// Owner of the key with which the request was submitted; null if it was submitted without a
+    /// key.
     pub owner: Option<String>,
-    /// When it was accepted.
+    /// Time at which the request was accepted.
     #[schema(value_type = String, format = DateTime)]
     pub created_at: Timestamp,
-    /// Priority of its models.
+    /// Priority of the models.
     #[schema(value_type = i64, minimum = -100, maximum = 100)]
     pub priority: Priority,
-    /// Number of its models by status.
+    /// Number of the models by status.
     pub counts: BatchCounts,
-    /// Ids of its models, in the order of the seeds; of a study, in the order of the points, each with its seeds; then those of
-    /// retries. Absent in lists.
+    /// Ids of the models, in the order of the seeds. In a study, the models of a point follow each
+    /// other, in the order of the seeds. Retries follow at the end. Absent in lists.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(required = false, nullable = false)]
     pub models: Option<Vec<Uuid>>,
-    /// The study that its models are the points of; null if it has none. Absent in lists.
+    /// Study of the batch; null if there is none. Absent in lists.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<BatchStudy>, required = false)]
     pub study: Option<Option<BatchStudy>>,
@@ -45,22 +47,22 @@ pub struct BatchList {
 /// Number of models of a batch by status.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ToSchema)]
 pub struct BatchCounts {
-    /// All models.
+    /// Number of all models.
     #[schema(minimum = 0)]
     pub total: u64,
-    /// Models that wait for a worker.
+    /// Number of models that wait for a worker.
     #[schema(minimum = 0)]
     pub queued: u64,
-    /// Models that a worker grows.
+    /// Number of models that a worker grows.
     #[schema(minimum = 0)]
     pub running: u64,
-    /// Models that have succeeded.
+    /// Number of models that have succeeded.
     #[schema(minimum = 0)]
     pub succeeded: u64,
-    /// Models that have failed.
+    /// Number of models that have failed.
     #[schema(minimum = 0)]
     pub failed: u64,
-    /// Models that were cancelled.
+    /// Number of models that were cancelled.
     #[schema(minimum = 0)]
     pub cancelled: u64,
 }

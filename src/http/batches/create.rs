@@ -28,7 +28,8 @@ use utoipa::ToSchema;
 
 /// Request many models of one spec, or of the points of a study.
 ///
-/// Either all of them are queued, or none. Finished models of the same digest are reused as by `POST /models`.
+/// The service queues all of the models or none. Finished models with the same digest are reused as
+/// by `POST /models`.
 #[utoipa::path(
     post, path = "/batches", operation_id = "create_batch", tag = "batches",
     params(
@@ -111,18 +112,18 @@ fn draw(count: usize) -> Vec<u64> {
     std::iter::repeat_with(draw_seed).filter(|seed| seen.insert(*seed)).take(count).collect()
 }
 
-/// The result of a check: what would be queued.
+/// Result of a check: the request as the service would queue it.
 #[derive(Debug, Serialize, ToSchema)]
 pub(in crate::http) struct BatchValidation {
     /// Preset that the specs were resolved on.
     preset: String,
-    /// Number of models: points times seeds.
+    /// Number of models: the number of points times the number of seeds.
     #[schema(minimum = 1)]
     models: usize,
-    /// The seeds of each point; null if they will be drawn.
+    /// Seeds of each point; null if the service will draw them.
     #[schema(minimum = 0)]
     seeds: Option<Vec<u64>>,
-    /// The points of the study; without one, a single point without values.
+    /// Points of the study; without a study, a single point without values.
     points: Vec<PointValidation>,
     /// Predicted cost of all models.
     cost: BatchCost,
@@ -131,7 +132,7 @@ pub(in crate::http) struct BatchValidation {
 /// A point of a study.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct PointValidation {
-    /// The varied values by their pointers.
+    /// Varied values, by JSON pointer.
     #[schema(value_type = BTreeMap<String, ParameterValue>)]
     values: Map<String, Value>,
     /// Predicted cost of one model.
@@ -141,19 +142,20 @@ pub(super) struct PointValidation {
 /// Predicted cost of a batch.
 #[derive(Debug, Default, Serialize, ToSchema)]
 pub(super) struct BatchCost {
-    /// Seconds to grow all models one after the other, by backend.
+    /// Seconds for growing all models one after the other, by backend.
     seconds: BTreeMap<String, f64>,
-    /// Bytes of all files.
+    /// Size of all files, bytes.
     #[schema(minimum = 0)]
     bytes: u64,
-    /// Memory of the model that needs most.
+    /// Peak memory of the model that needs most memory, bytes.
     #[schema(minimum = 0)]
     memory_bytes: u64,
 }
 
 /// Check a request for a batch and predict its cost, without queueing anything.
 ///
-/// The answer has the cost of each point. A request that passes can still be refused by a full queue.
+/// The response contains the cost of each point. A full queue can still refuse a request that
+/// passes this check.
 #[utoipa::path(
     post, path = "/batches/validate", operation_id = "validate_batch", tag = "batches",
     request_body(content = BatchRequest, content_type = "application/json"),

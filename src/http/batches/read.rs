@@ -28,14 +28,14 @@ pub(super) fn answer(status: StatusCode, batch: &Batch) -> Response {
 
 /// List batches, newest first, without the ids of their models.
 ///
-/// Their models are counted by status.
+/// Each batch has the number of its models by status.
 #[utoipa::path(
     get, path = "/batches", operation_id = "list_batches", tag = "batches",
     params(
         ("owner" = Option<String>, Query, pattern = "^[^\\u0000]*$", description = "Only batches of this owner; without the scope `admin`, only the caller's own name is allowed"),
         ("created_after" = Option<String>, Query, format = DateTime, description = "Only batches accepted at this time (RFC 3339) or later"),
         ("created_before" = Option<String>, Query, format = DateTime, description = "Only batches accepted before this time (RFC 3339)"),
-        ("limit" = Option<u32>, Query, minimum = 1, maximum = 100, description = "Most batches on the page; 20 by default"),
+        ("limit" = Option<u32>, Query, minimum = 1, maximum = 100, description = "Maximum number of batches on the page; 20 by default"),
         ("cursor" = Option<String>, Query, format = Uuid, description = "`next` of the previous page"),
     ),
     responses((status = 200, description = "A page of batches", body = BatchList), BadParameters, StoreAway)
@@ -57,7 +57,7 @@ pub(in crate::http) async fn list(
 
 /// Read a batch: the ids of its models, their number by status, and its study.
 ///
-/// Models that were deleted one by one are not listed.
+/// Models that were deleted individually are not listed.
 #[utoipa::path(
     get, path = "/batches/{id}", operation_id = "get_batch", tag = "batches",
     params(("id" = Uuid, Path, description = "Id of the batch")),
@@ -76,7 +76,7 @@ pub(in crate::http) async fn get(
     Ok(answer(StatusCode::OK, &Batch::from(&batch)))
 }
 
-/// Delete a batch with all its models; those that have not ended are cancelled.
+/// Delete a batch with all its models; models that have not ended are cancelled first.
 ///
 /// Files that another model shares are kept.
 #[utoipa::path(

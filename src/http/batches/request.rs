@@ -61,9 +61,9 @@ impl BatchRequest {
     pub(in crate::http) fn schema(max_models: usize) -> Value {
         let seeds = json!({ "type": "array", "uniqueItems": true, "minItems": 1, "maxItems": max_models,
             "items": { "type": "integer", "format": "int64", "minimum": 0, "maximum": SEED_MAX },
-            "description": "One model per seed, of each point of a study. The greatest number of models is a setting of the service." });
+            "description": "Seeds of the models, or of the models of each point of a study. The maximum number of models is a setting of the service." });
         let count = json!({ "type": "integer", "minimum": 1, "maximum": max_models,
-            "description": "Number of models, of each point of a study. The service draws their seeds." });
+            "description": "Number of models; in a study, number of models per point. The service draws the seeds." });
         let variant = |title: &str, description: &str, own: Option<(&str, Value)>| {
             let mut schema = ModelRequest::schema();
             schema["title"] = json!(title);
@@ -85,9 +85,9 @@ impl BatchRequest {
                 { "$ref": "#/$defs/StudyBatchRequest" },
             ],
             "$defs": {
-                "SeedsBatchRequest": variant("Given seeds", "One model per seed, of each point of a study.", Some(("seeds", seeds))),
-                "CountBatchRequest": variant("Drawn seeds", "So many models, of each point of a study.", Some(("count", count))),
-                "StudyBatchRequest": variant("Study", "One model of each point of a study.", None),
+                "SeedsBatchRequest": variant("Given seeds", "One model per seed; in a study, one model per point and seed.", Some(("seeds", seeds))),
+                "CountBatchRequest": variant("Drawn seeds", "A number of models, or of models per point of a study, with seeds that the service draws.", Some(("count", count))),
+                "StudyBatchRequest": variant("Study", "One model per point of a study. The service draws one seed for all points.", None),
             },
         })
     }

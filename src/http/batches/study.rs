@@ -61,7 +61,7 @@ pub struct BatchStudy {
     /// The member `vary` of the request.
     #[schema(value_type = Study)]
     pub vary: Value,
-    /// The models in the order of `models`: points in the order of the design, each with its seeds.
+    /// Models, in the order of `models`: points in the order of the design, each with its seeds.
     pub models: Vec<StudyModel>,
 }
 
@@ -70,13 +70,13 @@ pub struct BatchStudy {
 pub struct StudyModel {
     /// Id of the model.
     pub id: Uuid,
-    /// Index of its point in the design, from 0.
+    /// Index of the point in the design, from 0.
     #[schema(minimum = 0)]
     pub point: usize,
-    /// Its seed.
+    /// Seed of the model.
     #[schema(minimum = 0, maximum = 9007199254740991i64)]
     pub seed: u64,
-    /// The varied values by their pointers.
+    /// Varied values, by JSON pointer.
     #[schema(value_type = BTreeMap<String, ParameterValue>)]
     pub values: Map<String, Value>,
 }

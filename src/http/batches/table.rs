@@ -43,17 +43,17 @@ pub(in crate::http) enum TableFormat {
 /// The models of a batch as a table.
 #[derive(Debug, Serialize, ToSchema)]
 pub(in crate::http) struct Table {
-    /// Names of the columns: `id`, `status`, `seed`, the JSON pointer of each varied parameter, `problem`, and the figures of
-    /// the models by dotted names such as `summary.particles.end`.
+    /// Names of the columns: `id`, `status`, `seed`, the JSON pointer of each varied parameter,
+    /// `problem`, and the figures of the models by dotted names such as `summary.particles.end`.
     columns: Vec<String>,
-    /// One row a model, in the order of the request; a value that a model does not have is null.
+    /// One row per model, in the order of the request. A value that a model lacks is null.
     #[schema(value_type = Vec<Vec<ParameterValue>>)]
     rows: Vec<Vec<Value>>,
 }
 
 /// Read the models of a batch as a table: varied values, seed, status and all figures.
 ///
-/// Models that have not ended, or not succeeded, have no figures.
+/// Models that have not succeeded have no figures.
 #[utoipa::path(
     get, path = "/batches/{id}/table", operation_id = "get_batch_table", tag = "batches",
     params(

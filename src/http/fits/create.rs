@@ -50,8 +50,9 @@ async fn check(state: &AppState, caller: &Caller, body: Value) -> Result<Checked
 
 /// Request a fit.
 ///
-/// It searches for parameters whose models have the measures in `targets` and `images`. It is queued with the models, runs on a
-/// CPU worker, and can be followed by `GET /fits/{id}` or its events.
+/// A fit searches for parameters whose models have the measures in `targets` and `images`. The
+/// service queues the fit with the models and runs it on a CPU worker. Follow the fit with
+/// `GET /fits/{id}` or its events.
 #[utoipa::path(
     post, path = "/fits", operation_id = "create_fit", tag = "fits",
     params(
@@ -117,7 +118,7 @@ fn new_job(caller: &Caller, CheckedFit { fit, labels, priority }: CheckedFit) ->
 
 /// Check a request for a fit, without queueing anything.
 ///
-/// The answer has the targets measured in images, and the parameters that would be varied.
+/// The response contains the targets measured in images, and the parameters that would be varied.
 #[utoipa::path(
     post, path = "/fits/validate", operation_id = "validate_fit", tag = "fits",
     request_body(content = FitRequest, content_type = "application/json"),

@@ -19,48 +19,51 @@ pub(in crate::http) struct Fit {
     pub id: Uuid,
     /// Status. A fit that has succeeded, failed or was cancelled never changes.
     pub status: Status,
-    /// Increases with every change.
+    /// Version, which increases with every change.
     #[schema(minimum = 0)]
     pub version: u64,
     /// Preset that the spec is resolved on.
     pub preset: String,
     /// Labels.
     pub labels: BTreeMap<String, String>,
-    /// Of the queued jobs, those of higher priority are started first.
+    /// Priority in the queue. Workers claim queued jobs of higher priority first.
     #[schema(value_type = i64, minimum = -100, maximum = 100)]
     pub priority: Priority,
-    /// Who submitted it; null if that was done without a key.
+    /// Owner of the key with which the request was submitted; null if it was submitted without a
+    /// key.
     pub owner: Option<String>,
-    /// Name of the worker that runs it, or made the last attempt; null before the first.
+    /// Name of the worker that runs the current or ran the last attempt; null before the first
+    /// attempt.
     pub worker: Option<String>,
-    /// Position and waiting time in the queue, which it shares with models.
+    /// Position and waiting time in the queue, which fits and models share.
     pub queue: Queue,
-    /// Progress; null until it has started.
+    /// Progress; null until a worker reports it.
     pub progress: Option<FitProgress>,
     /// Number of attempts so far.
     #[schema(minimum = 0)]
     pub attempts: u32,
-    /// When it was accepted.
+    /// Time at which the request was accepted.
     #[schema(value_type = String, format = DateTime)]
     pub created_at: Timestamp,
-    /// When the first attempt started.
+    /// Time at which the first attempt started.
     #[schema(value_type = Option<String>, format = DateTime)]
     pub started_at: Option<Timestamp>,
-    /// When it ended.
+    /// Time of the end: success, failure or cancellation. Null before the end.
     #[schema(value_type = Option<String>, format = DateTime)]
     pub finished_at: Option<Timestamp>,
-    /// When it will be removed; null if it is kept.
+    /// Time at which the service will delete the record and the files; null before the end, and if
+    /// the service keeps them.
     #[schema(value_type = Option<String>, format = DateTime)]
     pub expires_at: Option<Timestamp>,
-    /// Why it failed.
+    /// Problem that caused the failure; null without a failure.
     pub problem: Option<ModelProblem>,
     /// SHA-256 of the request with its defaults and the engine version, as lower-case hex.
     pub digest: String,
-    /// The request with everything that it left open. Absent in lists and events.
+    /// The complete request, including defaults. Absent in lists and events.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = FitRequest, required = false, nullable = false)]
     pub request: Option<Value>,
-    /// The result, once it has succeeded. Absent in lists.
+    /// Result; null until the fit has succeeded. Absent in lists.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<FitResult>, required = false)]
     pub result: Option<Option<Value>>,
@@ -138,14 +141,15 @@ pub(in crate::http) struct FitList {
     pub next: Option<String>,
 }
 
-/// The result of a check: what would be queued.
+/// Result of a check: the request as the service would queue it.
 #[derive(Clone, Debug, Serialize, ToSchema)]
 pub(in crate::http) struct FitValidation {
-    /// The request with everything that it left open: targets measured in images, the parameters that are varied, their bounds.
+    /// The complete request, including targets measured in images, varied parameters and their
+    /// bounds.
     #[schema(value_type = FitRequest)]
     pub(super) request: Value,
     /// Digest of the request.
     pub(super) digest: String,
-    /// Predicted seconds on one core, if all evaluations are used.
+    /// Predicted seconds on one core if all evaluations are used.
     pub(super) seconds: f64,
 }

@@ -24,11 +24,11 @@ const CONDITIONS: [&str; 6] = ["status", "preset", "label", "owner", "created_af
     params(
         ("status" = Option<crate::jobs::Status>, Query, description = "Only fits of this status"),
         ("preset" = Option<String>, Query, pattern = "^[^\\u0000]*$", description = "Only fits of this preset"),
-        ("label" = Option<Vec<String>>, Query, max_items = 16, pattern = "^[^:\\u0000]+:[^\\u0000]*$", description = "Only fits with this label, `key:value`. May be given up to 16 times"),
-        ("owner" = Option<String>, Query, pattern = "^[^\\u0000]*$", description = "Only fits of this owner; for keys that allow `admin`, or your own name"),
-        ("created_after" = Option<String>, Query, format = DateTime, description = "Only fits accepted then or later"),
-        ("created_before" = Option<String>, Query, format = DateTime, description = "Only fits accepted before"),
-        ("limit" = Option<u32>, Query, minimum = 1, maximum = 100, description = "Most fits on the page; 20 by default"),
+        ("label" = Option<Vec<String>>, Query, max_items = 16, pattern = "^[^:\\u0000]+:[^\\u0000]*$", description = "Only fits with this label, `key:value`. May be repeated; fits must have all labels"),
+        ("owner" = Option<String>, Query, pattern = "^[^\\u0000]*$", description = "Only fits of this owner; without the scope `admin`, only the caller's own name is allowed"),
+        ("created_after" = Option<String>, Query, format = DateTime, description = "Only fits accepted at this time (RFC 3339) or later"),
+        ("created_before" = Option<String>, Query, format = DateTime, description = "Only fits accepted before this time (RFC 3339)"),
+        ("limit" = Option<u32>, Query, minimum = 1, maximum = 100, description = "Maximum number of fits on the page; 20 by default"),
         ("cursor" = Option<String>, Query, format = Uuid, description = "`next` of the previous page"),
     ),
     responses((status = 200, description = "A page of fits", body = FitList), BadParameters, StoreAway)
@@ -50,7 +50,7 @@ pub(in crate::http) async fn list(
 
 /// Read a fit.
 ///
-/// A fit that has ended never changes, but for its removal.
+/// An ended fit never changes until it is deleted.
 #[utoipa::path(
     get, path = "/fits/{id}", operation_id = "get_fit", tag = "fits",
     params(
@@ -60,7 +60,7 @@ pub(in crate::http) async fn list(
     responses(
         (status = 200, description = "The fit", body = Fit, headers(
             ("etag" = String, description = "The version, followed by the position in the queue if that is not 0"),
-            ("retry-after" = Option<u32>, description = "Seconds to wait before the next request; absent once it has ended"))),
+            ("retry-after" = Option<u32>, description = "Seconds to wait before the next request. Absent after the end"))),
         (status = 304, description = "The fit has not changed"),
         FitMissing, BadParameters, StoreAway,
     )
@@ -89,7 +89,7 @@ pub(in crate::http) async fn get(
 
 /// Cancel a fit.
 ///
-/// A queued fit ends at once, a running one within a second. An ended fit does not change.
+/// A queued fit ends immediately, a running fit within a second. An ended fit does not change.
 #[utoipa::path(
     post, path = "/fits/{id}/cancel", operation_id = "cancel_fit", tag = "fits",
     params(("id" = Uuid, Path, description = "Id of the fit")),
@@ -105,7 +105,7 @@ pub(in crate::http) async fn cancel(
     Ok(Json(Fit::of(&job, state.limits.keep, FitDetail::Full)))
 }
 
-/// Delete a fit. It is cancelled if it has not ended.
+/// Delete a fit; if it has not ended, it is cancelled first.
 #[utoipa::path(
     delete, path = "/fits/{id}", operation_id = "delete_fit", tag = "fits",
     params(("id" = Uuid, Path, description = "Id of the fit")),

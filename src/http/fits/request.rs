@@ -10,7 +10,8 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
-/// What to fit. Targets come from `targets`, `targets_csv` and `images`; at least one is needed.
+/// Request for a fit. Targets come from `targets`, `targets_csv` and `images`; at least one target
+/// is required.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[expect(dead_code, reason = "describes the body, which `CheckedFit::read` reads")]
@@ -21,40 +22,45 @@ pub(super) struct FitRequest {
     /// The spec that the search starts from, as a patch of the preset.
     #[schema(value_type = ModelSpec, required = false)]
     spec: Value,
-    /// Measures to be reached.
+    /// Measures to reach.
     #[schema(required = false, max_items = 100)]
     targets: Vec<FitTarget>,
-    /// The same as CSV: a header with the columns `region`, `quantity`, `value`, `low`, `high`, and one row a target.
+    /// Targets as CSV: a header with the columns `region`, `quantity`, `value`, `low` and `high`,
+    /// and one row per target.
     #[schema(required = false)]
     targets_csv: String,
-    /// Sections to be measured as targets.
+    /// Images of sections whose measures become targets.
     #[schema(required = false, max_items = 20)]
     images: Vec<SectionImage>,
-    /// The parameters to search for; by default those that the targets depend on, between half and twice their values.
+    /// Parameters to search for. By default, the parameters on which the targets depend, between
+    /// half and twice their values.
     #[schema(required = false, min_items = 1, max_items = 20)]
     vary: Vec<FitVariable>,
-    /// Candidates at most; 70 by default.
+    /// Maximum number of candidates; 70 by default.
     #[schema(required = false, minimum = 1, maximum = 2000)]
     evaluations: u32,
-    /// Seeds with which each candidate is measured, four times as many for measures that cost little; 4 by default.
+    /// Number of seeds with which each candidate is measured; 4 by default. Inexpensive measures
+    /// use four times as many.
     #[schema(required = false, minimum = 1, maximum = 16)]
     seeds: u32,
-    /// Models of the result that are grown in full, each with another seed; 4 by default.
+    /// Number of models of the result that are grown in full, each with a different seed; 4 by
+    /// default.
     #[schema(required = false, minimum = 1, maximum = 20)]
     models: u32,
-    /// First of the seeds, and the seed of the search; 0 by default.
+    /// First of the seeds, and seed of the search; 0 by default.
     #[schema(required = false, minimum = 0, maximum = 9007199254740907i64)]
     seed: u64,
-    /// Names and values of the client's own, to find fits by.
+    /// Labels by which clients can find the fit: names and values.
     #[schema(required = false)]
     labels: BTreeMap<String, String>,
-    /// Of the queued jobs, those of higher priority are started first.
+    /// Priority in the queue. Workers claim queued jobs of higher priority first.
     #[schema(required = false, minimum = -100, maximum = 100)]
     priority: i64,
 }
 
-/// A measure to be reached. Either `value` or both `low` and `high` are needed: the value is then their middle; the range is by
-/// default 5 % of the value to both sides.
+/// A measure to reach. Either `value` or both `low` and `high` are required. Without `value`, the
+/// value is the middle of the range. Without a range, the range extends 5 % of the value to both
+/// sides.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[expect(dead_code, reason = "describes a member of the body")]
@@ -63,7 +69,7 @@ pub(super) struct FitTarget {
     region: String,
     /// Name of the quantity, as in the report of a model.
     quantity: String,
-    /// The value to be reached: the mean over the region.
+    /// Value to reach: the mean over the region.
     #[schema(required = false)]
     value: Option<f64>,
     /// Lower end of the accepted range.
@@ -72,30 +78,31 @@ pub(super) struct FitTarget {
     /// Upper end of the accepted range.
     #[schema(required = false)]
     high: Option<f64>,
-    /// Where it comes from.
+    /// Source of the value.
     #[schema(required = false, max_length = 300)]
     source: Option<String>,
 }
 
-/// A section as an image. It is traced, and measured like a section of a model.
+/// An image of a section. The service traces the image and measures it like a section of a model.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[expect(dead_code, reason = "describes a member of the body")]
 pub(super) struct SectionImage {
-    /// Region that the section is from.
+    /// Region of the tube from which the section was taken.
     region: String,
     /// The image: a PNG of 1 to 8 bits, grey or with a palette, without transparency, as base64.
     png: String,
     /// Side of a pixel, micrometres.
     #[schema(minimum = 0.05, maximum = 100)]
     pixel_um: f64,
-    /// Values of pixels (of a palette: indices) that are tissue; by default all but 0.
+    /// Values of the pixels that show tissue (indices if the image has a palette); by default all
+    /// except 0.
     #[schema(required = false)]
     tissue: Option<Vec<u8>>,
-    /// Quantities that become targets; by default those that a single section has reliably.
+    /// Quantities that become targets; by default those that a single section determines reliably.
     #[schema(required = false)]
     quantities: Option<Vec<String>>,
-    /// Accepted range as a part of the value to both sides; 0.1 by default.
+    /// Accepted deviation to both sides, as a fraction of the value; 0.1 by default.
     #[schema(required = false, minimum = 0.001, maximum = 1)]
     tolerance: Option<f64>,
 }
@@ -107,11 +114,12 @@ pub(super) struct SectionImage {
 pub(super) struct FitVariable {
     /// JSON pointer of a parameter that takes numbers, such as `/collision/gap_um`.
     parameter: String,
-    /// End of the tube whose values are changed, of a parameter that may change along the tube; by default the parameter as a
-    /// whole.
+    /// End of the tube at which a parameter that may change along the tube is varied. By default,
+    /// the parameter is varied as a whole.
     #[schema(required = false)]
     end: Option<crate::spec::End>,
-    /// Lower bound; by default half of the value in the spec. Of a schedule: of its value at that end, or at the ampulla end.
+    /// Lower bound; by default half of the value in the spec. For a schedule, this is the value at
+    /// `end`, or at the ampulla end without `end`.
     #[schema(required = false)]
     from: Option<f64>,
     /// Upper bound; by default twice the value in the spec.

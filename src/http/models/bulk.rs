@@ -25,13 +25,13 @@ const MODELS_PER_TRANSACTION: u32 = 100;
 /// again during the search.
 const CANCEL_ROUNDS: usize = 3;
 
-/// What a request for many models did.
+/// Result of a request that cancels or deletes many models.
 #[derive(Clone, Copy, Debug, Serialize, ToSchema)]
 pub(in crate::http) struct Applied {
-    /// Number of models that were cancelled or deleted, or with `dry_run` would be.
+    /// Number of models that were cancelled or deleted; with `dry_run`, the number that would be.
     #[schema(minimum = 0)]
     count: u64,
-    /// Whether nothing was done.
+    /// True if the request only counted the models (`dry_run=true`) and changed nothing.
     dry_run: bool,
 }
 
@@ -166,16 +166,16 @@ async fn change_selected(
 
 /// Cancel all models that match.
 ///
-/// Queued models end at once, running ones within a second; ended models do not change. The conditions are those of
-/// `GET /models`; without any, `all=true` is needed.
+/// Queued models end immediately, running models within a second. Ended models do not change. The
+/// conditions are those of `GET /models`; without a condition, `all=true` is required.
 #[utoipa::path(
     post, path = "/models/cancel", operation_id = "cancel_models", tag = "models",
     params(
         Conditions,
-        ("all" = Option<bool>, Query, description = "Whether all models are meant, if no other parameter says which"),
-        ("dry_run" = Option<bool>, Query, description = "Whether models are only counted"),
+        ("all" = Option<bool>, Query, description = "`true` to select all models; required if no other parameter selects models"),
+        ("dry_run" = Option<bool>, Query, description = "`true` to count the models without changing them"),
     ),
-    responses((status = 200, description = "What was done", body = Applied), BadParameters, StoreAway)
+    responses((status = 200, description = "Number of models that the request changed or, in a dry run, counted", body = Applied), BadParameters, StoreAway)
 )]
 pub(in crate::http) async fn cancel(
     State(state): State<AppState>,
@@ -187,16 +187,16 @@ pub(in crate::http) async fn cancel(
 
 /// Delete all models that match, and their files.
 ///
-/// Models that have not ended are cancelled; files that another model shares are kept. The conditions are those of
-/// `GET /models`; without any, `all=true` is needed.
+/// Models that have not ended are cancelled first. Files that another model shares are kept. The
+/// conditions are those of `GET /models`; without a condition, `all=true` is required.
 #[utoipa::path(
     delete, path = "/models", operation_id = "delete_models", tag = "models",
     params(
         Conditions,
-        ("all" = Option<bool>, Query, description = "Whether all models are meant, if no other parameter says which"),
-        ("dry_run" = Option<bool>, Query, description = "Whether models are only counted"),
+        ("all" = Option<bool>, Query, description = "`true` to select all models; required if no other parameter selects models"),
+        ("dry_run" = Option<bool>, Query, description = "`true` to count the models without changing them"),
     ),
-    responses((status = 200, description = "What was done", body = Applied), BadParameters, StoreAway)
+    responses((status = 200, description = "Number of models that the request changed or, in a dry run, counted", body = Applied), BadParameters, StoreAway)
 )]
 pub(in crate::http) async fn delete(
     State(state): State<AppState>,
@@ -208,7 +208,7 @@ pub(in crate::http) async fn delete(
 
 /// Cancel all models of a batch.
 ///
-/// Queued models end at once, running ones within a second; ended models do not change.
+/// Queued models end immediately, running models within a second. Ended models do not change.
 #[utoipa::path(
     post, path = "/batches/{id}/cancel", operation_id = "cancel_batch", tag = "batches",
     params(("id" = Uuid, Path, description = "Id of the batch")),

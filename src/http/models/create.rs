@@ -126,23 +126,24 @@ pub(in crate::http) async fn check_backend(state: &AppState, request: &ModelRequ
 
 /// Request a model.
 ///
-/// It is queued and grown in the background. Follow it by `GET /models/{id}` or its events.
+/// The service queues the model and grows it in the background. Follow the model with
+/// `GET /models/{id}` or its events.
 #[utoipa::path(
     post, path = "/models", operation_id = "create_model", tag = "models",
     params(
-        ("prefer" = Option<String>, Header, description = "`wait=N`: hold the response until the model has ended, at most N seconds (1 to 60). If too many responses are held already, it is sent at once, without `preference-applied`"),
+        ("prefer" = Option<String>, Header, description = "`wait=N`: hold the response until the model has ended, at most N seconds (1 to 60). If the service already holds too many responses, it responds immediately, without `preference-applied`"),
         ("idempotency-key" = Option<String>, Header, min_length = 1, max_length = 255, pattern = "^[!-~]+$", description = "1 to 255 visible ASCII characters. The same key with the same body returns the same model"),
     ),
     request_body(content = ModelRequest, content_type = "application/json"),
     responses(
-        (status = 202, description = "Accepted: queued or running", body = Model, headers(
+        (status = 202, description = "Accepted. The model is queued or running", body = Model, headers(
             ("location" = String, description = "The model, relative to this URL"),
             ("retry-after" = u32, description = "Seconds to wait before the next request"),
             ("preference-applied" = String, description = "`wait=N`, if the response was held"),
             ("idempotency-replayed" = String, description = "`true` if the key returned a model that it had created before"))),
-        (status = 201, description = "A finished model with the same digest and preset was reused: it has succeeded already", body = Model, headers(
+        (status = 201, description = "A finished model with the same digest and preset was reused, so the new model has already succeeded", body = Model, headers(
             ("location" = String, description = "The model, relative to this URL"))),
-        (status = 200, description = "Ended: during the requested wait, or before the key was used again", body = Model, headers(
+        (status = 200, description = "The model has ended, during the requested wait or before the key was used again", body = Model, headers(
             ("location" = String, description = "The model, relative to this URL"),
             ("preference-applied" = String, description = "`wait=N`, if the response was held"),
             ("idempotency-replayed" = String, description = "`true` if the key returned a model that it had created before"))),
@@ -304,7 +305,7 @@ async fn until_ended(state: &AppState, job: Job, time: Duration) -> Job {
     }
 }
 
-/// The result of a check: what would be queued.
+/// Result of a check: the request as the service would queue it.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct Validation {
     /// Preset that the spec was resolved on.
@@ -323,7 +324,8 @@ pub(super) struct Validation {
 
 /// Check a request and predict its cost, without queueing anything.
 ///
-/// The answer has the complete spec. A request that passes can still be refused by a full queue.
+/// The response contains the complete spec. A full queue can still refuse a request that passes
+/// this check.
 #[utoipa::path(
     post, path = "/models/validate", operation_id = "validate_model", tag = "models",
     request_body(content = ModelRequest, content_type = "application/json"),

@@ -34,27 +34,28 @@ const SIGNED_FOR: Duration = Duration::from_secs(300);
 
 /// Download a file.
 ///
-/// Its name and media type are among the `files` of the model. Files never change; ranges resume a download.
+/// The `files` of the model contain the names and media types. Files never change, so a client can
+/// resume a download with a range.
 #[utoipa::path(
     get, path = "/models/{id}/files/{name}", operation_id = "download_file", tag = "files",
     params(
         ("id" = Uuid, Path, description = "Id of the model"),
         ("name" = String, Path, description = "Name of one of the model's files, such as `model.glb`"),
         ("range" = Option<String>, Header, description = "One range of bytes"),
-        ("if-range" = Option<String>, Header, description = "Entity tag of the file that the range is of"),
+        ("if-range" = Option<String>, Header, description = "Entity tag of the file of which the client has a part"),
         ("if-none-match" = Option<String>, Header, description = "Entity tags that the client has"),
-        ("prefer" = Option<String>, Header, description = "`redirect=no`: the file itself, where a download is redirected otherwise"),
+        ("prefer" = Option<String>, Header, description = "`redirect=no`: send the file itself instead of a redirect to the artifact store"),
     ),
     responses(
         (status = 200, description = "The file", headers(
             ("etag" = String, description = "SHA-256 of the file"),
             ("accept-ranges" = String, description = "`bytes`"),
-            ("content-disposition" = String, description = "File name to save it under"))),
+            ("content-disposition" = String, description = "File name under which a client can save the response"))),
         (status = 206, description = "The range", headers(
             ("content-range" = String, description = "The range, and the size of the file"))),
         (status = 304, description = "The client has this file"),
-        (status = 307, description = "Download it from the artifact store, at this address, within five minutes. Only if the service is set up so", headers(
-            ("location" = String, description = "Signed address of the file"))),
+        (status = 307, description = "Redirect to a signed URL of the artifact store, valid for five minutes. Only with `serve --redirect-downloads`", headers(
+            ("location" = String, description = "Signed URL of the file"))),
         FileMissing, RangeOutside, DownloadAway,
     )
 )]
@@ -104,12 +105,14 @@ async fn redirect(
     Ok(Some((StatusCode::TEMPORARY_REDIRECT, headers).into_response()))
 }
 
-/// The report of a model: what `report.json` holds, and what computed it.
+/// Report of a model: the content of `report.json`, and the backend that computed the model.
 #[derive(serde::Serialize, utoipa::ToSchema)]
 pub(super) struct Report {
-    /// What computed the model. Not in the file, whose bytes are the same on any machine.
+    /// Backend that computed the model. Absent in the file, whose bytes are the same on any
+    /// machine.
     backend: BackendReport,
-    /// SHA-256 of the canonical spec (without `solver.search`), the seed and the engine version, as in the model.
+    /// SHA-256 of the canonical spec (without `solver.search`), the seed and the engine version, as
+    /// in the model.
     digest: String,
     /// Preset that the spec was resolved on.
     preset: String,
@@ -122,9 +125,9 @@ pub(super) struct Report {
     stored: Map<String, Value>,
 }
 
-/// Read the report of a model: its certificate, its summary, and what computed it.
+/// Read the report of a model: its certificate, its summary and the backend that computed it.
 ///
-/// It holds what `report.json` holds.
+/// The report has all members of `report.json`.
 #[utoipa::path(
     get, path = "/models/{id}/report", operation_id = "get_report", tag = "files",
     params(
@@ -168,10 +171,11 @@ fn immutable_json(headers: &HeaderMap, body: Vec<u8>) -> Result<Response, Proble
     Ok((headers, body).into_response())
 }
 
-/// Read what the files of a model are.
+/// Read the manifest of a model: its files and their origin.
 ///
-/// Names, sizes, hashes, bodies, units and patches of its files, and its origin: spec, seed, digest, engine, licence, how to
-/// cite. `oviduct generate` writes the same beside the files.
+/// The manifest contains name, size, hash, body, unit and patches of each file, and the origin of
+/// the model: spec, seed, digest, engine, licence and citation. `oviduct generate` writes the same
+/// manifest next to the files.
 #[utoipa::path(
     get, path = "/models/{id}/manifest.json", operation_id = "get_manifest", tag = "files",
     params(

@@ -24,7 +24,7 @@ pub struct Model {
     pub id: Uuid,
     /// Status. A model that has succeeded, failed or was cancelled never changes.
     pub status: Status,
-    /// Increases with every change.
+    /// Version, which increases with every change.
     #[schema(minimum = 0)]
     pub version: u64,
     /// Preset that the spec was resolved on.
@@ -36,56 +36,62 @@ pub struct Model {
     pub outputs: Vec<Output>,
     /// Bodies whose surfaces are written.
     pub bodies: Vec<BodyKind>,
-    /// Unit of the formats that have a choice; null: the habit of each.
+    /// Requested unit of the formats that have a choice; null for the default unit of each format.
     pub units: Option<LengthUnit>,
     /// Labels.
     pub labels: BTreeMap<String, String>,
-    /// Of the queued models, those of higher priority are started first.
+    /// Priority in the queue. Workers claim queued models of higher priority first.
     #[schema(value_type = i64, minimum = -100, maximum = 100)]
     pub priority: Priority,
-    /// Who submitted it; null if that was done without a key.
+    /// Owner of the key with which the request was submitted; null if it was submitted without a
+    /// key.
     pub owner: Option<String>,
-    /// Id of the batch that it belongs to.
+    /// Id of the batch to which the model belongs; null if it belongs to none.
     pub batch: Option<Uuid>,
     /// Requested and used backend.
     pub backend: BackendReport,
-    /// Name of the worker that grows it, or made the last attempt; null before the first.
+    /// Name of the worker that runs the current or ran the last attempt; null before the first
+    /// attempt.
     pub worker: Option<String>,
     /// Position and waiting time in the queue.
     pub queue: Queue,
-    /// Progress; null until it has started.
+    /// Progress; null until a worker reports it.
     pub progress: Option<Progress>,
     /// Number of attempts so far.
     #[schema(minimum = 0)]
     pub attempts: u32,
-    /// When it was accepted.
+    /// Time at which the request was accepted.
     #[schema(value_type = String, format = DateTime)]
     pub created_at: Timestamp,
-    /// When the first attempt started.
+    /// Time at which the first attempt started.
     #[schema(value_type = Option<String>, format = DateTime)]
     pub started_at: Option<Timestamp>,
-    /// When it ended.
+    /// Time of the end: success, failure or cancellation. Null before the end.
     #[schema(value_type = Option<String>, format = DateTime)]
     pub finished_at: Option<Timestamp>,
-    /// When it will be removed; null if it is kept.
+    /// Time at which the service will delete the record and the files; null before the end, and if
+    /// the service keeps them.
     #[schema(value_type = Option<String>, format = DateTime)]
     pub expires_at: Option<Timestamp>,
-    /// Its files, once it has succeeded.
+    /// Files of the model; empty until it has succeeded.
     pub files: Vec<ModelFile>,
-    /// Counts and measures, and in `certificate` the figures of the certificate, once it has succeeded.
+    /// Counts and measures and, in `certificate`, figures of the certificate; null until the model
+    /// has succeeded.
     #[schema(value_type = Option<Summary>)]
     pub summary: Option<Value>,
-    /// Signs of poor growth, once it has succeeded; empty if there are none.
+    /// Warnings about poor growth; empty if there are none, and until the model has succeeded.
     pub warnings: Vec<ModelWarning>,
-    /// Why it failed.
+    /// Problem that caused the failure; null without a failure.
     pub problem: Option<ModelProblem>,
-    /// SHA-256 of the canonical spec (without `solver.search`), the seed and the engine version, as lower-case hex.
+    /// SHA-256 of the canonical spec (without `solver.search`), the seed and the engine version, as
+    /// lower-case hex.
     pub digest: String,
-    /// Id of the finished model whose files it shares.
+    /// Id of the finished model whose files this model shares; null if it was grown.
     pub reused_from: Option<Uuid>,
-    /// Id of the failed model that it repeats.
+    /// Id of the failed model that this model retries; null if it is not a retry.
     pub retry_of: Option<Uuid>,
-    /// The complete resolved spec, as `GET /schema` describes it. Present with `view=full`, absent with `view=summary`.
+    /// The complete resolved spec, as `GET /schema` describes it. Present with `view=full`, absent
+    /// with `view=summary`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = ModelSpec, required = false, nullable = false)]
     pub spec: Option<Value>,
@@ -94,11 +100,13 @@ pub struct Model {
 /// Position and waiting time of a model in the queue.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Queue {
-    /// Number of models ahead of it that request the same backend: those of higher priority, of an earlier turn between
-    /// submitters, or older ones. Counted up to 1000; null once it has left the queue.
+    /// Number of models that are ahead in the queue and request the same backend: models of higher
+    /// priority, of an earlier turn between submitters, or older ones. Counted up to 1000; null
+    /// after the model has left the queue.
     #[schema(minimum = 0)]
     pub position: Option<u64>,
-    /// Seconds between acceptance and the first attempt; null while it waits.
+    /// Seconds between acceptance and the first attempt or, without an attempt, the end; null while
+    /// the model waits.
     pub wait_seconds: Option<f64>,
 }
 
@@ -114,19 +122,20 @@ pub struct ModelFile {
     pub bytes: u64,
     /// SHA-256, lower-case hex.
     pub sha256: String,
-    /// Where to download it: a reference relative to the URL of the answer or stream that names it.
+    /// Reference to the file, relative to the URL of the response or stream that contains it.
     #[schema(format = "uri-reference")]
     pub href: String,
 }
 
-/// Why a model failed.
+/// Problem that caused a failure.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, ToSchema)]
 pub struct ModelProblem {
-    /// `urn:oviduct:problem:` and a stable slug: `certificate`, `panic`, `memory`, `attempts-exhausted`, `storage`, …
+    /// `urn:oviduct:problem:` and a stable slug: `certificate`, `panic`, `memory`,
+    /// `attempts-exhausted`, `storage`, …
     pub r#type: String,
-    /// The same for every problem of the type.
+    /// Title, the same for every problem of the type.
     pub title: String,
-    /// What happened, and where.
+    /// Description of the error and its place.
     pub detail: String,
 }
 
@@ -249,28 +258,28 @@ pub struct ModelList {
     pub next: Option<String>,
 }
 
-/// The data of an event: the whole state of a model, without its spec unless `view=full`, and in `section` events its
-/// latest contour.
+/// Data of an event: the whole state of a model, without its spec unless `view=full`. In `section`
+/// events, the data also has the latest section.
 #[derive(Clone, Debug, Serialize, ToSchema)]
 pub struct ModelEvent {
     /// The model.
     #[serde(flatten)]
     pub model: Model,
-    /// The latest contour; only in `section` events.
+    /// Latest section. Only in `section` events.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub section: Option<LiveSection>,
 }
 
-/// The data of the `end` event of a deleted model or fit.
+/// Data of the `end` event of a deleted model or fit.
 #[derive(Clone, Copy, Debug, Serialize, ToSchema)]
 pub(in crate::http) struct DeletedEvent {
-    /// Its id.
+    /// Id of the model or fit.
     pub id: Uuid,
     /// `deleted`.
     pub status: Deleted,
 }
 
-/// The status in the last event of what was deleted.
+/// Status in the last event of a deleted model or fit.
 #[derive(Clone, Copy, Debug, Serialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub(in crate::http) enum Deleted {
@@ -278,12 +287,12 @@ pub(in crate::http) enum Deleted {
     Deleted,
 }
 
-/// How much of each model is sent.
+/// Members of each model that a response or event has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 #[schema(as = View)]
 pub(in crate::http) enum Detail {
-    /// All but the spec, which never changes and is most of the bytes.
+    /// All except the spec, which never changes and has most of the bytes.
     Summary,
     /// All.
     Full,

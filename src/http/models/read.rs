@@ -45,13 +45,13 @@ pub(in crate::http) fn retry_after(job: &Job) -> HeaderValue {
 
 /// List models, newest first.
 ///
-/// The conditions narrow the list; a model must match all of them. `next` is the `cursor` of the next page.
+/// The list contains the models that match all conditions. `next` is the `cursor` of the next page.
 #[utoipa::path(
     get, path = "/models", operation_id = "list_models", tag = "models",
     params(
         Conditions,
         ("view" = Option<Detail>, Query, description = "`summary` leaves out the specs; `full` by default"),
-        ("limit" = Option<u32>, Query, minimum = 1, maximum = 100, description = "Most models on the page; 20 by default"),
+        ("limit" = Option<u32>, Query, minimum = 1, maximum = 100, description = "Maximum number of models on the page; 20 by default"),
         ("cursor" = Option<String>, Query, format = Uuid, description = "`next` of the previous page"),
     ),
     responses((status = 200, description = "A page of models", body = ModelList), BadParameters, StoreAway)
@@ -73,7 +73,7 @@ pub(in crate::http) async fn list(
 
 /// Read a model.
 ///
-/// A model that has ended never changes, but for its removal.
+/// An ended model never changes until it is deleted.
 #[utoipa::path(
     get, path = "/models/{id}", operation_id = "get_model", tag = "models",
     params(
@@ -84,7 +84,7 @@ pub(in crate::http) async fn list(
     responses(
         (status = 200, description = "The model", body = Model, headers(
             ("etag" = String, description = "The version, followed by the position in the queue if that is not 0"),
-            ("retry-after" = Option<u32>, description = "Seconds to wait before the next request; absent once it has ended"))),
+            ("retry-after" = Option<u32>, description = "Seconds to wait before the next request. Absent after the end"))),
         (status = 304, description = "The model has not changed"),
         ModelMissing, BadParameters, StoreAway,
     )
@@ -116,7 +116,8 @@ pub(in crate::http) async fn get(
 
 /// Cancel a model.
 ///
-/// A queued model ends at once, a running one within a second. An ended model does not change.
+/// A queued model ends immediately, a running model within a second. An ended model does not
+/// change.
 #[utoipa::path(
     post, path = "/models/{id}/cancel", operation_id = "cancel_model", tag = "models",
     params(("id" = Uuid, Path, description = "Id of the model")),
@@ -132,7 +133,7 @@ pub(in crate::http) async fn cancel(
     answer(&state, StatusCode::OK, &job, Detail::Full, LinkBase::Model)
 }
 
-/// Delete a model and its files. It is cancelled if it has not ended.
+/// Delete a model and its files; if it has not ended, it is cancelled first.
 ///
 /// Files that another model shares are kept.
 #[utoipa::path(

@@ -18,8 +18,9 @@ use serde_json::json;
 
 /// Grow a failed model again, as a new model with the same request.
 ///
-/// An ended model never changes, so the retry is a model of its own: `retry_of` names the failed one, and it belongs to the
-/// same batch. A finished model of the same digest is reused as by `POST /models`.
+/// An ended model never changes, so the retry is a separate model. Its `retry_of` names the failed
+/// model, and it belongs to the same batch. A finished model with the same digest is reused as by
+/// `POST /models`.
 #[utoipa::path(
     post, path = "/models/{id}/retry", operation_id = "retry_model", tag = "models",
     params(

@@ -19,7 +19,7 @@ pub(super) struct Conditions {
     /// Only models of this preset
     #[param(pattern = "^[^\\u0000]*$")]
     preset: Option<String>,
-    /// Only models with this label, `key:value`. May be given up to 16 times: models with all of them
+    /// Only models with this label, `key:value`. May be repeated; models must have all labels
     #[param(max_items = 16, pattern = "^[^:\\u0000]+:[^\\u0000]*$")]
     label: Option<Vec<String>>,
     /// Only models of this batch

@@ -72,7 +72,7 @@ fn json_schema() -> Value {
             "minItems": { "type": "integer" }, "maxItems": { "type": "integer" },
             "minimum": { "type": "number" }, "maximum": { "type": "number" },
             "x-unit": { "type": "string", "description": "Unit of the value." },
-            "x-maximum-reason": { "type": "string", "description": "Why there is a maximum." },
+            "x-maximum-reason": { "type": "string", "description": "Reason for the maximum." },
             "x-enum-descriptions": { "type": "array", "items": text, "description": "The meaning of each choice." },
         },
     })
@@ -126,8 +126,8 @@ fn problems(schema: &mut Value) {
     ] });
 }
 
-/// Removes the formats `int32` and `int64`. utoipa also adds them to unsigned integers, whose largest
-/// values they exclude.
+/// Removes the formats `int32` and `int64`. utoipa also adds them to unsigned integers, whose
+/// largest values they exclude.
 pub(super) fn plain_integers(value: &mut Value) {
     match value {
         Value::Object(members) => {

@@ -18,7 +18,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-/// The course of a model.
+/// Course of a model.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct CourseAnswer {
     /// Id of the model.
@@ -29,9 +29,11 @@ pub(super) struct CourseAnswer {
 
 /// Read the centre line that a model follows.
 ///
-/// Points at equal distances along the centre line, each with a frame. A point (x, y) of the cross section at `s_mm` is at
-/// `position_mm` + x·`u` + y·`v` in the files of the model. Between points, straight lines are within 1 µm of the centre line. The course
-/// follows from the spec, so it is known before the model has grown. A straight tube has two points.
+/// The response contains points at equal distances along the centre line, each with a local frame.
+/// A point (x, y) of the section at `s_mm` is at `position_mm` + x·`u` + y·`v` in the files of the
+/// model. A straight line between two points stays within 1 µm of the centre line. The course
+/// follows from the spec, so it is known before the model has grown. A straight tube has two
+/// points.
 #[utoipa::path(
     get, path = "/models/{id}/course", operation_id = "get_course", tag = "files",
     params(

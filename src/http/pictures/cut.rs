@@ -33,7 +33,7 @@ use uuid::Uuid;
 pub(super) struct CutAnswer {
     /// Id of the model.
     model: Uuid,
-    /// The file that was cut.
+    /// Name of the file whose surface was cut.
     file: String,
     #[serde(flatten)]
     cut: CutDocument,
@@ -41,21 +41,24 @@ pub(super) struct CutAnswer {
 
 /// Cut a finished model with a plane.
 ///
-/// The stored surface of the tissue is cut exactly as it is, across the tube (`z_um`) or along any plane (`origin_um` and
-/// `normal`). Rings are nested and told apart: `tissue`; its largest hole, `lumen`; `island`, tissue that is not connected to the
-/// wall in this plane; `pocket`, lumen that is not connected to the rest in this plane. The cross sections of
-/// `/models/{id}/sections/{k}` are those of the simulation, before the surface leans, and have no islands. A plane across a bent tube
-/// cuts the part around its centre line there, and no other.
+/// The service cuts the stored surface of the tissue exactly, across the tube (`z_um`) or along any
+/// plane (`origin_um` and `normal`). The rings of the cut are nested, and each has a kind:
+/// `tissue`; `lumen`, its largest hole; `island`, tissue that is not connected to the wall in this
+/// plane; `pocket`, lumen that is not connected to the rest in this plane. A plane across a bent
+/// tube cuts only the part around the centre line at this place. In contrast, the sections of
+/// `/models/{id}/sections/{k}` come from the simulation, before the surface leans, and have no
+/// islands.
 ///
-/// Pictures show the same tissues as those of sections. A longer picture of a plane along the tube has larger pixels.
+/// Pictures show the same tissues as pictures of sections. A longer picture of a plane along the
+/// tube has larger pixels.
 #[utoipa::path(
     get, path = "/models/{id}/cut", operation_id = "cut_model", tag = "files",
     params(
         ("id" = Uuid, Path, description = "Id of the model"),
-        ("z_um" = Option<f64>, Query, minimum = -1e12, maximum = 1e12, description = "Place along the tube of a plane across it, µm: along its centre line, if it is bent; u and v are x and y of the cross section there"),
-        ("origin_um" = Option<String>, Query, pattern = "^[-+0-9.eE ]+(,[-+0-9.eE ]+){2}$", description = "A point of the plane, µm: `x,y,z`; with `normal`, instead of `z_um`", example = "0,0,30000"),
+        ("z_um" = Option<f64>, Query, minimum = -1e12, maximum = 1e12, description = "Place of a plane across the tube, µm along the tube or, if it is bent, along its centre line; u and v are x and y of the section at this place"),
+        ("origin_um" = Option<String>, Query, pattern = "^[-+0-9.eE ]+(,[-+0-9.eE ]+){2}$", description = "Point of the plane, µm: `x,y,z`; together with `normal`, instead of `z_um`", example = "0,0,30000"),
         ("normal" = Option<String>, Query, pattern = "^[-+0-9.eE ]+(,[-+0-9.eE ]+){2}$", description = "Normal of the plane, of any length: `x,y,z`", example = "0,1,0"),
-        ("format" = Option<SectionFormat>, Query, description = "`json`, `svg` or `png`; takes precedence over `Accept`. `size`, `stain` and `labels` ask for `png`"),
+        ("format" = Option<SectionFormat>, Query, description = "`json`, `svg` or `png`; takes precedence over `Accept`. `size`, `stain` and `labels` request `png`"),
         ("size" = Option<u32>, Query, minimum = 32, maximum = 2048, description = "Longer side of a PNG picture, pixels; 1024 by default"),
         ("stain" = Option<Stain>, Query, description = "Stain of a PNG picture: `he`, haematoxylin and eosin, the default"),
         ("labels" = Option<bool>, Query, description = "`true`: the tissue of each pixel as an 8-bit grey value, without a scale bar, instead of a stain"),
@@ -67,7 +70,7 @@ pub(super) struct CutAnswer {
             (String = "image/svg+xml"),
             (Png = "image/png")), headers(
             ("etag" = String, description = "Entity tag of this representation"),
-            ("um-per-pixel" = f64, description = "Of a PNG picture: side of a pixel, µm. Its `pHYs` chunk has the pixels per metre"))),
+            ("um-per-pixel" = f64, description = "Side of a pixel of a PNG picture, µm. The `pHYs` chunk of the picture has the pixels per metre"))),
         (status = 304, description = "The client has this cut"),
         CutMissing, Inacceptable, CutProblems, PictureAway,
     )

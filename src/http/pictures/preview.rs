@@ -20,8 +20,9 @@ use axum::response::Response;
 
 /// Draw a picture of a finished model.
 ///
-/// PNG with a transparent background. From 256 pixels on it has a scale bar, which also names the factor by which a long tube
-/// is shortened. The same version of the service draws the same picture.
+/// The picture is a PNG with a transparent background. At 256 pixels or more, it has a scale bar,
+/// which also names the factor by which a long tube is shortened. The same version of the service
+/// always draws the same picture.
 #[utoipa::path(
     get, path = "/models/{id}/preview.png", operation_id = "get_preview", tag = "files",
     params(

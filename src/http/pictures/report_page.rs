@@ -25,12 +25,13 @@ use bytes::Bytes;
 const POLICY: HeaderValue =
     HeaderValue::from_static("default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'");
 
-/// Read the report of a model as a page to show or to print.
+/// Read the report of a model as a page for display or printing.
 ///
-/// One HTML file that needs no other: the cut-open tube, a strip of sections (cuts of the surface if it leans), measures
-/// beside published anatomy and along the tube, the certificate, all parameters with their sources, and how to cite the
-/// model. It is made from `report.json`, `sections.bin` and, if the surface leans, the surface; the same version of the
-/// service makes the same page.
+/// The page is a single HTML file that loads no other files. It contains the cut-open tube, a strip
+/// of sections (cuts of the surface if it leans), measures next to published anatomy and along the
+/// tube, the certificate, all parameters with their sources, and the citation of the model. The
+/// service creates it from `report.json`, `sections.bin` and, if the surface leans, the surface.
+/// The same version of the service always creates the same page.
 #[utoipa::path(
     get, path = "/models/{id}/report.html", operation_id = "get_report_page", tag = "files",
     params(

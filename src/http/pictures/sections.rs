@@ -44,7 +44,7 @@ pub(in crate::http) enum SectionFormat {
     Png,
 }
 
-/// A cross section; lengths in micrometres.
+/// A section of a model. Lengths are in micrometres.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct SectionAnswer {
     /// Id of the model.
@@ -61,7 +61,7 @@ pub(super) struct SectionAnswer {
     step: f64,
     /// Position along the tube.
     z_um: f64,
-    /// Whether the section was added to mend a slab.
+    /// True if the section was added to mend a slab.
     added: bool,
     /// Boundary of the lumen.
     inner: RingAnswer,
@@ -69,7 +69,7 @@ pub(super) struct SectionAnswer {
     outer: RingAnswer,
 }
 
-/// Stands for a PNG picture.
+/// A PNG picture.
 #[derive(Debug, ToSchema)]
 #[schema(value_type = String, format = Binary)]
 #[expect(dead_code, reason = "for the description only")]
@@ -90,19 +90,22 @@ impl From<Ring> for RingAnswer {
     }
 }
 
-/// Read a cross section of a finished model.
+/// Read a section of a finished model.
 ///
-/// Sections are those of the simulation, before the surface leans; `/models/{id}/cut` cuts the surface itself.
+/// Sections come from the simulation, before the surface leans; `/models/{id}/cut` cuts the surface
+/// itself.
 ///
-/// As points with the ids of particles, as a drawing, or as a picture: stained with haematoxylin and eosin, or with the tissue
-/// of each pixel as its value (0 outside, 1 lumen, 2 epithelium, 3 lamina propria, 4 circular muscle, 5 longitudinal muscle,
-/// 6 serosa). Both pictures have the same pixels. Heights of the layers are those of `histology` in the spec.
+/// A section is available as points with the ids of particles, as a drawing, or as a picture. A
+/// picture is either stained with haematoxylin and eosin, or has the tissue of each pixel as its
+/// value: 0 outside, 1 lumen, 2 epithelium, 3 lamina propria, 4 circular muscle, 5 longitudinal
+/// muscle, 6 serosa. Both pictures have the same pixels. `histology` in the spec defines the
+/// heights of the layers.
 #[utoipa::path(
     get, path = "/models/{id}/sections/{k}", operation_id = "get_section", tag = "files",
     params(
         ("id" = Uuid, Path, description = "Id of the model"),
         ("k" = u32, Path, minimum = 0, description = "Index of the section, from 0 at the isthmus end"),
-        ("format" = Option<SectionFormat>, Query, description = "`json`, `svg` or `png`; takes precedence over `Accept`. `size`, `stain` and `labels` ask for `png`"),
+        ("format" = Option<SectionFormat>, Query, description = "`json`, `svg` or `png`; takes precedence over `Accept`. `size`, `stain` and `labels` request `png`"),
         ("size" = Option<u32>, Query, minimum = 32, maximum = 2048, description = "Longer side of a PNG picture, pixels; 1024 by default"),
         ("stain" = Option<Stain>, Query, description = "Stain of a PNG picture: `he`, haematoxylin and eosin, the default"),
         ("labels" = Option<bool>, Query, description = "`true`: the tissue of each pixel as an 8-bit grey value, without a scale bar, instead of a stain"),
@@ -114,7 +117,7 @@ impl From<Ring> for RingAnswer {
             (String = "image/svg+xml"),
             (Png = "image/png")), headers(
             ("etag" = String, description = "Entity tag of this representation"),
-            ("um-per-pixel" = f64, description = "Of a PNG picture: side of a pixel, µm. Its `pHYs` chunk has the pixels per metre"))),
+            ("um-per-pixel" = f64, description = "Side of a pixel of a PNG picture, µm. The `pHYs` chunk of the picture has the pixels per metre"))),
         (status = 304, description = "The client has this section"),
         SectionMissing, Inacceptable, BadParameters, PictureAway,
     )

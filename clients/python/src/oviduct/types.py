@@ -399,7 +399,7 @@ class FitValidation:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number of seconds and its basis."""
+    """A predicted time and its basis."""
 
     seconds: float
     basis: str = ""
@@ -442,7 +442,7 @@ class BatchCost:
     """Predicted cost of a batch."""
 
     seconds: Mapping[str, float] = field(default_factory=dict)
-    """Seconds to grow all models one after the other, by backend."""
+    """Seconds for growing all models one after the other, by backend."""
     bytes: int = 0
     memory_bytes: int = 0
     """Memory of the largest model."""

@@ -16,7 +16,8 @@ pub enum RingKind {
     Lumen,
     /// Tissue that is surrounded by lumen: in this plane it is not connected to the wall.
     Island,
-    /// Any other hole in tissue: a part of the lumen that is not connected to the rest in this plane.
+    /// Any other hole in tissue: a part of the lumen that is not connected to the rest in this
+    /// plane.
     Pocket,
 }
 

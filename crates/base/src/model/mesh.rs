@@ -15,7 +15,8 @@ pub enum BodyKind {
     Tissue,
     /// Inside the inner wall, capped: Euler number 2.
     Lumen,
-    /// Both bodies, with the wall between them once: three triangles meet at the edges of its rims. Euler number 2.
+    /// Both bodies, with the wall between them once: three triangles meet at the edges of its rims.
+    /// Euler number 2.
     Regions,
 }
 

@@ -21,7 +21,7 @@ const MIN_CHANGE: f64 = 0.05;
 /// Maximum number of targets for which corners are tried.
 const MAX_CORNER_TARGETS: usize = 10;
 
-/// Why a target is not met.
+/// Reason why a target is not met.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
@@ -38,17 +38,17 @@ pub enum Why {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Unmet {
-    /// Its region.
+    /// Region of the target.
     pub region: String,
-    /// Its quantity.
+    /// Quantity of the target.
     pub quantity: String,
-    /// Why.
+    /// Reason why the target is not met.
     pub why: Why,
-    /// The value nearest to the target that any candidate had.
+    /// Closest value to the target among all candidates.
     pub nearest: Option<f64>,
-    /// Targets that it cannot be met together with, as `region/quantity`.
+    /// Targets that cannot be met together with this one, as `region/quantity`.
     pub conflicts: Vec<String>,
-    /// Bounds beyond which it would come nearer.
+    /// Bounds beyond which the measure would come closer to the target.
     pub bounds: Vec<Bound>,
 }
 
@@ -58,11 +58,11 @@ pub struct Unmet {
 pub struct Bound {
     /// JSON pointer of the parameter.
     pub parameter: String,
-    /// End of the tube where the variable acts; null: everywhere.
+    /// End of the tube at which the variable acts; null if it acts everywhere.
     pub end: Option<End>,
-    /// `from` or `to`.
+    /// Name of the bound: `from` or `to`.
     pub bound: String,
-    /// Its value.
+    /// Value of the bound.
     pub value: f64,
 }
 

@@ -37,7 +37,7 @@ const LEAST_SPREAD: f64 = 1e-3;
 /// Misfit of a candidate without measures.
 const NO_MODEL: f64 = 1e6;
 
-/// Why a search ended.
+/// Reason why a search ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
@@ -50,16 +50,16 @@ pub enum Ended {
     Converged,
 }
 
-/// A fall of the misfit.
+/// An improvement of the minimum misfit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Fall {
-    /// Number of candidates.
+    /// Number of candidates up to this improvement.
     #[cfg_attr(feature = "schema", schema(minimum = 0))]
     pub evaluations: usize,
-    /// The least misfit of these.
+    /// Minimum misfit of these candidates.
     pub misfit: f64,
-    /// Whether it is that of reduced models.
+    /// True if `misfit` is the misfit of reduced models.
     #[serde(default)]
     pub reduced: bool,
 }

@@ -18,7 +18,7 @@ const REGIONS: [&str; 4] = ["isthmus", "junction", "ampulla", "whole"];
 /// Quantities that compare a section with the next one in the list of sections of the report.
 const STEPS: [&str; 2] = ["fold_continuity", "twist_deg_per_mm"];
 
-/// A quantity in a region, and the range that is accepted.
+/// A quantity in a region, with the accepted range.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Target {
@@ -26,13 +26,13 @@ pub struct Target {
     pub region: String,
     /// Name of the quantity, as in the report.
     pub quantity: String,
-    /// The value to be reached: the mean over the region.
+    /// Value to reach: the mean over the region.
     pub value: f64,
     /// Lower end of the accepted range.
     pub low: f64,
     /// Upper end of the accepted range.
     pub high: f64,
-    /// Where it comes from, if it was measured in an image.
+    /// Source of the value, if known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub source: Option<String>,
 }

@@ -22,7 +22,7 @@ pub struct Variable {
 pub struct Varied {
     /// JSON pointer of the parameter.
     pub parameter: String,
-    /// End of the tube whose values are changed; null: the parameter as a whole.
+    /// End of the tube at which the parameter is varied; null if it is varied as a whole.
     pub end: Option<End>,
     /// Lower bound.
     pub from: f64,

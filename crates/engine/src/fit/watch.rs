@@ -26,21 +26,22 @@ pub enum FitStage {
 pub struct FitProgress {
     /// Stage.
     pub stage: FitStage,
-    /// Fraction of the whole, 0 to 1, never decreasing. A search may end before it has used all evaluations.
+    /// Fraction of the whole, 0 to 1, never decreasing. A search may end before it has used all
+    /// evaluations.
     pub fraction: f64,
-    /// Candidates measured so far.
+    /// Number of candidates measured so far.
     #[cfg_attr(feature = "schema", schema(minimum = 0))]
     pub evaluations: u32,
-    /// Candidates at most.
+    /// Maximum number of candidates.
     #[cfg_attr(feature = "schema", schema(minimum = 0))]
     pub evaluations_most: u32,
-    /// Models grown in full so far.
+    /// Number of models grown in full so far.
     #[cfg_attr(feature = "schema", schema(minimum = 0))]
     pub models: u32,
-    /// Least misfit so far, on reduced models or, once there are such candidates, with the physics of the spec; see `misfit` of the
-    /// result.
+    /// Minimum misfit so far: on reduced models or, once such candidates exist, with the physics of
+    /// the spec. See `misfit` of the result.
     pub misfit: Option<f64>,
-    /// Seconds until all evaluations are used, at the pace so far.
+    /// Estimated seconds until all evaluations are used, at the current pace.
     pub eta_seconds: Option<f64>,
 }
 

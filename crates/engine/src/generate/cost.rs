@@ -134,29 +134,29 @@ const LABEL_SLICE_BYTES: f64 = 300.0;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Cost {
-    /// Particles of both loops at the end.
+    /// Number of particles of both loops at the end.
     pub particles_end: u32,
-    /// Recorded sections, without those added by mending.
+    /// Number of recorded sections, without sections that mending adds.
     pub sections: u32,
-    /// Vertices of the surface.
+    /// Number of vertices of the surface.
     pub vertices: u64,
-    /// Triangles of the surface.
+    /// Number of triangles of the surface.
     pub triangles: u64,
-    /// Size by output, including `sections` and `report`, which are always written.
+    /// Size by output, bytes. Includes `sections` and `report`, which are always written.
     pub bytes: BTreeMap<String, u64>,
-    /// Greatest memory in use.
+    /// Peak memory, bytes.
     pub memory_bytes: u64,
-    /// Seconds from start to end, by backend.
+    /// Time from start to end, by backend.
     pub seconds: BTreeMap<String, Estimate>,
 }
 
-/// A number of seconds and its basis.
+/// A predicted time and its basis.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Estimate {
-    /// Seconds.
+    /// Predicted time, seconds.
     pub seconds: f64,
-    /// Basis of the number.
+    /// Basis of the prediction: counted work and reference machine.
     pub basis: String,
 }
 
@@ -331,7 +331,7 @@ fn even_triangles(spec: &ModelSpec) -> f64 {
     (end - begin) * sum / f64::max(places, 1.0)
 }
 
-/// Seconds from start to end, by backend.
+/// Time from start to end, by backend.
 fn seconds(spec: &ModelSpec, outputs: &Outputs, counts: &Counts) -> BTreeMap<String, Estimate> {
     let is_even = spec.mesh.resolution_um > 0.0;
     let is_smooth = spec.mesh.smooth_um > 0.0;

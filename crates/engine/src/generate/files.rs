@@ -62,7 +62,8 @@ pub(super) fn write_sections(
 #[derive(Serialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema), schema(as = StoredReport))]
 pub struct Report<'a> {
-    /// SHA-256 of the canonical spec (without `solver.search`), the seed and the engine version, as in the model.
+    /// SHA-256 of the canonical spec (without `solver.search`), the seed and the engine version, as
+    /// in the model.
     digest: &'a str,
     /// Preset that the spec was resolved on.
     preset: &'a str,

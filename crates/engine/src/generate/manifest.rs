@@ -15,21 +15,21 @@ pub const MANIFEST: &str = "manifest.json";
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Manifest {
-    /// The program that made it, with its version: the engine version of the digest.
+    /// Program that created the files, with its version: the engine version of the digest.
     pub engine: String,
     /// Preset that the spec was resolved on.
     pub preset: String,
     /// Seed.
     #[cfg_attr(feature = "schema", schema(minimum = 0, maximum = 9007199254740991i64))]
     pub seed: u64,
-    /// SHA-256 of spec, seed and engine version. Models of the same digest have the same surface.
+    /// SHA-256 of spec, seed and engine version. Models with the same digest have the same surface.
     pub digest: String,
-    /// The resolved spec: `oviduct generate --preset … --spec … --seed …` makes the model again.
+    /// The resolved spec: `oviduct generate --preset … --spec … --seed …` generates the same model.
     #[cfg_attr(feature = "schema", schema(schema_with = spec_schema))]
     pub spec: Value,
     /// Axes of all files.
     pub axes: &'static str,
-    /// What the program and the model may be used for.
+    /// Terms of use of the program and of the model.
     pub licence: Licence,
     /// How to cite the method.
     pub cite: &'static str,
@@ -41,9 +41,9 @@ pub struct Manifest {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Licence {
-    /// SPDX expression of the program's licence.
+    /// SPDX expression of the licence of the program.
     pub software: &'static str,
-    /// What holds for a model.
+    /// Terms of use of a model.
     pub model: &'static str,
 }
 
@@ -60,11 +60,12 @@ pub struct ManifestFile {
     pub bytes: u64,
     /// SHA-256, lower-case hex.
     pub sha256: String,
-    /// Body whose surface it holds; null if it holds none.
+    /// Body whose surface the file contains; null for files without a surface.
     pub body: Option<BodyKind>,
-    /// Unit of its coordinates; null if it has none or names the unit of each value.
+    /// Unit of the coordinates in the file; null if the file has no coordinates or names the unit
+    /// of each value.
     pub unit: Option<LengthUnit>,
-    /// Names of the patches of its surface, in order.
+    /// Names of the patches of the surface, in order.
     pub patches: Vec<&'static str>,
 }
 

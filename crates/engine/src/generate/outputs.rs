@@ -4,7 +4,7 @@ use crate::export::{centreline, glb, labels, lod, obj, ply, stl, vtp};
 use crate::model::{BodyKind, LengthUnit};
 use serde::{Deserialize, Serialize};
 
-/// A format of the model: one file, or several.
+/// A format of the model: one or several files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[serde(rename_all = "kebab-case")]
@@ -25,10 +25,11 @@ pub enum Output {
     Vtp,
     /// The centre line with arc length and radii, as VTK XML and as CSV.
     Centreline,
-    /// Levels of detail for viewers: three binary glTF files of the tissue with all, about 300,000 and about 60,000 triangles,
-    /// quantized and compressed.
+    /// Levels of detail for viewers: three binary glTF files of the tissue with all, about 300,000
+    /// and about 60,000 triangles, quantized and compressed.
     Lod,
-    /// The tissue of every voxel of a piece of the tube (`/labels` of the spec) as OME-TIFF and NIfTI-1.
+    /// The tissue of every voxel of a piece of the tube (`/labels` of the spec) as OME-TIFF and
+    /// NIfTI-1.
     Labels,
 }
 

@@ -101,15 +101,15 @@ pub struct Progress {
     pub stage: Stage,
     /// Fraction of the whole, 0 to 1, never decreasing.
     pub fraction: f64,
-    /// Time step reached.
+    /// Current time step.
     pub step: u32,
-    /// Total time steps.
+    /// Total number of time steps.
     pub steps: u32,
     /// Number of particles of both loops.
     pub particles: u32,
-    /// Sections recorded.
+    /// Number of recorded sections.
     pub sections: u32,
-    /// Estimated seconds to the end; unknown until there is enough data.
+    /// Estimated seconds to the end; null until there is enough data.
     pub eta_seconds: Option<f64>,
 }
 
@@ -233,25 +233,26 @@ pub struct Outcome {
     pub seconds: Seconds,
 }
 
-/// How a tube was bent along its course.
+/// Bending of a tube along its course.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Bending {
-    /// Distance of the ends of the centre line, mm.
+    /// Distance between the ends of the centre line, mm.
     pub end_distance_mm: f64,
-    /// Length of the centre line over that distance.
+    /// Length of the centre line divided by the distance between its ends.
     pub tortuosity: f64,
-    /// Whether the course was changed because it was too tight or came too near to itself.
+    /// True if the course was changed because it was too tight or approached itself too closely.
     pub relaxed: bool,
-    /// Where the tube is bent most for its radius, mm from the isthmus end.
+    /// Place at which the tube is bent most in relation to its radius, mm from the isthmus end.
     pub tightest_at_mm: f64,
-    /// Radius of curvature there, mm; none if the course is straight.
+    /// Radius of curvature at this place, mm; null if the course is straight.
     pub curve_radius_mm: Option<f64>,
-    /// Greatest radius of the wall there, mm.
+    /// Maximum radius of the wall at this place, mm.
     pub wall_radius_mm: f64,
-    /// At least this far apart are the walls of far parts, µm; none if the course does not turn far enough for that.
+    /// Lower bound of the distance between the outer walls of two distant parts of the tube, µm;
+    /// null if the course turns too little for two parts to approach each other.
     pub far_parts_um: Option<f64>,
-    /// What was done so that bent triangles do not meet.
+    /// Statistics of the bending: intersecting triangles, and the changes that separated them.
     #[serde(flatten)]
     pub refined: Refined,
 }
@@ -272,17 +273,17 @@ impl Bending {
     }
 }
 
-/// A wave of contraction: what its frames measure.
+/// Measures of a contraction and of its frames.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct ContractionReport {
     /// Period, seconds.
     pub period_s: f64,
-    /// Volume of the lumen at rest, mm³; that of the tissue is in the certificate of the model.
+    /// Volume of the lumen at rest, mm³. The certificate of the model has the volume of the tissue.
     pub lumen_volume_mm3: f64,
-    /// Greatest difference of the volume of the tissue of a frame from that at rest, as a share of it.
+    /// Maximum relative difference between the volumes of the tissue in a frame and at rest.
     pub tissue_deviation: f64,
-    /// What was done so that walls do not meet.
+    /// Statistics of intersecting triangles, and of the damping that separated them.
     #[serde(flatten)]
     pub contracted: Contracted,
     /// The frames of one period, in order.
@@ -301,11 +302,11 @@ pub struct FrameReport {
     pub tissue_volume_mm3: f64,
     /// Volume of the lumen, mm³.
     pub lumen_volume_mm3: f64,
-    /// Greatest share of the lumen that is closed in a section.
+    /// Maximum fraction of the lumen of a section that is closed.
     pub closed: f64,
-    /// Greatest share by which the outer wall of a section is narrower than at rest.
+    /// Maximum fraction by which the outer wall of a section is narrower than at rest.
     pub narrowed: f64,
-    /// What is proved of its surface.
+    /// Certificate of the surface of the frame.
     pub certificate: Certificate,
 }
 

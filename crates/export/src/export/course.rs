@@ -12,45 +12,45 @@ const MAX_SPANS: f64 = 16_384.0;
 /// Maximum turn between two points, radians.
 const TWIST_STEP: f64 = 0.02;
 
-/// The centre line that a model follows.
+/// Centre line that a model follows.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct CourseDocument {
-    /// Which curve it is.
+    /// Kind of the curve.
     #[cfg_attr(feature = "schema", schema(value_type = String, example = "arc"))]
     pub shape: &'static str,
-    /// Where the model begins, mm along the centre line of the whole tube from its isthmus end.
+    /// Start of the model, mm from the isthmus end along the centre line of the whole tube.
     pub from_mm: f64,
-    /// Where it ends.
+    /// End, measured like `from_mm`.
     pub to_mm: f64,
-    /// Distance of the ends of the whole tube's centre line, mm.
+    /// Distance between the ends of the centre line of the whole tube, mm.
     pub end_distance_mm: f64,
-    /// Length of the centre line over that distance.
+    /// Length of the centre line divided by the distance between its ends.
     pub tortuosity: f64,
-    /// Turn of the tube about its centre line, from end to end, degrees.
+    /// Twist of the tube around the centre line from end to end, degrees.
     pub twist_deg: f64,
-    /// Least radius of curvature, mm; null if the course is straight.
+    /// Minimum radius of curvature, mm; null if the course is straight.
     #[cfg_attr(feature = "schema", schema(required = true))]
     pub least_radius_mm: Option<f64>,
-    /// Whether the course was changed because it was too tight or came too near to itself.
+    /// True if the course was changed because it was too tight or approached itself too closely.
     pub relaxed: bool,
     /// Points at equal distances, from `from_mm` to `to_mm`.
     pub points: Vec<CoursePoint>,
 }
 
-/// A place of a centre line.
+/// Point of a centre line with its local frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct CoursePoint {
     /// Place along the centre line of the whole tube, mm.
     pub s_mm: f64,
-    /// Where it is, mm.
+    /// Position, mm.
     pub position_mm: [f64; 3],
     /// Unit vector along the centre line.
     pub tangent: [f64; 3],
-    /// Unit vector of x of the cross section.
+    /// Unit vector of the x axis of the section.
     pub u: [f64; 3],
-    /// Unit vector of y of the cross section.
+    /// Unit vector of the y axis of the section.
     pub v: [f64; 3],
     /// Curvature of the centre line, 1/mm.
     pub curvature_per_mm: f64,

@@ -3,15 +3,15 @@
 use crate::model::{Cut, CutRing, Plane, RingKind};
 use serde::Serialize;
 
-/// A planar cut of a surface; lengths in micrometres.
+/// A planar cut of a surface. Lengths are in micrometres.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct CutDocument {
     /// Unit of lengths: `um`.
     pub units: &'static str,
-    /// The plane.
+    /// Plane of the cut.
     pub plane: Plane,
-    /// Area of the tissue, islands included.
+    /// Area of the tissue, including islands.
     pub tissue_area_um2: f64,
     /// Area of the lumen and of pockets, without islands.
     pub lumen_area_um2: f64,
@@ -21,8 +21,8 @@ pub struct CutDocument {
     /// Number of pockets.
     #[cfg_attr(feature = "schema", schema(minimum = 0))]
     pub pockets: usize,
-    /// Closed rings that do not cross. A ring comes after the one that surrounds it; of rings with the same one, the largest comes
-    /// first.
+    /// Closed rings that do not cross. A ring follows the ring that surrounds it. Rings inside the
+    /// same ring are sorted by area, largest first.
     pub rings: Vec<RingDocument>,
 }
 
@@ -31,16 +31,17 @@ pub struct CutDocument {
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "schema", schema(as = CutRingAnswer))]
 pub struct RingDocument {
-    /// What it bounds.
+    /// Area that the ring bounds.
     pub kind: RingKind,
-    /// Index of the ring that directly surrounds it.
+    /// Index of the ring that directly surrounds this one; null if there is none.
     #[cfg_attr(feature = "schema", schema(required = true, minimum = 0))]
     pub parent: Option<usize>,
-    /// Area within it, with all that it surrounds.
+    /// Area inside the ring, including all rings that it surrounds.
     pub area_um2: f64,
-    /// Its length.
+    /// Length of the ring.
     pub perimeter_um: f64,
-    /// u and v of its points, micrometres: counter-clockwise around tissue and islands, clockwise around lumen and pockets.
+    /// Coordinates u and v of the points, micrometres: counter-clockwise around tissue and islands,
+    /// clockwise around lumen and pockets.
     pub points: Vec<[f64; 2]>,
 }
 

@@ -47,7 +47,7 @@ pub struct LevelReport {
     /// Number of vertices. Vertices that patches share count once.
     #[cfg_attr(feature = "schema", schema(minimum = 0))]
     pub vertices: usize,
-    /// Triangles.
+    /// Number of triangles.
     #[cfg_attr(feature = "schema", schema(minimum = 0))]
     pub triangles: usize,
     /// Step of the grid to which positions are rounded, along x, y and z, micrometres.

@@ -24,11 +24,11 @@ const END_AZIMUTH_DEG: f64 = 24.0;
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "schema", schema(rename_all = "lowercase"))]
 pub enum NamedView {
-    /// The whole tube from outside, with the ampulla end in front; long tubes are shortened. A bent tube is seen from where it is
-    /// broadest, in true proportions.
+    /// The whole tube from outside, with the ampulla end in front; long tubes are shortened. A bent
+    /// tube is seen from its broadest side, in true proportions.
     Whole,
-    /// As [`Whole`](Self::Whole), with a quarter cut away along the tube, so that the folds are visible in both directions. Of a bent
-    /// tube, the half that is in front of the plane nearest to it is cut away.
+    /// As [`Whole`](Self::Whole), with a quarter cut away along the tube, so that the folds are
+    /// visible in both directions. A bent tube lacks the half in front of the plane nearest to it.
     #[default]
     Opened,
     /// The isthmus end with a piece of tube nearly as long as wide, in true proportions.

@@ -17,7 +17,7 @@ pub struct Reference {
     pub species: String,
     /// Region, as named by the source.
     pub region: String,
-    /// What was measured, as the source names it.
+    /// Measured quantity, as named by the source.
     pub quantity: String,
     /// Mean, or the only value given.
     pub value: Option<f64>,
@@ -31,9 +31,9 @@ pub struct Reference {
     pub n: Option<u32>,
     /// Unit of these numbers.
     pub unit: String,
-    /// Where it is published.
+    /// Source of the published value.
     pub source: String,
-    /// How it was learnt.
+    /// Origin of the value: read in the source, derived from it, or recalled from memory.
     pub confidence: String,
     /// Quantity of a model; empty if models have no such quantity.
     pub measure: String,
@@ -55,7 +55,7 @@ pub fn references() -> &'static [Reference] {
     &REFERENCES
 }
 
-/// A model beside what is published about its organ and species.
+/// Comparison of a model with values published for its organ and species.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Comparison {
@@ -66,23 +66,23 @@ pub struct Comparison {
     /// Number of measures inside the published range.
     #[cfg_attr(feature = "schema", schema(minimum = 0))]
     pub inside: usize,
-    /// Number of measures outside.
+    /// Number of measures outside the published range.
     #[cfg_attr(feature = "schema", schema(minimum = 0))]
     pub outside: usize,
-    /// The measures that something is published about.
+    /// Measures with a published value.
     pub compared: Vec<Compared>,
-    /// Quantities that have no published value in any region.
+    /// Quantities without a published value in any region.
     pub no_reference: Vec<String>,
 }
 
-/// Outcome of a comparison.
+/// Result of a comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
     /// Within the published range.
     Inside,
-    /// Beyond it.
+    /// Outside the published range.
     Outside,
     /// A value is published, but no range.
     NoRange,
@@ -90,7 +90,7 @@ pub enum Verdict {
     NotMeasured,
 }
 
-/// A measure beside a published value, in the unit of the measure.
+/// A measure and a published value, in the unit of the measure.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Compared {
@@ -98,9 +98,9 @@ pub struct Compared {
     pub quantity: String,
     /// Region of the model.
     pub region: String,
-    /// The model's mean over the region.
+    /// Mean of the model over the region; null if the model lacks the measure.
     pub measured: Option<f64>,
-    /// Published mean or value.
+    /// Published mean, or the only published value.
     pub value: Option<f64>,
     /// Lower end of the published range.
     pub low: Option<f64>,
@@ -111,15 +111,16 @@ pub struct Compared {
     /// Number of individuals in the publication.
     #[cfg_attr(feature = "schema", schema(minimum = 0))]
     pub n: Option<u32>,
-    /// Result.
+    /// Result of the comparison.
     pub verdict: Verdict,
-    /// Distance from the published mean in standard deviations, if it has one.
+    /// Difference from the published mean, in published standard deviations; null if one of these
+    /// is missing.
     pub deviation_sd: Option<f64>,
-    /// What was measured, as the source names it.
+    /// Region and quantity, as the source names them.
     pub published: String,
-    /// Where it is published.
+    /// Source of the published value.
     pub source: String,
-    /// How it was learnt.
+    /// Origin of the value: read in the source, derived from it, or recalled from memory.
     pub confidence: String,
 }
 

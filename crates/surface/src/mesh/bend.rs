@@ -34,17 +34,17 @@ const FINE_UM: f64 = 0.02;
 /// Fraction of the lean that a place loses per round.
 const DAMPING: f64 = 0.3;
 
-/// What was done so that bent triangles do not meet.
+/// Statistics of the bending: intersecting triangles, and the changes that separated them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Refined {
-    /// Pairs of triangles that would have met.
+    /// Number of pairs of triangles that intersected at first.
     pub met: usize,
-    /// Edges that were split.
+    /// Number of edges that were split.
     pub split: usize,
-    /// Places at which the lean was damped.
+    /// Number of places at which the lean was damped.
     pub damped: usize,
-    /// Rounds of both.
+    /// Number of rounds of splitting and damping.
     pub rounds: u32,
 }
 

@@ -36,6 +36,7 @@ pub struct LabelReport {
     pub size: [u32; 3],
     /// Sides of a voxel along x, y and z, micrometres.
     pub voxel_um: [f64; 3],
-    /// Centre of the voxel of column 0, row 0 and slice 0, micrometres. The next row has a smaller y.
+    /// Centre of the voxel of column 0, row 0 and slice 0, micrometres. The next row has a smaller
+    /// y.
     pub first_um: [f64; 3],
 }

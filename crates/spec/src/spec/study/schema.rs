@@ -11,17 +11,17 @@ use serde_json::{Map, Value, json};
 pub fn schema(max_points: usize) -> Value {
     json!({
         "type": "object",
-        "description": "A parameter study: values of parameters, and how they are combined to points. Each point is grown with each seed.",
+        "description": "Parameter study: values of parameters, and the design that combines them into points. Each point is grown with each seed.",
         "required": ["design", "values"],
         "additionalProperties": false,
         "properties": {
             "design": { "type": "string", "enum": Design::NAMES.map(|(name, _)| name),
-                "description": "`grid`: every combination, the last pointer varying fastest. `zip`: the first values of all, the second of all, and so on. `lhs`: a Latin hypercube." },
+                "description": "`grid`: every combination; the last pointer varies fastest. `zip`: the first values of all parameters, then the second values, and so on. `lhs`: a Latin hypercube." },
             "samples": { "type": "integer", "minimum": 1, "maximum": max_points, "description": "Number of points; design `lhs` only." },
             // No `default`: a generated client would send it, and other designs refuse it.
             "seed": { "type": "integer", "minimum": 0, "maximum": SEED_MAX,
-                "description": "The same seed gives the same points; design `lhs` only. If it is absent, 0." },
-            "values": { "type": "object", "minProperties": 1, "description": "The values of each parameter by its JSON pointer in the spec.",
+                "description": "Seed of the design, 0 by default; design `lhs` only. The same seed gives the same points." },
+            "values": { "type": "object", "minProperties": 1, "description": "Values of each parameter, by its JSON pointer in the spec.",
                 "additionalProperties": { "$ref": "#/$defs/VariedValues" } },
         },
         "$defs": definitions(max_points),
@@ -43,7 +43,7 @@ fn definitions(max_points: usize) -> Value {
     let count = json!({ "type": "integer", "minimum": 1, "maximum": max_points,
         "description": "Number of values; required in the designs `grid` and `zip`, not allowed in `lhs`." });
     definitions["ParameterValue"] = json!({
-        "description": "A value of a parameter or of a part of a schedule; null leaves that of `spec`.",
+        "description": "Value of a parameter or of a part of a schedule. Null keeps the value of `spec`.",
         "anyOf": [
             { "type": "null" }, { "type": "boolean" }, { "type": "number" }, { "type": "string" },
             { "title": "Keys", "type": "array", "items": own("ScheduleKey") }, own("Schedule"), own("Fluctuation"),
@@ -52,11 +52,11 @@ fn definitions(max_points: usize) -> Value {
         ],
     });
     definitions["ValueList"] = json!({ "title": "List", "type": "array", "minItems": 1, "maxItems": max_points,
-        "items": own("ParameterValue"), "description": "These values; in a Latin hypercube all are equally likely." });
+        "items": own("ParameterValue"), "description": "List of values. In a Latin hypercube, all values are equally likely." });
     definitions["ValueRange"] = json!({ "title": "Range", "type": "object", "additionalProperties": false,
         "required": ["from", "to"],
         "properties": { "from": number("First value."), "to": number("Last value."), "count": count },
-        "description": "Equal steps from one end to the other; in a Latin hypercube a uniform distribution." });
+        "description": "Values in equal steps from one end to the other. In a Latin hypercube, a uniform distribution." });
     let mut mapping = Map::new();
     for (name, members) in DISTRIBUTIONS {
         let mut properties = Map::new();
@@ -69,7 +69,7 @@ fn definitions(max_points: usize) -> Value {
         mapping.insert(name.to_owned(), format!("#/components/schemas/{component}").into());
         definitions[component] = json!({
             "title": format!("Distribution {name}"), "type": "object", "additionalProperties": false,
-            "description": "In the designs `grid` and `zip`, the quantiles in the middle of parts of equal probability.",
+            "description": "Distribution of values. The designs `grid` and `zip` use the quantiles in the middle of intervals of equal probability.",
             "required": required,
             "properties": properties,
         });
@@ -77,7 +77,7 @@ fn definitions(max_points: usize) -> Value {
     let all = DISTRIBUTIONS.map(|(name, _)| own(&component(name)));
     definitions["Distribution"] = json!({ "description": "A distribution of values.", "type": "object", "oneOf": all,
         "discriminator": { "propertyName": "distribution", "mapping": mapping } });
-    definitions["VariedValues"] = json!({ "description": "The values of one parameter.",
+    definitions["VariedValues"] = json!({ "description": "Values of one parameter.",
         "oneOf": [own("ValueList"), own("Distribution"), own("ValueRange")] });
     definitions
 }
@@ -94,8 +94,8 @@ fn number(description: &str) -> Value {
 /// Description of a member of a distribution.
 fn meaning(member: &str) -> &'static str {
     match member {
-        "from" => "Least value.",
-        "to" => "Greatest value.",
+        "from" => "Minimum.",
+        "to" => "Maximum.",
         "mode" => "Most likely value.",
         "mean" => "Mean before truncation.",
         "sd" => "Standard deviation before truncation.",

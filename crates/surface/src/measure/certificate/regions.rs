@@ -11,25 +11,27 @@ use serde::Serialize;
 /// Maximum relative difference of volumes that sum the same terms in a different order.
 const VOLUME_ROUNDING: f64 = 1e-9;
 
-/// The findings on both bodies together.
+/// Certificate of both bodies together.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct RegionsCertificate {
-    /// Whether there are no failures.
+    /// True if there are no failures.
     pub passed: bool,
-    /// Vertices of both bodies.
+    /// Number of vertices of both bodies.
     pub vertices: u64,
-    /// Triangles of both bodies, those of their common wall once.
+    /// Number of triangles of both bodies. Triangles of the common wall count once.
     pub triangles: u64,
-    /// Triangles of the common wall.
+    /// Number of triangles of the common wall.
     pub shared_triangles: u64,
-    /// Pairs of triangles, of either body, that have a point in common other than vertices and edges they share.
+    /// Number of pairs of triangles, of one or both bodies, that intersect outside their shared
+    /// vertices and edges.
     pub triangle_intersections: u64,
-    /// Edges at which three triangles meet: a wall, a cap and a lid.
+    /// Number of edges that belong to three triangles: one of a wall, one of a cap and one of a
+    /// lid.
     pub rim_edges: u64,
-    /// Volume enclosed by the outside: outer wall, caps, lids.
+    /// Volume enclosed by the outer wall, the caps and the lids.
     pub volume_mm3: f64,
-    /// Relative difference between that and the sum of the volumes of both bodies.
+    /// Relative difference between `volume_mm3` and the sum of the volumes of both bodies.
     pub volume_error: f64,
     /// The failures, at most one entry per kind.
     pub failures: Vec<Failure>,
@@ -74,7 +76,7 @@ pub struct BothCertificate {
 }
 
 impl BothCertificate {
-    /// Whether there are no failures.
+    /// True if there are no failures.
     #[must_use]
     pub fn passed(&self) -> bool {
         self.tissue.passed && self.lumen.passed && self.regions.passed

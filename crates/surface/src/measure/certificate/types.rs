@@ -12,62 +12,65 @@ pub(super) const PLACES: usize = 16;
 /// Maximum number of components in a certificate.
 pub(super) const BODIES: usize = 256;
 
-/// The findings on one surface and, for a generated model, the sections it was made from.
+/// Certificate of a surface. For the tissue of a generated model, it also covers the sections.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Certificate {
-    /// Whether there are no failures.
+    /// True if there are no failures.
     pub passed: bool,
-    /// No open edges: each belongs to at least two triangles.
+    /// True if there are no open edges: each edge belongs to at least two triangles.
     pub closed: bool,
-    /// Each edge belongs to exactly two triangles, and the triangles at each vertex form one closed fan.
+    /// True if each edge belongs to exactly two triangles, and the triangles at each vertex form
+    /// one closed fan.
     pub manifold: bool,
-    /// Triangles at an edge run along it in opposite directions, everywhere.
+    /// True if the two triangles at each edge run along it in opposite directions.
     pub oriented: bool,
-    /// Vertices − edges + triangles, over all components.
+    /// Euler number of all components together: vertices − edges + triangles.
     pub euler: i64,
-    /// Number of parts connected by vertices.
+    /// Number of components: parts that are connected by vertices.
     pub components: u64,
-    /// The components in the order of their first vertices; the first 256.
+    /// The first 256 components, in the order of their first vertices.
     pub bodies: Vec<Component>,
-    /// Vertices that belong to triangles.
+    /// Number of vertices that belong to triangles.
     pub vertices: u64,
-    /// Triangles.
+    /// Number of triangles.
     pub triangles: u64,
-    /// Edges of one triangle only.
+    /// Number of edges that belong to only one triangle.
     pub open_edges: u64,
-    /// Edges of more than two triangles.
+    /// Number of edges that belong to more than two triangles.
     pub non_manifold_edges: u64,
-    /// Vertices whose triangles form more than one fan.
+    /// Number of vertices whose triangles form more than one fan.
     pub non_manifold_vertices: u64,
-    /// Edges whose two triangles run along it in the same direction.
+    /// Number of edges along which two triangles run in the same direction.
     pub disoriented_edges: u64,
-    /// Triangles whose area is exactly zero.
+    /// Number of triangles whose area is exactly zero.
     pub degenerate_triangles: u64,
-    /// Pairs of triangles with the same three vertices.
+    /// Number of pairs of triangles with the same three vertices.
     pub duplicate_triangles: u64,
-    /// Pairs of edges of one section that meet other than as neighbours, and inner rings not inside the outer one.
+    /// Number of pairs of edges of one section that touch or cross other than as neighbours, plus
+    /// the number of inner contours that are not inside the outer contour.
     pub section_crossings: u64,
-    /// Pairs of triangles that have a point in common other than vertices and edges they share. The search stops after
-    /// 100,000 that are found one by one; the number is then a lower bound, and the failure states it.
+    /// Number of pairs of triangles that intersect outside their shared vertices and edges. The
+    /// search stops after 100,000 pairs that are found one by one. The number is then a lower
+    /// bound, and the failure says so.
     pub triangle_intersections: u64,
-    /// Least distance between a vertex and an edge of the same section that does not end there, over both rings;
-    /// null without sections.
+    /// Minimum distance between a vertex and an edge of the same section that does not end at this
+    /// vertex, over both contours, micrometres; null without sections.
     pub min_gap_um: Option<f64>,
-    /// This distance in each section.
+    /// Value of `min_gap_um` for each section.
     #[serde(skip)]
     pub section_gaps_um: Vec<Option<f64>>,
-    /// Shortest edge of the surface.
+    /// Length of the shortest edge, micrometres.
     pub min_edge_um: f64,
-    /// Smallest angle of a triangle.
+    /// Smallest angle of a triangle, degrees.
     pub min_angle_deg: f64,
-    /// Histograms of the shape of triangles.
+    /// Histograms of the shapes of the triangles.
     pub quality: TriangleQuality,
-    /// Enclosed volume; components that are inside out, such as cavities, count as negative.
+    /// Enclosed volume. Components that are inside out, such as cavities, count as negative.
     pub volume_mm3: f64,
     /// Area of the surface.
     pub area_mm2: f64,
-    /// Least and greatest coordinates.
+    /// Minimum and maximum of each coordinate, micrometres.
     pub bounds_um: [[f64; 3]; 2],
     /// The failures, at most one entry per kind.
     pub failures: Vec<Failure>,
@@ -87,18 +90,18 @@ impl Certificate {
     }
 }
 
-/// The shape of triangles, as it matters to solvers.
+/// Shapes of the triangles of a surface, which affect solvers.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct TriangleQuality {
-    /// Number of triangles by their least angle: 0 to 5 degrees, 5 to 10, and so on to 55 to 60.
+    /// Number of triangles by smallest angle: 0 to 5 degrees, 5 to 10, and so on to 55 to 60.
     pub least_angles: [u64; 12],
-    /// Number of triangles by the ratio of their longest to their shortest edge: 1 to 1.5, 1.5 to 2, and so on to 5.5 to 6, then
-    /// 6 and above.
+    /// Number of triangles by the ratio of the longest edge to the shortest: 1 to 1.5, 1.5 to 2,
+    /// and so on to 5.5 to 6, then 6 and above.
     pub edge_ratios: [u64; 11],
-    /// Share of the triangles whose least angle is at least 20 degrees.
+    /// Fraction of the triangles whose smallest angle is at least 20 degrees.
     pub least_angles_from_20: f64,
-    /// Share of the triangles whose edges have a ratio of at most 4.
+    /// Fraction of the triangles whose longest edge is less than 4 times as long as the shortest.
     pub edge_ratios_to_4: f64,
 }
 
@@ -158,17 +161,17 @@ fn passed(limits: &[f64], values: &[f64; LANES]) -> [u64; LANES] {
     passed
 }
 
-/// A connected part of a surface.
+/// Component: a connected part of a surface.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Component {
-    /// Vertices.
+    /// Number of vertices.
     pub vertices: u64,
-    /// Triangles.
+    /// Number of triangles.
     pub triangles: u64,
-    /// Vertices − edges + triangles: 2 for a ball, 0 for a ring.
+    /// Euler number (vertices − edges + triangles): 2 for a ball, 0 for a ring.
     pub euler: i64,
-    /// Enclosed volume, negative if the component is inside out.
+    /// Enclosed volume; negative if the component is inside out.
     pub volume_mm3: f64,
 }
 
@@ -189,9 +192,9 @@ pub enum FailureKind {
     SectionCrossing,
     /// The inner ring of a section is not inside the outer one.
     SectionNesting,
-    /// Edges of one triangle only.
+    /// Number of edges that belong to only one triangle.
     OpenEdges,
-    /// Edges of more than two triangles.
+    /// Number of edges that belong to more than two triangles.
     NonManifoldEdges,
     /// Vertices at which several fans of triangles touch.
     NonManifoldVertices,
@@ -205,27 +208,28 @@ pub enum FailureKind {
     DegenerateTriangles,
     /// Triangles with the same vertices.
     DuplicateTriangles,
-    /// Triangles that meet.
+    /// Triangles that intersect.
     TriangleIntersections,
     /// More components than the body may have.
     Components,
     /// An Euler number other than the required one.
     Euler,
-    /// Tissue and lumen that do not have their wall in common, vertex for vertex, or do not fill the outside together.
+    /// Tissue and lumen that do not share their wall, vertex for vertex, or together do not fill
+    /// the outside.
     Conformity,
 }
 
-/// A failure.
+/// A failed test of a certificate.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Failure {
-    /// Kind.
+    /// Kind of the failure.
     pub kind: FailureKind,
     /// Number of occurrences.
     pub count: u64,
-    /// Description.
+    /// Description of the failure.
     pub detail: String,
-    /// The first 16 places.
+    /// Places of the first 16 occurrences.
     pub places: Vec<Place>,
 }
 
@@ -246,15 +250,15 @@ impl std::fmt::Display for Failure {
     }
 }
 
-/// The place of a failure.
+/// Place of a failure.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Place {
     /// Position; `z` is the place along the tube.
     pub position_um: [f64; 3],
-    /// Triangles concerned, by index.
+    /// Indices of the triangles concerned.
     pub triangles: Vec<u32>,
-    /// Section concerned, by index.
+    /// Index of the section concerned.
     pub section: Option<u32>,
 }
 

@@ -14,41 +14,42 @@ const COUNT: usize = 40;
 /// Minimum area of an island, µm². Smaller ones are tips that a plane barely touches.
 const LEAST_ISLAND_UM2: f64 = 500.0;
 
-/// What planar cuts across the ampulla show.
+/// Measures of planar cuts across the ampulla.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Cuts {
-    /// Number of cuts. They are evenly spread from `from_mm` to `to_mm`.
+    /// Number of cuts, evenly spread from `from_mm` to `to_mm`.
     pub count: usize,
-    /// Where the ampulla, or the part of it in the model, begins, mm.
+    /// Start of the part of the ampulla in the model, mm.
     pub from_mm: f64,
-    /// Where it ends, mm.
+    /// End of the part of the ampulla in the model, mm.
     pub to_mm: f64,
-    /// Area from which an island counts, µm².
+    /// Minimum area of an island that counts, µm².
     pub least_island_um2: f64,
-    /// Share of the cuts with an island.
+    /// Fraction of the cuts that have an island.
     pub with_islands: f64,
-    /// Islands in a cut, on average.
+    /// Mean number of islands per cut.
     pub islands_per_cut: f64,
-    /// Their areas, µm².
+    /// Areas of the islands, µm².
     pub island_area_um2: Option<Spread>,
-    /// Pockets in a cut, on average: parts of the lumen not connected to the rest in that plane.
+    /// Mean number of pockets per cut: parts of the lumen that are not connected to the rest in the
+    /// plane.
     pub pockets_per_cut: f64,
-    /// Tissue thickness in a cut, as in sections.
+    /// Tissue thickness in the cuts, measured as in sections.
     pub thickness_um: Option<AmongCuts>,
-    /// Gap in a cut, as in sections.
+    /// Gaps in the cuts, measured as in sections.
     pub gap_um: Option<AmongCuts>,
 }
 
-/// Distributions of many cuts.
+/// Distributions of a measure in many cuts.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct AmongCuts {
-    /// Least 5th percentile of a cut.
+    /// Minimum of the 5th percentiles of the cuts.
     pub least_p5: f64,
-    /// Mean 5th percentile of a cut.
+    /// Mean of the 5th percentiles of the cuts.
     pub p5: f64,
-    /// Mean median of a cut.
+    /// Mean of the medians of the cuts.
     pub p50: f64,
 }
 

@@ -32,9 +32,11 @@ pub(super) const GENERATIONS: usize = 4;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Folds {
-    /// Branches by generation: primary folds, secondary folds on them, tertiary ones, and all further ones.
+    /// Branches by generation: primary folds, secondary folds on them, tertiary ones, and all
+    /// further ones.
     pub branches: [u32; GENERATIONS],
-    /// Primary folds by branching order, the number of generations that a fold has: 1, 2, 3, and 4 or more.
+    /// Primary folds by branching order, the number of generations that a fold has: 1, 2, 3, and 4
+    /// or more.
     pub orders: [u32; GENERATIONS],
     /// Height of the primary folds, along their axis from the base to the farthest tip, µm.
     pub height_um: Option<Spread>,

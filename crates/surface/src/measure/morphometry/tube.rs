@@ -13,17 +13,19 @@ use std::collections::BTreeMap;
 /// Maximum number of sections whose shape tree is built; they are evenly spread.
 const TREES: usize = 31;
 
-/// The measures of a model. `docs/morphometry.md` defines them.
+/// Measures of a model. `docs/morphometry.md` defines them.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Morphometry {
-    /// Of the whole tube.
+    /// Measures of the whole tube.
     pub tube: Tube,
-    /// By region: `isthmus`, `junction`, `ampulla`, and `whole`; a region without a section is missing.
+    /// Measures by region: `isthmus`, `junction`, `ampulla` and `whole`. A region without sections
+    /// is absent.
     pub regions: BTreeMap<String, Region>,
-    /// One value a section, by quantity; null where the section has none. Sections that were added to mend a slab are left out.
+    /// One value per section, by quantity; null if the section lacks the quantity. Sections that
+    /// were added to mend a slab are left out.
     pub along: BTreeMap<String, Vec<Option<f64>>>,
-    /// How it was measured.
+    /// Settings of the measurement.
     pub settings: Settings,
 }
 
@@ -31,27 +33,31 @@ pub struct Morphometry {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Tube {
-    /// Length.
+    /// Length of the model along the tube.
     pub length_mm: f64,
-    /// Length of the isthmus.
+    /// Length of the part of the isthmus in the model.
     pub isthmus_length_mm: f64,
-    /// Length of the ampulla.
+    /// Length of the part of the ampulla in the model.
     pub ampulla_length_mm: f64,
-    /// Folds on the ring in the ampulla over those of the isthmus, means by region.
+    /// Number of folds on the counting ring in the ampulla divided by the number in the isthmus;
+    /// both are means over the region.
     pub fold_ratio: Option<f64>,
-    /// Volume of the lumen: areas of the sections, by the trapezoidal rule.
+    /// Volume of the lumen: the areas of the sections, integrated by the trapezoidal rule.
     pub lumen_volume_mm3: f64,
-    /// Volume of the tissue, likewise; the certificate has that of the surface.
+    /// Volume of the tissue, integrated in the same way. The certificate has the volume of the
+    /// surface.
     pub tissue_volume_mm3: f64,
-    /// Surface of the mucosa: perimeters of the sections, by the trapezoidal rule.
+    /// Surface of the mucosa: the perimeters of the sections, integrated by the trapezoidal rule.
     pub lumen_surface_mm2: f64,
-    /// Surface of the mucosa over the volume of the lumen.
+    /// Surface of the mucosa divided by the volume of the lumen.
     pub surface_over_volume_per_mm: f64,
-    /// Four times the volume of the lumen over the surface of the mucosa.
+    /// Four times the volume of the lumen, divided by the surface of the mucosa.
     pub hydraulic_diameter_um: f64,
-    /// Mean part of the folds on the ring that continue as one fold each in the next section.
+    /// Mean fraction of the folds on the counting ring that continue as one fold each in the next
+    /// section.
     pub fold_continuity: Option<f64>,
-    /// Angle by which the mucosa turns around the axis from end to end, seen from the ampulla, counter-clockwise positive.
+    /// Angle by which the mucosa turns around the axis from end to end, degrees; positive if
+    /// counter-clockwise as seen from the ampulla.
     pub twist_deg: f64,
 }
 
@@ -59,18 +65,18 @@ pub struct Tube {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Region {
-    /// Where it begins, from the isthmus end.
+    /// Start of the region, mm from the isthmus end.
     pub from_mm: f64,
-    /// Where it ends.
+    /// End, measured like `from_mm`.
     pub to_mm: f64,
-    /// Sections in it.
+    /// Number of sections in the region.
     #[cfg_attr(feature = "schema", schema(minimum = 0))]
     pub sections: usize,
-    /// Along the region, by quantity; a quantity that no section has is missing.
+    /// Values along the region, by quantity. A quantity that no section has is absent.
     pub quantities: BTreeMap<String, Along>,
 }
 
-/// A quantity along a region; each section counts by the length of tube next to it.
+/// A quantity along a region. Each section is weighted by the length of tube next to it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Along {
@@ -80,27 +86,27 @@ pub struct Along {
     pub median: f64,
     /// Standard deviation between sections.
     pub sd: f64,
-    /// Least value.
+    /// Minimum.
     pub min: f64,
-    /// Greatest value.
+    /// Maximum.
     pub max: f64,
 }
 
-/// How a model was measured.
+/// Settings with which a model was measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Settings {
-    /// Side of the pixels of masks; larger if the lumen is wider than 8192 of them.
+    /// Side of a pixel of the masks. Pixels are larger if the lumen is wider than 8192 of them.
     pub pixel_um: f64,
-    /// Least and greatest side of the boxes that are counted, in pixels.
+    /// Minimum and maximum side of the counted boxes, pixels.
     pub boxes_px: [u32; 2],
-    /// The ring as a part of the base ellipse.
+    /// Size of the counting ring as a fraction of the base ellipse.
     pub ring_share: f64,
-    /// Least height of a fold or branch.
+    /// Minimum height of a fold or branch.
     pub least_height_um: f64,
-    /// Least ratio of the height of a fold or branch to the width of its base.
+    /// Minimum ratio of the height of a fold or branch to the width of its base.
     pub least_slenderness: f64,
-    /// Every how many sections the shape tree is made.
+    /// Interval of sections at which the shape tree is built.
     pub tree_every: u32,
 }
 

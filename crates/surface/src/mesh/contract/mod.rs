@@ -59,21 +59,22 @@ pub struct Rest<'a> {
     pub course: Option<&'a Course>,
 }
 
-/// What was done so that the walls of frames do not meet.
+/// Statistics of the contraction: intersecting triangles, and the damping that separated them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Contracted {
-    /// Pairs of triangles that met before damping, in all frames.
+    /// Number of pairs of triangles that intersected before damping, in all frames.
     pub met: usize,
-    /// Places at which the motion of the mucosa was damped.
+    /// Number of places at which the motion of the mucosa was damped.
     pub damped: usize,
-    /// Places at which the lean of frames was damped.
+    /// Number of places at which the lean of frames was damped.
     pub lean_damped: usize,
-    /// Rounds of damping.
+    /// Number of rounds of damping.
     pub rounds: u32,
-    /// Least factor on the wave, away from the ends: 1 if there is room for all of it everywhere.
+    /// Minimum factor on the wave, without its rise at the ends: 1 if there is room for the whole
+    /// wave everywhere.
     pub least_factor: f64,
-    /// Where that is, mm from the isthmus end.
+    /// Place of the minimum factor, mm from the isthmus end.
     pub least_factor_at_mm: f64,
 }
 

@@ -40,17 +40,18 @@ const STEEPEST: f64 = 0.9;
 /// Maximum number of times that the displacement is scaled down; after that it is zero.
 const SCALINGS: u32 = 6;
 
-/// What was done.
+/// Statistics of the lean: intersecting triangles, and the damping that separated them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Leaned {
-    /// Pairs of triangles that met before damping.
+    /// Number of pairs of triangles that intersected before damping.
     pub met: usize,
-    /// Places at which the displacement was damped.
+    /// Number of places at which the displacement was damped.
     pub damped: usize,
-    /// Rounds of damping.
+    /// Number of rounds of damping.
     pub rounds: u32,
-    /// Factor on all displacement: 1 unless it was too steep, or damping around places did not suffice.
+    /// Factor on the whole displacement: 1 unless the displacement was too steep or damping around
+    /// places did not suffice.
     pub scale: f64,
 }
 
