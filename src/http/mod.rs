@@ -1,8 +1,8 @@
 //! The HTTP service: a router over a job store and an artifact store.
 //!
-//! Handlers only translate between HTTP and the stores: they contain no SQL, grow no models and read
-//! no clocks. Every error response is a problem (RFC 9457, `wire/problem.rs`). `router.rs` lists all
-//! routes.
+//! Handlers only translate between HTTP and the stores: they contain no SQL, grow no models and
+//! read no clocks. Every error response is a problem (RFC 9457, `wire/problem.rs`). `router.rs`
+//! lists all routes.
 
 mod access;
 mod batches;
@@ -55,10 +55,11 @@ pub struct Limits {
     pub body_time: Duration,
     /// Maximum number of open event streams.
     pub streams: usize,
-    /// Maximum number of responses that `Prefer: wait` delays at a time. Others are sent immediately.
+    /// Maximum number of responses that `Prefer: wait` delays at a time. Others are sent
+    /// immediately.
     pub held: usize,
-    /// Maximum number of concurrent downloads. Each uses a descriptor: of a file, or of a connection
-    /// to an object store.
+    /// Maximum number of concurrent downloads. Each uses a descriptor: of a file, or of a
+    /// connection to an object store.
     pub downloads: usize,
     /// Maximum number of concurrently drawn pictures. Each uses all cores.
     pub pictures: usize,
@@ -85,7 +86,8 @@ pub struct Limits {
     /// Time after which an ended model is removed; `None` keeps it forever. Responses report this
     /// time; the retention sweep removes the models.
     pub keep: Option<Duration>,
-    /// True if downloads are redirected to the artifact store. This requires a store that signs URLs.
+    /// True if downloads are redirected to the artifact store. This requires a store that signs
+    /// URLs.
     pub redirect_downloads: bool,
     /// Other origins whose pages may call the service.
     pub cors_origins: Vec<Origin>,

@@ -15,7 +15,8 @@ use std::sync::{Arc, LazyLock};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-/// The routes with their descriptions, except for the files of the console, which everyone may read.
+/// The routes with their descriptions, except for the files of the console, which everyone may
+/// read.
 fn routes() -> OpenApiRouter<AppState> {
     let open =
         OpenApiRouter::new().routes(routes!(health::alive)).routes(routes!(health::ready)).routes(routes!(docs::page));

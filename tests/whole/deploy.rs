@@ -349,7 +349,8 @@ fn proxies_leave_limits_to_the_service() {
     for (text, proxy) in [(&caddy, format!("reverse_proxy {address}")), (&nginx, format!("server {address};"))] {
         assert!(text.contains(&proxy), "{proxy}");
     }
-    // Images of `POST /fits` may have 8 MiB (`Limits::large_body_bytes`); responses are held for up to 60 s.
+    // Images of `POST /fits` may have 8 MiB (`Limits::large_body_bytes`); responses are held for up
+    // to 60 s.
     for setting in ["client_max_body_size 9m;", "proxy_read_timeout 90s;", "proxy_buffering off;", "gzip off;"] {
         assert!(nginx.contains(setting), "{setting}");
     }

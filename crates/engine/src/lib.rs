@@ -22,8 +22,8 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! The engine is synchronous and does not depend on the service. It consists of these crates. None of
-//! them re-exports another one, except this crate, which re-exports all of them.
+//! The engine is synchronous and does not depend on the service. It consists of these crates. None
+//! of them re-exports another one, except this crate, which re-exports all of them.
 //!
 //! | crate | modules |
 //! |---|---|

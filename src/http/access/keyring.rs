@@ -11,7 +11,8 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::task::JoinError;
 
-/// Maximum time for which a request waits for a refresh. After that, the cached keys stay in effect.
+/// Maximum time for which a request waits for a refresh. After that, the cached keys stay in
+/// effect.
 const REFRESH_WAIT: Duration = Duration::from_millis(250);
 
 /// All keys at one moment.
@@ -90,8 +91,8 @@ impl KeyCache {
         self.keys.lock().clone()
     }
 
-    /// Reads the keys once for all requests that wait. After a failure, the store is not asked again
-    /// during the refresh interval.
+    /// Reads the keys once for all requests that wait. After a failure, the store is not asked
+    /// again during the refresh interval.
     async fn refresh(&self) -> Result<Arc<Keys>, StoreError> {
         let waiting = Stopwatch::start();
         let mut failed = self.refreshing.lock().await;

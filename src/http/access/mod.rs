@@ -1,7 +1,8 @@
-//! Access control: API keys, tickets, rate limits, quotas, and the checks of a service without keys.
+//! Access control: API keys, tickets, rate limits, quotas, and the checks of a service without
+//! keys.
 //!
-//! Each group of routes has a [`Rule`], which gets the [`Caller`] from [`Access`]. Handlers take the
-//! caller as an argument and filter every resource by it.
+//! Each group of routes has a [`Rule`], which gets the [`Caller`] from [`Access`]. Handlers take
+//! the caller as an argument and filter every resource by it.
 
 mod audit;
 mod bucket;
@@ -33,8 +34,8 @@ pub enum WithoutKeys {
     /// Serves anyone.
     #[default]
     Anyone,
-    /// Serves anyone on this machine. Requests must be addressed to a loopback name, so a page cannot
-    /// reach the service through a name of its own that resolves to a loopback address.
+    /// Serves anyone on this machine. Requests must be addressed to a loopback name, so a page
+    /// cannot reach the service through a name of its own that resolves to a loopback address.
     Loopback,
     /// Serves nobody.
     Nobody,
@@ -112,8 +113,8 @@ impl Access {
         Ok((Caller::Key(key).with_limits(self.options.limits), ticket))
     }
 
-    /// True if the key of the caller is still valid, or for [`Caller::Anyone`], if there are still no
-    /// keys.
+    /// True if the key of the caller is still valid, or for [`Caller::Anyone`], if there are still
+    /// no keys.
     pub(super) async fn still_works(&self, caller: &Caller) -> bool {
         // While the job store is unavailable, running requests continue.
         self.keyring.current().await.map_or(true, |keys| match caller {
@@ -142,8 +143,8 @@ impl Access {
         prefix.and_then(|prefix| keys.working(&prefix)).ok_or_else(bad_ticket)
     }
 
-    /// Uses up the ticket of a request that is about to be served. Of several requests with the same
-    /// ticket, one is served.
+    /// Uses up the ticket of a request that is about to be served. Of several requests with the
+    /// same ticket, one is served.
     async fn use_ticket(&self, ticket: &TicketSecret, uri: &Uri) -> Result<(), Problem> {
         self.store.use_ticket(&ticket.hash(), uri.path()).await?.map(drop).ok_or_else(bad_ticket)
     }

@@ -1,6 +1,6 @@
 //! Checks of a service without keys. They prevent pages of other sites from using the service
-//! through the browser of a user who can reach it. A service with keys needs no such checks, because
-//! browsers do not add API keys by themselves.
+//! through the browser of a user who can reach it. A service with keys needs no such checks,
+//! because browsers do not add API keys by themselves.
 
 use crate::http::wire::cors::Origin;
 use crate::http::wire::problem::{Kind, Problem};

@@ -1,4 +1,5 @@
-//! Parts of all operations (problems, headers, security), and media types of bodies other than JSON.
+//! Parts of all operations (problems, headers, security), and media types of bodies other than
+//! JSON.
 
 use crate::http::access::{BEARER, TICKET};
 use crate::http::wire::problem::Kind;
@@ -27,8 +28,8 @@ pub(super) fn security_schemes() -> Value {
     })
 }
 
-/// Removes null from the types of parameters: a header or a query parameter may be absent, but never
-/// null.
+/// Removes null from the types of parameters: a header or a query parameter may be absent, but
+/// never null.
 fn parameters(operation: &mut Value) {
     // Indexing would insert null if there is no such member.
     for parameter in operation.get_mut("parameters").and_then(Value::as_array_mut).into_iter().flatten() {

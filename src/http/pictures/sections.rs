@@ -1,5 +1,5 @@
-//! `GET /models/{id}/sections/{k}`: a cross section, as JSON, as a drawing, or as a stained or labelled
-//! picture.
+//! `GET /models/{id}/sections/{k}`: a cross section, as JSON, as a drawing, or as a stained or
+//! labelled picture.
 //!
 //! Only the trailer, the index and this section are read from the artifact store.
 

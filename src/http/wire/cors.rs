@@ -111,7 +111,8 @@ const REQUEST_HEADERS: [HeaderName; 10] = [
     header::RANGE,
 ];
 
-/// Response headers that a page may read, in addition to those that the Fetch standard always allows.
+/// Response headers that a page may read, in addition to those that the Fetch standard always
+/// allows.
 const RESPONSE_HEADERS: [HeaderName; 13] = [
     IDEMPOTENCY_REPLAYED,
     PREFERENCE_APPLIED,

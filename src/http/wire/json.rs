@@ -1,7 +1,7 @@
 //! JSON bodies of requests, read within limits and parsed strictly.
 //!
-//! A body is UTF-8 and contains one document of at most 128 levels, without duplicate members. Every
-//! error names line and column.
+//! A body is UTF-8 and contains one document of at most 128 levels, without duplicate members.
+//! Every error names line and column.
 
 use super::problem::{Kind, Problem};
 use crate::http::AppState;
@@ -66,8 +66,8 @@ fn check_media_type(headers: &HeaderMap) -> Result<(), Problem> {
     }
 }
 
-/// Reads the bytes of a body. `expects_continue` is true if the client sends the body only after the
-/// service starts to read it (`Expect: 100-continue`).
+/// Reads the bytes of a body. `expects_continue` is true if the client sends the body only after
+/// the service starts to read it (`Expect: 100-continue`).
 async fn read(mut body: Body, expects_continue: bool, limit: usize, time: Duration) -> Result<Vec<u8>, Problem> {
     let too_large =
         || Problem::new(Kind::PayloadTooLarge, format!("A body may have at most {limit} bytes.")).with("limit", limit);

@@ -1,7 +1,8 @@
 //! Problems (RFC 9457): every error response of the service is one.
 //!
-//! A handler returns a [`Problem`]. The envelope around the router writes the body, because only the
-//! envelope knows request id and path. `type` is `urn:oviduct:problem:{slug}`; slugs are stable.
+//! A handler returns a [`Problem`]. The envelope around the router writes the body, because only
+//! the envelope knows request id and path. `type` is `urn:oviduct:problem:{slug}`; slugs are
+//! stable.
 
 use super::faults::{Faults, RequestFault};
 use axum::http::{HeaderName, HeaderValue, StatusCode, header};

@@ -79,8 +79,8 @@ pub(in crate::http) fn problem_responses(kinds: &[Kind]) -> BTreeMap<String, Ref
     responses
 }
 
-/// Adds problems to the responses of an operation. A problem with the status of an existing response
-/// extends its description.
+/// Adds problems to the responses of an operation. A problem with the status of an existing
+/// response extends its description.
 pub(in crate::http) fn add_problems(responses: &mut BTreeMap<String, RefOr<Response>>, kinds: &[Kind]) {
     for kind in kinds {
         let line = format!("{} (`{}`)", kind.title(), kind.slug());

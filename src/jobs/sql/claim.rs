@@ -39,8 +39,8 @@ impl Store {
     /// none while the worker or all workers are paused.
     ///
     /// Jobs of higher priority come first. Within a priority, submitters take turns, and the jobs
-    /// of each submitter are claimed oldest first. For [`ClaimScope::Gpu`], the jobs after the first
-    /// are due jobs with the [`batch_key`](crate::jobs::NewJob::batch_key) of the first, by
+    /// of each submitter are claimed oldest first. For [`ClaimScope::Gpu`], the jobs after the
+    /// first are due jobs with the [`batch_key`](crate::jobs::NewJob::batch_key) of the first, by
     /// priority, turn and age; without a key, there are none.
     ///
     /// The call also returns jobs whose lease has expired to their earlier place in the queue,

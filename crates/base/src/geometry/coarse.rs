@@ -43,8 +43,8 @@ impl Coarse {
         self.blocks.update(&blocks, |block| hulls(block, self.len, &points).union());
     }
 
-    /// Windows over the items. Each overlapping pair lies in exactly one window, and at least one of
-    /// the two is the window's own.
+    /// Windows over the items. Each overlapping pair lies in exactly one window, and at least one
+    /// of the two is the window's own.
     pub fn windows(&self) -> impl Iterator<Item = Window> {
         (0..self.len)
             .step_by(BLOCKS_PER_WINDOW * WIDTH)

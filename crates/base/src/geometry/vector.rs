@@ -22,7 +22,8 @@ pub fn dot<const N: usize>(a: [f64; N], b: [f64; N]) -> f64 {
     (1..N).fold(a[0] * b[0], |sum, k| sum + a[k] * b[k])
 }
 
-/// Length. Squares must neither overflow nor vanish; `hypot` rounds differently between C libraries.
+/// Length. Squares must neither overflow nor vanish; `hypot` rounds differently between C
+/// libraries.
 #[must_use]
 #[inline(always)]
 pub fn norm<const N: usize>(v: [f64; N]) -> f64 {

@@ -1,10 +1,10 @@
 //! Bends a finished surface along a course.
 //!
 //! Inside the tube the bending map is injective, so a smooth surface cannot intersect itself after
-//! bending. Flat triangles can. Where two triangles intersect (`intersection`, exact), their edges and
-//! those of their neighbours are split at the midpoints. The straight surface stays the same, and
-//! the bent triangles follow the map more closely. Where a leaning surface comes so close to itself
-//! that finer triangles do not help, its lean is damped.
+//! bending. Flat triangles can. Where two triangles intersect (`intersection`, exact), their edges
+//! and those of their neighbours are split at the midpoints. The straight surface stays the same,
+//! and the bent triangles follow the map more closely. Where a leaning surface comes so close to
+//! itself that finer triangles do not help, its lean is damped.
 
 use super::intersection::{IntersectionSearch, middle_of};
 use super::lean::{Centre, Lean};

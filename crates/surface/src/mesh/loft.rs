@@ -247,7 +247,8 @@ impl Lofter {
         Ok(self.test(lower, front, new_after))
     }
 
-    /// Tests the slab from the refined front to the next one, and the slab below with its refined rim.
+    /// Tests the slab from the refined front to the next one, and the slab below with its refined
+    /// rim.
     fn test(&self, lower: Rim, upper: Front, new_after: Vec<u32>) -> Result<TestedSlab, [f32; 2]> {
         let (mut flipped, mut below) = (0, None);
         if let Some(SlabBelow { slab, blocks, .. }) = &self.below {

@@ -1,5 +1,5 @@
-//! The page is complete and well formed, its links lead somewhere, it loads nothing, and text cannot
-//! become markup.
+//! The page is complete and well formed, its links lead somewhere, it loads nothing, and text
+//! cannot become markup.
 
 use super::*;
 use crate::http::router::description;

@@ -7,9 +7,9 @@
 //! Where there is no room for that, the wave is weaker. Lean (`shift`) and course are applied to
 //! the contracted tube.
 //!
-//! An exact search (`intersection`) finds triangles of a frame that still intersect. Around them, first
-//! the mucosa moves less, then the lean is damped, then the wave is weakened, until no triangles
-//! intersect. This terminates, because the surface at rest does not intersect itself.
+//! An exact search (`intersection`) finds triangles of a frame that still intersect. Around them,
+//! first the mucosa moves less, then the lean is damped, then the wave is weakened, until no
+//! triangles intersect. This terminates, because the surface at rest does not intersect itself.
 
 mod level;
 mod shift;

@@ -3,9 +3,9 @@
 //!
 //! The displacement is a continuous map of space. The map is injective while its derivative along z
 //! stays below 1, so strengths that could be steeper are reduced first. A smooth surface then
-//! cannot intersect itself, but flat triangles can. An exact search (`intersection`) finds intersecting
-//! triangles, and the displacement is damped around them until none intersect. This terminates,
-//! because the lofted surface does not intersect itself.
+//! cannot intersect itself, but flat triangles can. An exact search (`intersection`) finds
+//! intersecting triangles, and the displacement is damped around them until none intersect. This
+//! terminates, because the lofted surface does not intersect itself.
 
 mod field;
 #[cfg(test)]

@@ -44,8 +44,8 @@ fn tolerance(name: &str) -> Option<(f64, bool)> {
         "branching_order" | "branching_order_mean" => Some((0.0, true)),
         // Near zero in most sections.
         "asymmetry" | "angular_cv" => Some((0.002, true)),
-        // Few rays have a gap near the 5th percentile: most gaps are between fronds, the others at the
-        // ends of clefts.
+        // Few rays have a gap near the 5th percentile: most gaps are between fronds, the others at
+        // the ends of clefts.
         "lumen_gap_p5_um" => Some((8.0, false)),
         // A few long rays determine these.
         "lumen_gap_p95_um" | "lumen_gap_cv" => Some((4.0, false)),
