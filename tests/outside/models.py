@@ -3,7 +3,7 @@
 Usage: models.py OVIDUCT_BINARY [--night]
 
 Also checks equal bytes, refusals and exit codes. With --night, other programs also judge the
-surfaces of paper size and of the demo, and formats in a second unit.
+surfaces of paper size and of the demo, levels of large models, and formats in a second unit.
 """
 
 import json
@@ -102,7 +102,7 @@ def main(folder):
               [("small", "glb"), ("small", "obj"), ("strips", "glb"), ("pig", "glb"), *([("paper", "obj")] if NIGHT else [])]]
     glbs = [*(model for model in models if model.endswith(".glb")), out("paper/model.glb"), out("contracting/animation.glb")]
     node = os.path.join(JUDGES, "node")
-    with_levels = ["strips", "pig", *(["detailed"] if NIGHT else [])]
+    with_levels = ["strips", *(["pig", "detailed"] if NIGHT else [])]
     levels = [out(f"{name}/model.lod{level}.glb") for name in with_levels for level in range(3)]
     subprocess.run(["node", os.path.join(HERE, "gltf.mjs"), node, *glbs, *levels], check=True)
     subprocess.run([sys.executable, os.path.join(HERE, "mesh.py"), *models], check=True)
