@@ -58,6 +58,17 @@ fn refusal(bytes: &[u8], format: Format) -> String {
     parse(bytes, format, None).unwrap_err().to_string()
 }
 
+/// Asserts that indices are in range and that groups follow each other.
+pub(super) fn assert_sound(surface: &Surface) {
+    assert!(surface.triangles.iter().flatten().all(|&v| (v as usize) < surface.positions.len()));
+    let mut end = 0;
+    for group in &surface.groups {
+        assert!(end <= group.triangles.start && group.triangles.start < group.triangles.end);
+        end = group.triangles.end;
+    }
+    assert!(end <= surface.triangles.len());
+}
+
 #[test]
 fn glb_with_indices_of_every_size() {
     for size in [1, 2, 4] {

@@ -118,14 +118,7 @@ proptest! {
             bytes.truncate(cut.index(bytes.len()));
         }
         if let Ok(surface) = parse(&bytes, format, None) {
-            let vertices = surface.positions.len();
-            prop_assert!(surface.triangles.iter().flatten().all(|&v| (v as usize) < vertices));
-            let mut end = 0;
-            for group in &surface.groups {
-                prop_assert!(end <= group.triangles.start && group.triangles.start < group.triangles.end);
-                end = group.triangles.end;
-            }
-            prop_assert!(end <= surface.triangles.len());
+            assert_sound(&surface);
         }
     }
 }

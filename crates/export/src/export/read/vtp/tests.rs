@@ -1,6 +1,7 @@
 //! Tests of VTP files in every encoding, as other programs write them, and of damaged files.
 
 use super::super::surface::Group;
+use super::super::tests::assert_sound;
 use super::*;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -424,14 +425,7 @@ proptest! {
             bytes.truncate(cut.index(bytes.len()));
         }
         if let Ok(surface) = parse(&bytes) {
-            let vertices = surface.positions.len();
-            prop_assert!(surface.triangles.iter().flatten().all(|&v| (v as usize) < vertices));
-            let mut end = 0;
-            for group in &surface.groups {
-                prop_assert!(end <= group.triangles.start && group.triangles.start < group.triangles.end);
-                end = group.triangles.end;
-            }
-            prop_assert!(end <= surface.triangles.len());
+            assert_sound(&surface);
         }
     }
 }
