@@ -200,7 +200,8 @@ impl AppState {
         let artifacts = self.artifacts.clone();
         let removal = tokio::spawn(async move {
             if let Err(error) = artifacts.delete(&keys).await {
-                tracing::warn!(%error, "could not delete the files of a deleted model; the orphan sweep will delete them");
+                tracing::warn!(%error, "could not delete the files of a deleted model; the orphan sweep will delete \
+                    them");
             }
         });
         let _ = tokio::time::timeout(Duration::from_secs(1), removal).await;

@@ -3,8 +3,8 @@
 Usage: contract.py OVIDUCT_BINARY [--max-examples N]
 
 Runs without API keys, and with fewer cases using an API key. With --max-examples, the run without
-keys generates N requests per operation instead of schemathesis' default, and omits the operations
-that only validate what others create. The run with a key includes them.
+keys generates N requests per operation instead of schemathesis' default. It omits operations such as
+POST /models/validate, whose requests are those of POST /models; the run with a key includes them.
 """
 
 import json

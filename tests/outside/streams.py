@@ -132,7 +132,8 @@ def measure(options, to_all, to_one):
         while time.monotonic() < end:
             time.sleep(1)
             after = min(after, megabytes(pid, "VmRSS"))
-        print(f"before {before:.0f} MB, at most {peak:.0f} MB, within {options.rest} s after the streams have gone {after:.0f} MB")
+        print(f"before {before:.0f} MB, at most {peak:.0f} MB, "
+              f"within {options.rest} s after the streams have closed {after:.0f} MB")
         service.kill()
         return peak, after
 

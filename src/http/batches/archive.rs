@@ -58,7 +58,9 @@ pub(in crate::http) enum ArchiveFormat {
     get, path = "/batches/{id}/archive", operation_id = "get_batch_archive", tag = "batches",
     params(
         ("id" = Uuid, Path, description = "Id of the batch"),
-        ("files" = Option<String>, Query, pattern = "^[^,]+(,[^,]+)*$", description = "Names of files, separated by commas, such as `report.json,model.glb`; all files by default"),
+        ("files" = Option<String>, Query, pattern = "^[^,]+(,[^,]+)*$",
+            description = "Names of files, separated by commas, such as `report.json,model.glb`; all files by \
+                default"),
         ("format" = Option<ArchiveFormat>, Query, description = "`zip` (the default) or `tar`"),
     ),
     responses(

@@ -35,7 +35,8 @@ pub(super) fn answer(status: StatusCode, batch: &Batch) -> Response {
         ("owner" = Option<String>, Query, pattern = "^[^\\u0000]*$", description = "Only batches of this owner; without the scope `admin`, only the caller's own name is allowed"),
         ("created_after" = Option<String>, Query, format = DateTime, description = "Only batches accepted at this time (RFC 3339) or later"),
         ("created_before" = Option<String>, Query, format = DateTime, description = "Only batches accepted before this time (RFC 3339)"),
-        ("limit" = Option<u32>, Query, minimum = 1, maximum = 100, description = "Maximum number of batches on the page; 20 by default"),
+        ("limit" = Option<u32>, Query, minimum = 1, maximum = 100,
+            description = "Maximum number of batches on the page; 20 by default"),
         ("cursor" = Option<String>, Query, format = Uuid, description = "`next` of the previous page"),
     ),
     responses((status = 200, description = "A page of batches", body = BatchList), BadParameters, StoreAway)

@@ -61,7 +61,8 @@ impl BatchRequest {
     pub(in crate::http) fn schema(max_models: usize) -> Value {
         let seeds = json!({ "type": "array", "uniqueItems": true, "minItems": 1, "maxItems": max_models,
             "items": { "type": "integer", "format": "int64", "minimum": 0, "maximum": SEED_MAX },
-            "description": "Seeds of the models, or of the models of each point of a study. The maximum number of models is a setting of the service." });
+            "description": "Seeds of the models, or of the models of each point of a study. The maximum number of \
+                models is a setting of the service." });
         let count = json!({ "type": "integer", "minimum": 1, "maximum": max_models,
             "description": "Number of models; in a study, number of models per point. The service draws the seeds." });
         let variant = |title: &str, description: &str, own: Option<(&str, Value)>| {
@@ -85,9 +86,12 @@ impl BatchRequest {
                 { "$ref": "#/$defs/StudyBatchRequest" },
             ],
             "$defs": {
-                "SeedsBatchRequest": variant("Given seeds", "One model per seed; in a study, one model per point and seed.", Some(("seeds", seeds))),
-                "CountBatchRequest": variant("Drawn seeds", "A number of models, or of models per point of a study, with seeds that the service draws.", Some(("count", count))),
-                "StudyBatchRequest": variant("Study", "One model per point of a study. The service draws one seed for all points.", None),
+                "SeedsBatchRequest": variant("Given seeds", "One model per seed; in a study, one model per point and \
+                    seed.", Some(("seeds", seeds))),
+                "CountBatchRequest": variant("Drawn seeds", "A number of models, or of models per point of a study, \
+                    with seeds that the service draws.", Some(("count", count))),
+                "StudyBatchRequest": variant("Study", "One model per point of a study. The service draws one seed \
+                    for all points.", None),
             },
         })
     }
@@ -99,7 +103,8 @@ fn read_study(reader: &mut JsonReader, vary: &Value, seeds_per_point: usize, max
     let models = points.saturating_mul(seeds_per_point);
     if models > max_models {
         let detail = format!(
-            "gives {points} points, each with {seeds_per_point} seeds: {models} models; at most {max_models} are allowed"
+            "gives {points} points, each with {seeds_per_point} seeds: {models} models; at most {max_models} are \
+                allowed"
         );
         return reader.fault("/vary", detail);
     }

@@ -197,7 +197,8 @@ mod tests {
     fn names_are_dotted_and_lists_of_objects_are_counted() {
         let mut figures = BTreeMap::new();
         let summary = json!({ "vertices": 8, "gap": null, "particles": { "start": 1, "end": 2 }, "warnings": [],
-            "certificate": { "passed": true, "bounds_um": [[0, 1.5], [2, 3]], "bodies": [{ "euler": 0 }, { "euler": 2 }] } });
+            "certificate": { "passed": true, "bounds_um": [[0, 1.5], [2, 3]],
+                "bodies": [{ "euler": 0 }, { "euler": 2 }] } });
         add_figures("summary", &summary, &mut figures);
         let found: Vec<String> = figures.iter().map(|(name, value)| format!("{name}={value}")).collect();
         assert_eq!(

@@ -24,6 +24,11 @@ use tokio::sync::OwnedSemaphorePermit;
 /// Sent when a stream of many models opens, so that a client knows that it is open.
 const CONNECTED: Bytes = Bytes::from_static(b": connected\n\n");
 
+/// Descriptions of the header and of the parameter with the last event that a client has.
+const LAST_EVENT_HEADER: &str = "Version that the client has. The service sends a newer version immediately";
+const LAST_EVENT_PARAMETER: &str = "Value of `Last-Event-ID` for a new `EventSource`, which cannot send the header. \
+    The header takes precedence";
+
 /// The right to open one more stream.
 fn permit(state: &AppState) -> Result<OwnedSemaphorePermit, Problem> {
     state.streams.clone().try_acquire_owned().map_err(|_| {
@@ -52,12 +57,13 @@ fn last_seen<'a>(headers: &'a HeaderMap, parameters: &'a Parameters) -> Option<&
     params(
         ("id" = Uuid, Path, description = "Id of the model"),
         ("view" = Option<Detail>, Query, description = "`full` adds the spec to each event; `summary` by default"),
-        ("last-event-id" = Option<String>, Header, description = "Version that the client has. The service sends a newer version immediately"),
-        ("last_event_id" = Option<String>, Query, description = "Value of `Last-Event-ID` for a new `EventSource`, which cannot send the header. The header takes precedence"),
+        ("last-event-id" = Option<String>, Header, description = LAST_EVENT_HEADER),
+        ("last_event_id" = Option<String>, Query, description = LAST_EVENT_PARAMETER),
     ),
     responses(
         (status = 200, description = "Events", content_type = "text/event-stream", body = ServerSentEvent),
-        (status = 204, description = "The model has ended, and `Last-Event-ID` is its last version, so no event will follow. An `EventSource` does not reconnect after this response"),
+        (status = 204, description = "The model has ended, and `Last-Event-ID` is its last version, so no event will \
+            follow. An `EventSource` does not reconnect after this response"),
         ModelMissing, BadParameters, StreamAway,
     )
 )]
@@ -84,12 +90,13 @@ pub(in crate::http) async fn of_model(
     get, path = "/fits/{id}/events", operation_id = "follow_fit", tag = "fits",
     params(
         ("id" = Uuid, Path, description = "Id of the fit"),
-        ("last-event-id" = Option<String>, Header, description = "Version that the client has. The service sends a newer version immediately"),
-        ("last_event_id" = Option<String>, Query, description = "Value of `Last-Event-ID` for a new `EventSource`, which cannot send the header. The header takes precedence"),
+        ("last-event-id" = Option<String>, Header, description = LAST_EVENT_HEADER),
+        ("last_event_id" = Option<String>, Query, description = LAST_EVENT_PARAMETER),
     ),
     responses(
         (status = 200, description = "Events", content_type = "text/event-stream", body = ServerSentEvent),
-        (status = 204, description = "The fit has ended, and `Last-Event-ID` is its last version, so no event will follow"),
+        (status = 204, description = "The fit has ended, and `Last-Event-ID` is its last version, so no event will \
+            follow"),
         FitMissing, BadParameters, StreamAway,
     )
 )]
@@ -152,11 +159,12 @@ async fn of_job(
     get, path = "/events", operation_id = "follow_all", tag = "events",
     params(
         ("ids" = Option<String>, Query, pattern = "^[0-9a-fA-F]{8}(-[0-9a-fA-F]{4}){3}-[0-9a-fA-F]{12}(,[0-9a-fA-F]{8}(-[0-9a-fA-F]{4}){3}-[0-9a-fA-F]{12}){0,99}$", description = "Only these models: up to 100 ids, separated by commas"),
-        ("label" = Option<Vec<String>>, Query, max_items = 16, pattern = "^[^:\\u0000]+:[^\\u0000]*$", description = "Only models with this label, `key:value`. May be repeated; models must have all labels"),
+        ("label" = Option<Vec<String>>, Query, max_items = 16, pattern = "^[^:\\u0000]+:[^\\u0000]*$",
+            description = "Only models with this label, `key:value`. May be repeated; models must have all labels"),
         ("batch" = Option<String>, Query, format = Uuid, description = "Only models of this batch"),
         ("view" = Option<Detail>, Query, description = "`full` adds the spec to each event; `summary` by default"),
         ("last-event-id" = Option<String>, Header, description = "Cursor of the last event that the client has"),
-        ("last_event_id" = Option<String>, Query, description = "Value of `Last-Event-ID` for a new `EventSource`, which cannot send the header. The header takes precedence"),
+        ("last_event_id" = Option<String>, Query, description = LAST_EVENT_PARAMETER),
     ),
     responses(
         (status = 200, description = "Events", content_type = "text/event-stream", body = ServerSentEvent),

@@ -40,7 +40,8 @@ async fn check(state: &AppState, caller: &Caller, body: Value) -> Result<Checked
     let seconds = checked.fit.predicted_seconds();
     if seconds > MAX_SECONDS {
         let detail = format!(
-            "the fit would take about {seconds:.0} seconds of a core; the limit is {MAX_SECONDS}; reduce /evaluations, /seeds or the size of the model"
+            "the fit would take about {seconds:.0} seconds of a core; the limit is {MAX_SECONDS}; reduce \
+                /evaluations, /seeds or the size of the model"
         );
         let fault = Fault::new("/evaluations", &detail);
         return Err(Problem::new(Kind::CostLimit, detail).with_errors([fault]));

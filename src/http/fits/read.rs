@@ -24,11 +24,17 @@ const CONDITIONS: [&str; 6] = ["status", "preset", "label", "owner", "created_af
     params(
         ("status" = Option<crate::jobs::Status>, Query, description = "Only fits of this status"),
         ("preset" = Option<String>, Query, pattern = "^[^\\u0000]*$", description = "Only fits of this preset"),
-        ("label" = Option<Vec<String>>, Query, max_items = 16, pattern = "^[^:\\u0000]+:[^\\u0000]*$", description = "Only fits with this label, `key:value`. May be repeated; fits must have all labels"),
-        ("owner" = Option<String>, Query, pattern = "^[^\\u0000]*$", description = "Only fits of this owner; without the scope `admin`, only the caller's own name is allowed"),
-        ("created_after" = Option<String>, Query, format = DateTime, description = "Only fits accepted at this time (RFC 3339) or later"),
-        ("created_before" = Option<String>, Query, format = DateTime, description = "Only fits accepted before this time (RFC 3339)"),
-        ("limit" = Option<u32>, Query, minimum = 1, maximum = 100, description = "Maximum number of fits on the page; 20 by default"),
+        ("label" = Option<Vec<String>>, Query, max_items = 16, pattern = "^[^:\\u0000]+:[^\\u0000]*$",
+            description = "Only fits with this label, `key:value`. May be repeated; fits must have all labels"),
+        ("owner" = Option<String>, Query, pattern = "^[^\\u0000]*$",
+            description = "Only fits of this owner; without the scope `admin`, only the caller's own name is \
+                allowed"),
+        ("created_after" = Option<String>, Query, format = DateTime,
+            description = "Only fits accepted at this time (RFC 3339) or later"),
+        ("created_before" = Option<String>, Query, format = DateTime,
+            description = "Only fits accepted before this time (RFC 3339)"),
+        ("limit" = Option<u32>, Query, minimum = 1, maximum = 100,
+            description = "Maximum number of fits on the page; 20 by default"),
         ("cursor" = Option<String>, Query, format = Uuid, description = "`next` of the previous page"),
     ),
     responses((status = 200, description = "A page of fits", body = FitList), BadParameters, StoreAway)
@@ -60,7 +66,8 @@ pub(in crate::http) async fn list(
     responses(
         (status = 200, description = "The fit", body = Fit, headers(
             ("etag" = String, description = "The version, followed by the position in the queue if that is not 0"),
-            ("retry-after" = Option<u32>, description = "Seconds to wait before the next request. Absent after the end"))),
+            ("retry-after" = Option<u32>,
+                description = "Seconds to wait before the next request. Absent after the end"))),
         (status = 304, description = "The fit has not changed"),
         FitMissing, BadParameters, StoreAway,
     )

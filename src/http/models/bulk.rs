@@ -172,10 +172,12 @@ async fn change_selected(
     post, path = "/models/cancel", operation_id = "cancel_models", tag = "models",
     params(
         Conditions,
-        ("all" = Option<bool>, Query, description = "`true` to select all models; required if no other parameter selects models"),
+        ("all" = Option<bool>, Query,
+            description = "`true` to select all models; required if no other parameter selects models"),
         ("dry_run" = Option<bool>, Query, description = "`true` to count the models without changing them"),
     ),
-    responses((status = 200, description = "Number of models that the request changed or, in a dry run, counted", body = Applied), BadParameters, StoreAway)
+    responses((status = 200, description = "Number of models that the request changed or, in a dry run, \
+        counted", body = Applied), BadParameters, StoreAway)
 )]
 pub(in crate::http) async fn cancel(
     State(state): State<AppState>,
@@ -193,10 +195,12 @@ pub(in crate::http) async fn cancel(
     delete, path = "/models", operation_id = "delete_models", tag = "models",
     params(
         Conditions,
-        ("all" = Option<bool>, Query, description = "`true` to select all models; required if no other parameter selects models"),
+        ("all" = Option<bool>, Query,
+            description = "`true` to select all models; required if no other parameter selects models"),
         ("dry_run" = Option<bool>, Query, description = "`true` to count the models without changing them"),
     ),
-    responses((status = 200, description = "Number of models that the request changed or, in a dry run, counted", body = Applied), BadParameters, StoreAway)
+    responses((status = 200, description = "Number of models that the request changed or, in a dry run, \
+        counted", body = Applied), BadParameters, StoreAway)
 )]
 pub(in crate::http) async fn delete(
     State(state): State<AppState>,

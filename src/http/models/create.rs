@@ -131,7 +131,9 @@ pub(in crate::http) async fn check_backend(state: &AppState, request: &ModelRequ
 #[utoipa::path(
     post, path = "/models", operation_id = "create_model", tag = "models",
     params(
-        ("prefer" = Option<String>, Header, description = "`wait=N`: hold the response until the model has ended, at most N seconds (1 to 60). If the service already holds too many responses, it responds immediately, without `preference-applied`"),
+        ("prefer" = Option<String>, Header,
+            description = "`wait=N`: hold the response until the model has ended, at most N seconds (1 to 60). If \
+                the service already holds too many responses, it responds immediately, without `preference-applied`"),
         ("idempotency-key" = Option<String>, Header, min_length = 1, max_length = 255, pattern = "^[!-~]+$", description = "1 to 255 visible ASCII characters. The same key with the same body returns the same model"),
     ),
     request_body(content = ModelRequest, content_type = "application/json"),
@@ -141,9 +143,11 @@ pub(in crate::http) async fn check_backend(state: &AppState, request: &ModelRequ
             ("retry-after" = u32, description = "Seconds to wait before the next request"),
             ("preference-applied" = String, description = "`wait=N`, if the response was held"),
             ("idempotency-replayed" = String, description = "`true` if the key returned a model that it had created before"))),
-        (status = 201, description = "A finished model with the same digest and preset was reused, so the new model has already succeeded", body = Model, headers(
+        (status = 201, description = "A finished model with the same digest and preset was reused, so the new model \
+            has already succeeded", body = Model, headers(
             ("location" = String, description = "The model, relative to this URL"))),
-        (status = 200, description = "The model has ended, during the requested wait or before the key was used again", body = Model, headers(
+        (status = 200, description = "The model has ended, during the requested wait or before the key was used \
+            again", body = Model, headers(
             ("location" = String, description = "The model, relative to this URL"),
             ("preference-applied" = String, description = "`wait=N`, if the response was held"),
             ("idempotency-replayed" = String, description = "`true` if the key returned a model that it had created before"))),

@@ -44,7 +44,8 @@ const SIGNED_FOR: Duration = Duration::from_secs(300);
         ("range" = Option<String>, Header, description = "One range of bytes"),
         ("if-range" = Option<String>, Header, description = "Entity tag of the file of which the client has a part"),
         ("if-none-match" = Option<String>, Header, description = "Entity tags that the client has"),
-        ("prefer" = Option<String>, Header, description = "`redirect=no`: send the file itself instead of a redirect to the artifact store"),
+        ("prefer" = Option<String>, Header,
+            description = "`redirect=no`: send the file itself instead of a redirect to the artifact store"),
     ),
     responses(
         (status = 200, description = "The file", headers(
@@ -54,7 +55,8 @@ const SIGNED_FOR: Duration = Duration::from_secs(300);
         (status = 206, description = "The range", headers(
             ("content-range" = String, description = "The range, and the size of the file"))),
         (status = 304, description = "The client has this file"),
-        (status = 307, description = "Redirect to a signed URL of the artifact store, valid for five minutes. Only with `serve --redirect-downloads`", headers(
+        (status = 307, description = "Redirect to a signed URL of the artifact store, valid for five minutes. Only \
+            with `serve --redirect-downloads`", headers(
             ("location" = String, description = "Signed URL of the file"))),
         FileMissing, RangeOutside, DownloadAway,
     )

@@ -51,7 +51,8 @@ pub(in crate::http) fn retry_after(job: &Job) -> HeaderValue {
     params(
         Conditions,
         ("view" = Option<Detail>, Query, description = "`summary` leaves out the specs; `full` by default"),
-        ("limit" = Option<u32>, Query, minimum = 1, maximum = 100, description = "Maximum number of models on the page; 20 by default"),
+        ("limit" = Option<u32>, Query, minimum = 1, maximum = 100,
+            description = "Maximum number of models on the page; 20 by default"),
         ("cursor" = Option<String>, Query, format = Uuid, description = "`next` of the previous page"),
     ),
     responses((status = 200, description = "A page of models", body = ModelList), BadParameters, StoreAway)
@@ -84,7 +85,8 @@ pub(in crate::http) async fn list(
     responses(
         (status = 200, description = "The model", body = Model, headers(
             ("etag" = String, description = "The version, followed by the position in the queue if that is not 0"),
-            ("retry-after" = Option<u32>, description = "Seconds to wait before the next request. Absent after the end"))),
+            ("retry-after" = Option<u32>,
+                description = "Seconds to wait before the next request. Absent after the end"))),
         (status = 304, description = "The model has not changed"),
         ModelMissing, BadParameters, StoreAway,
     )

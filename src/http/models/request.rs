@@ -72,29 +72,35 @@ impl ModelRequest {
     pub(in crate::http) fn schema() -> Value {
         json!({
             "type": "object",
-            "description": "Request for a model. All members are optional: `{}` requests the default preset with a random seed.",
+            "description": "Request for a model. All members are optional: `{}` requests the default preset with a \
+                random seed.",
             "additionalProperties": false,
             "properties": {
                 "preset": { "type": "string", "default": DEFAULT_PRESET, "description": "Name of a preset; see `GET /presets`." },
                 "seed": { "type": "integer", "format": "int64", "minimum": 0, "maximum": SEED_MAX,
-                    "description": "Seed. The same seed and spec give the same model. If the seed is absent, the service draws one and reports it." },
+                    "description": "Seed. The same seed and spec give the same model. If the seed is absent, the \
+                        service draws one and reports it." },
                 "spec": { "$ref": "#/components/schemas/SpecPatch" },
                 "outputs": { "type": "array", "uniqueItems": true, "items": { "$ref": "#/components/schemas/Output" },
                     "default": Output::DEFAULT, "description": "File formats. `sections.bin` and `report.json` are always written." },
                 "bodies": { "type": "array", "uniqueItems": true, "minItems": 1,
                     "items": { "$ref": "#/components/schemas/Body" }, "default": [BodyKind::Tissue],
-                    "description": "Bodies whose surfaces are written in each surface format: `tissue` as `model.*`, `lumen` as `lumen.*`, `regions` (both, with their common wall once) as `regions.*`." },
+                    "description": "Bodies whose surfaces are written in each surface format: `tissue` as `model.*`, \
+                        `lumen` as `lumen.*`, `regions` (both, with their common wall once) as `regions.*`." },
                 "units": { "anyOf": [{ "$ref": "#/components/schemas/LengthUnit" }, { "type": "null" }],
-                    "description": "Unit of coordinates in `obj`, `stl`, `stl-ascii`, `ply`, `vtp` and `centreline`. By default `obj` is in metres and the others in millimetres. glTF is always in metres." },
+                    "description": "Unit of coordinates in `obj`, `stl`, `stl-ascii`, `ply`, `vtp` and `centreline`. By \
+                        default `obj` is in metres and the others in millimetres. glTF is always in metres." },
                 "backend": { "$ref": "#/components/schemas/Backend" },
                 "labels": { "type": "object", "maxProperties": MAX_LABELS,
                     "description": "Labels by which clients can find the model: names and values.",
                     "propertyNames": { "minLength": 1, "maxLength": MAX_LABEL_KEY_CHARS, "pattern": "^[^:\\u0000]+$" },
-                    "additionalProperties": { "type": "string", "maxLength": MAX_LABEL_VALUE_CHARS, "pattern": "^[^\\u0000]*$" } },
+                    "additionalProperties":
+                        { "type": "string", "maxLength": MAX_LABEL_VALUE_CHARS, "pattern": "^[^\\u0000]*$" } },
                 "priority": { "type": "integer", "minimum": Priority::MIN, "maximum": Priority::MAX, "default": 0,
                     "description": "Priority in the queue. Workers claim queued models of higher priority first." },
                 "reuse": { "type": "boolean", "default": true,
-                    "description": "True to reuse a model with the same digest instead of growing it again. A finished model is reused immediately, a queued or running model when it ends." }
+                    "description": "True to reuse a model with the same digest instead of growing it again. A \
+                        finished model is reused immediately, a queued or running model when it ends." }
             },
         })
     }

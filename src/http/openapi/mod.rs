@@ -30,8 +30,12 @@ use utoipa::OpenApi;
 
 #[derive(OpenApi)]
 #[openapi(
-    components(schemas(crate::http::models::model::Detail, ProblemBody, RequestFault, Backend, Output, BodyKind, LengthUnit, crate::http::pictures::sections::SectionFormat, crate::http::pictures::slides::Stain, crate::render::NamedView, super::batches::table::TableFormat,
-        super::batches::archive::ArchiveFormat, ModelEvent, DeletedEvent, Certificate)),
+    components(schemas(
+        crate::http::models::model::Detail, ProblemBody, RequestFault, Backend, Output, BodyKind, LengthUnit,
+        crate::http::pictures::sections::SectionFormat, crate::http::pictures::slides::Stain,
+        crate::render::NamedView, super::batches::table::TableFormat, super::batches::archive::ArchiveFormat,
+        ModelEvent, DeletedEvent, Certificate
+    )),
     tags(
         (name = "models", description = "Request, find, cancel and delete models"),
         (name = "fits", description = "Search for parameters that reproduce given measures"),

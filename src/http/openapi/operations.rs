@@ -24,7 +24,8 @@ pub(super) fn security_schemes() -> Value {
         BEARER: { "type": "http", "scheme": "bearer",
             "description": "API key, `oviduct_…`. Only a service without keys serves requests without one." },
         TICKET: { "type": "apiKey", "in": "query", "name": TICKET,
-            "description": "Ticket from `POST /tickets` for one `GET` of one path, for clients that cannot send headers." },
+            "description": "Ticket from `POST /tickets` for one `GET` of one path, for clients that cannot send \
+                headers." },
     })
 }
 

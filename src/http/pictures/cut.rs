@@ -2,7 +2,7 @@
 //! as a drawing, or as a stained or labelled picture.
 
 use super::draw::turn;
-use super::sections::{Png, SVG, SectionFormat, representation};
+use super::sections::{FORMAT_DESCRIPTION, Png, SVG, SectionFormat, representation};
 use super::slides::{PARAMETERS, SlideSource, SlideStyle, Stain, respond};
 use super::surfaces;
 use crate::export::cut::CutDocument;
@@ -55,10 +55,14 @@ pub(super) struct CutAnswer {
     get, path = "/models/{id}/cut", operation_id = "cut_model", tag = "files",
     params(
         ("id" = Uuid, Path, description = "Id of the model"),
-        ("z_um" = Option<f64>, Query, minimum = -1e12, maximum = 1e12, description = "Place of a plane across the tube, µm along the tube or, if it is bent, along its centre line; u and v are x and y of the section at this place"),
-        ("origin_um" = Option<String>, Query, pattern = "^[-+0-9.eE ]+(,[-+0-9.eE ]+){2}$", description = "Point of the plane, µm: `x,y,z`; together with `normal`, instead of `z_um`", example = "0,0,30000"),
+        ("z_um" = Option<f64>, Query, minimum = -1e12, maximum = 1e12,
+            description = "Place of a plane across the tube, µm along the tube or, if it is bent, along its centre \
+                line; u and v are x and y of the section at this place"),
+        ("origin_um" = Option<String>, Query, pattern = "^[-+0-9.eE ]+(,[-+0-9.eE ]+){2}$",
+            description = "Point of the plane, µm: `x,y,z`; together with `normal`, instead of \
+                `z_um`", example = "0,0,30000"),
         ("normal" = Option<String>, Query, pattern = "^[-+0-9.eE ]+(,[-+0-9.eE ]+){2}$", description = "Normal of the plane, of any length: `x,y,z`", example = "0,1,0"),
-        ("format" = Option<SectionFormat>, Query, description = "`json`, `svg` or `png`; takes precedence over `Accept`. `size`, `stain` and `labels` request `png`"),
+        ("format" = Option<SectionFormat>, Query, description = FORMAT_DESCRIPTION),
         ("size" = Option<u32>, Query, minimum = 32, maximum = 2048, description = "Longer side of a PNG picture, pixels; 1024 by default"),
         ("stain" = Option<Stain>, Query, description = "Stain of a PNG picture: `he`, haematoxylin and eosin, the default"),
         ("labels" = Option<bool>, Query, description = "`true`: the tissue of each pixel as an 8-bit grey value, without a scale bar, instead of a stain"),
@@ -70,7 +74,8 @@ pub(super) struct CutAnswer {
             (String = "image/svg+xml"),
             (Png = "image/png")), headers(
             ("etag" = String, description = "Entity tag of this representation"),
-            ("um-per-pixel" = f64, description = "Side of a pixel of a PNG picture, µm. The `pHYs` chunk of the picture has the pixels per metre"))),
+            ("um-per-pixel" = f64, description = "Side of a pixel of a PNG picture, µm. The `pHYs` chunk of the \
+                picture has the pixels per metre"))),
         (status = 304, description = "The client has this cut"),
         CutMissing, Inacceptable, CutProblems, PictureAway,
     )

@@ -28,6 +28,10 @@ use std::ops::Range;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
+/// Description of the parameter `format`.
+pub(super) const FORMAT_DESCRIPTION: &str = "`json`, `svg` or `png`; takes precedence over `Accept`. `size`, `stain` \
+    and `labels` request `png`";
+
 const JSON: &str = "application/json";
 pub(in crate::http) const SVG: &str = "image/svg+xml";
 const PNG: &str = crate::render::MEDIA_TYPE;
@@ -105,7 +109,7 @@ impl From<Ring> for RingAnswer {
     params(
         ("id" = Uuid, Path, description = "Id of the model"),
         ("k" = u32, Path, minimum = 0, description = "Index of the section, from 0 at the isthmus end"),
-        ("format" = Option<SectionFormat>, Query, description = "`json`, `svg` or `png`; takes precedence over `Accept`. `size`, `stain` and `labels` request `png`"),
+        ("format" = Option<SectionFormat>, Query, description = FORMAT_DESCRIPTION),
         ("size" = Option<u32>, Query, minimum = 32, maximum = 2048, description = "Longer side of a PNG picture, pixels; 1024 by default"),
         ("stain" = Option<Stain>, Query, description = "Stain of a PNG picture: `he`, haematoxylin and eosin, the default"),
         ("labels" = Option<bool>, Query, description = "`true`: the tissue of each pixel as an 8-bit grey value, without a scale bar, instead of a stain"),
@@ -117,7 +121,8 @@ impl From<Ring> for RingAnswer {
             (String = "image/svg+xml"),
             (Png = "image/png")), headers(
             ("etag" = String, description = "Entity tag of this representation"),
-            ("um-per-pixel" = f64, description = "Side of a pixel of a PNG picture, µm. The `pHYs` chunk of the picture has the pixels per metre"))),
+            ("um-per-pixel" = f64, description = "Side of a pixel of a PNG picture, µm. The `pHYs` chunk of the \
+                picture has the pixels per metre"))),
         (status = 304, description = "The client has this section"),
         SectionMissing, Inacceptable, BadParameters, PictureAway,
     )

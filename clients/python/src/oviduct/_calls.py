@@ -53,7 +53,7 @@ PAGE = 100
 
 
 def segment(text: str) -> str:
-    """Returns a name as one path segment; raises ValueError if the name would lead to another path."""
+    """Returns a name as one path segment; raises ValueError if it would lead to another path."""
     if text in ("", ".", ".."):
         raise ValueError(f"not a name: {text!r}")
     return quote(text, safe="")

@@ -83,7 +83,7 @@ Steps = Generator[Step, Any, T]
 
 
 def backoff(tries: int) -> float:
-    """Returns the seconds to wait after this many failed attempts: about 0.25, 0.5, 1, … up to 8."""
+    """Returns the seconds to wait after some failed attempts: about 0.25, 0.5, 1, … up to 8."""
     # The exponent is limited, because a wait may need more than a thousand attempts and 2 ** 1024
     # overflows a float.
     return float(0.25 * 2 ** min(tries - 1, 5) * random.uniform(0.8, 1.2))

@@ -603,8 +603,9 @@ class ModelOptions(TypedDict, total=False):
     spec: Mapping[str, Any]
     """Changes of the preset as a merge patch (RFC 7396): `{"collision": {"gap_um": 30}}`."""
     outputs: Sequence[str]
-    """`glb` and `lod` (default), `gltf`, `obj`, `stl`, `stl-ascii`, `ply`, `vtp`, `centreline`, `labels`.
+    """Formats: `glb` and `lod` by default.
 
+    The others are `gltf`, `obj`, `stl`, `stl-ascii`, `ply`, `vtp`, `centreline` and `labels`.
     `sections.bin` and `report.json` are always written. A spec with `contraction.frames` also gives
     `frames.xdmf`, `frames.bin` and `animation.glb`.
     """

@@ -69,7 +69,11 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_text_keeps_the_value(n in -9_000_000_000_000_000i64..9_000_000_000_000_000, s in ".*", f in -1e300..1e300f64) {
+        fn the_text_keeps_the_value(
+            n in -9_000_000_000_000_000i64..9_000_000_000_000_000,
+            s in ".*",
+            f in -1e300..1e300f64,
+        ) {
             let value = json!({"n": n, s: [f, true]});
             let back: Value = serde_json::from_str(&canonical_json(&value)).unwrap();
             prop_assert_eq!(canonical_json(&back), canonical_json(&value));

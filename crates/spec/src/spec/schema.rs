@@ -149,7 +149,8 @@ pub(super) fn definitions() -> Value {
         },
         "Fluctuation": {
             "title": "Fluctuation",
-            "description": "Sine that is added to the value between the keys. Its phase depends on the seed. An amplitude of 0 disables it.",
+            "description": "Sine that is added to the value between the keys. Its phase depends on the seed. An \
+                amplitude of 0 disables it.",
             "type": "object",
             "additionalProperties": false,
             "properties": {

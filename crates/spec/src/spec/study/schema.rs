@@ -11,17 +11,21 @@ use serde_json::{Map, Value, json};
 pub fn schema(max_points: usize) -> Value {
     json!({
         "type": "object",
-        "description": "Parameter study: values of parameters, and the design that combines them into points. Each point is grown with each seed.",
+        "description": "Parameter study: values of parameters, and the design that combines them into points. Each \
+            point is grown with each seed.",
         "required": ["design", "values"],
         "additionalProperties": false,
         "properties": {
             "design": { "type": "string", "enum": Design::NAMES.map(|(name, _)| name),
-                "description": "`grid`: every combination; the last pointer varies fastest. `zip`: the first values of all parameters, then the second values, and so on. `lhs`: a Latin hypercube." },
+                "description": "`grid`: every combination; the last pointer varies fastest. `zip`: the first values \
+                    of all parameters, then the second values, and so on. `lhs`: a Latin hypercube." },
             "samples": { "type": "integer", "minimum": 1, "maximum": max_points, "description": "Number of points; design `lhs` only." },
             // No `default`: a generated client would send it, and other designs refuse it.
             "seed": { "type": "integer", "minimum": 0, "maximum": SEED_MAX,
-                "description": "Seed of the design, 0 by default; design `lhs` only. The same seed gives the same points." },
-            "values": { "type": "object", "minProperties": 1, "description": "Values of each parameter, by its JSON pointer in the spec.",
+                "description": "Seed of the design, 0 by default; design `lhs` only. The same seed gives the same \
+                    points." },
+            "values": { "type": "object", "minProperties": 1, "description": "Values of each parameter, by its JSON \
+                pointer in the spec.",
                 "additionalProperties": { "$ref": "#/$defs/VariedValues" } },
         },
         "$defs": definitions(max_points),
@@ -52,11 +56,13 @@ fn definitions(max_points: usize) -> Value {
         ],
     });
     definitions["ValueList"] = json!({ "title": "List", "type": "array", "minItems": 1, "maxItems": max_points,
-        "items": own("ParameterValue"), "description": "List of values. In a Latin hypercube, all values are equally likely." });
+        "items": own("ParameterValue"), "description": "List of values. In a Latin hypercube, all values are equally \
+            likely." });
     definitions["ValueRange"] = json!({ "title": "Range", "type": "object", "additionalProperties": false,
         "required": ["from", "to"],
         "properties": { "from": number("First value."), "to": number("Last value."), "count": count },
-        "description": "Values in equal steps from one end to the other. In a Latin hypercube, a uniform distribution." });
+        "description": "Values in equal steps from one end to the other. In a Latin hypercube, a uniform \
+            distribution." });
     let mut mapping = Map::new();
     for (name, members) in DISTRIBUTIONS {
         let mut properties = Map::new();
@@ -69,7 +75,8 @@ fn definitions(max_points: usize) -> Value {
         mapping.insert(name.to_owned(), format!("#/components/schemas/{component}").into());
         definitions[component] = json!({
             "title": format!("Distribution {name}"), "type": "object", "additionalProperties": false,
-            "description": "Distribution of values. The designs `grid` and `zip` use the quantiles in the middle of intervals of equal probability.",
+            "description": "Distribution of values. The designs `grid` and `zip` use the quantiles in the middle of \
+                intervals of equal probability.",
             "required": required,
             "properties": properties,
         });
