@@ -202,7 +202,8 @@ async fn workers_are_listed() {
     assert_eq!(app.get("/workers").await.json(), json!({ "pause": null, "workers": [] }));
     app.worker(WorkerKind::Cpu).await;
     let want = json!({ "pause": null, "workers": [{
-        "id": "w1", "host": "here", "backend": "cpu", "device": "test", "job": null, "jobs": [], "jobs_done": 3, "heartbeat_at": moment(&app.clock), "state": "active", "pause": null }] });
+        "id": "w1", "host": "here", "backend": "cpu", "device": "test", "job": null, "jobs": [],
+        "jobs_done": 3, "heartbeat_at": moment(&app.clock), "state": "active", "pause": null }] });
     assert_eq!(app.get("/workers").await.json(), want);
     // The worker lists all of its running jobs, oldest first.
     let (old, new) = (app.model(1).await, app.model(2).await);
