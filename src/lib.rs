@@ -1,7 +1,7 @@
 //! An HTTP service that grows 3D models of folded tubular organs.
 //!
-//! The engine is the crate `oviduct_engine` and those below it (`crates/`); this crate queues jobs, runs
-//! them, serves their results and defines the commands. ARCHITECTURE.md describes both.
+//! The engine is the crate `oviduct_engine` and those below it (`crates/`); this crate queues jobs,
+//! runs them, serves their results and defines the commands. ARCHITECTURE.md describes both.
 
 pub use oviduct_engine::{
     ENGINE_VERSION, export, fit, generate, geometry, lock, measure, mesh, model, preview, random, render, report, sim,

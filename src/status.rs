@@ -1,4 +1,5 @@
-//! What this process reports of itself at `/healthz` and `/readyz`. Workers and the command line write it, HTTP reads it.
+//! The status of this process, which `/healthz` and `/readyz` report. Workers and the command line
+//! set it.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -60,20 +61,21 @@ impl Status {
         matches!(timeout(longest, clear).await, Ok(Ok(_)))
     }
 
-    /// The first reason why the process is not ready, with a sentence for operators; `None` if it is.
+    /// The first reason why the process is not ready, with a sentence for operators; `None` if the
+    /// process is ready.
     #[must_use]
     pub fn not_ready(&self) -> Option<(Condition, String)> {
         self.0.borrow().conditions.first_key_value().map(|(condition, detail)| (*condition, detail.clone()))
     }
 
-    /// A worker does not come free although its generation was told to stop long ago.
+    /// Reports a worker whose generation was told to stop long ago and still runs.
     pub fn stuck(&self, worker: &str, detail: impl Into<String>) {
         self.0.send_modify(|state| {
             state.stuck.insert(worker.to_owned(), detail.into());
         });
     }
 
-    /// The worker is free again.
+    /// Reports that a stuck worker is free again.
     pub fn unstuck(&self, worker: &str) {
         self.0.send_if_modified(|state| state.stuck.remove(worker).is_some());
     }

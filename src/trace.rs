@@ -1,5 +1,6 @@
-//! Traces that continue across processes: the context of a span as W3C `traceparent`, from the header of a request and in
-//! the record of a job. If no traces are collected there is no context, and the functions have no effect.
+//! Traces that continue across processes: the context of a span as W3C `traceparent`, from the
+//! header of a request and in the record of a job. If no traces are collected, there is no context,
+//! and the functions have no effect.
 
 use opentelemetry::global;
 use std::collections::HashMap;

@@ -1,8 +1,9 @@
 //! The metrics of this process in the OpenMetrics text format, which Prometheus reads.
 //!
-//! Counters and histograms cover this process only: sum them over the processes. Gauges that are read from the stores
-//! (`oviduct_jobs`, `oviduct_workers`, `oviduct_stored_bytes` …) are the same from every process: take their maximum, not
-//! their sum. Label values come from the code, never from requests, so that their number is bounded.
+//! Counters and histograms cover this process only: sum them over the processes. Gauges that are
+//! read from the stores (`oviduct_jobs`, `oviduct_workers`, `oviduct_stored_bytes` …) are the same
+//! in every process: take their maximum, not their sum. Label values come from the code, never from
+//! requests, so their number is bounded.
 
 mod process;
 
@@ -323,18 +324,20 @@ impl Metrics {
         self.0.removed.inc_by(models);
     }
 
-    /// Counts a request for a picture of a model that was not drawn: it was `kept` in memory, or `refused`.
+    /// Counts a request for a picture of a model by its `result`: `drawn`, `kept` (in memory from
+    /// an earlier request) or `refused`.
     pub fn picture(&self, result: &'static str) {
         self.0.pictures.get_or_create(&[("result", result.into())]).inc();
     }
 
-    /// Counts a picture that was drawn, within this time.
+    /// Counts a picture that was drawn in this time.
     pub fn picture_drawn(&self, time: Duration) {
         self.picture("drawn");
         self.0.picture_seconds.observe(time.as_secs_f64());
     }
 
-    /// Counts an answered request. `route` is the pattern of the path, not the path. `held`: because the client asked for it.
+    /// Counts a response. `route` is the pattern of the path, not the path. `held` is true if the
+    /// response was delayed by `Prefer: wait`.
     pub fn request(&self, method: &str, route: &str, status: u16, time: Duration, held: bool) {
         let method = ("method", Cow::from(method.to_owned()));
         let route = ("route", Cow::from(route.to_owned()));

@@ -1,4 +1,5 @@
-//! The memory and the file descriptors of this process, under the names that Prometheus's client libraries give them. Linux only.
+//! The memory and the file descriptors of this process, under the names that the client libraries
+//! of Prometheus use. Linux only.
 
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::registry::{Registry, Unit};

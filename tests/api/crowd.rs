@@ -1,4 +1,5 @@
-//! Many readers of the same changes: each change is read and serialised once, and a slow reader keeps nothing.
+//! Many readers of the same changes: each change is read and serialised once, and a slow reader
+//! keeps no events in memory.
 
 use super::app::{App, contour, id};
 use super::events::Stream;

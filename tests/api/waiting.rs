@@ -15,7 +15,8 @@ async fn ask(app: &App, prefer: &str, seed: u64) -> Reply {
     app.post_with("/models", &[("prefer", prefer)], &json!({ "seed": seed })).await
 }
 
-/// Once a model is queued, a failure of the store must not look like a refusal: the client would try again, and get two.
+/// Once a model is queued, a failure of the store must not look like a refusal: the client would
+/// retry the request and get a second model.
 #[tokio::test]
 async fn a_queued_model_is_never_reported_as_refused() {
     let (app, wire) = Wire::app(limits(), None).await;

@@ -1,5 +1,5 @@
-//! Two services over one PostgreSQL: an event stream opened on one shows the progress of a job that runs at the
-//! other's worker.
+//! Two services over one PostgreSQL: an event stream of one service shows the progress of a job
+//! that a worker of the other runs.
 
 use crate::bounds::best_of_five;
 use crate::scripted::{Database, Place, generate, scripted};
@@ -39,7 +39,8 @@ async fn a_stream_shows_what_another_process_does_within_half_a_second() {
             }
             generate(input, sink, cancel)
         };
-    // Only notifications are in time: polls and heartbeats are far apart, progress is written at once.
+    // Polls and heartbeats are far apart and progress is written immediately, so only notifications
+    // can be in time.
     let pool = worker.start_with(worker.store.clone(), Arc::new(stepping), |options| {
         options.heartbeat = Duration::from_secs(60);
         options.lease = Duration::from_secs(240);
