@@ -3,7 +3,7 @@
 use super::request::{BatchRequest, BatchSeeds};
 use crate::generate::Cost;
 use crate::http::AppState;
-use crate::http::models::create::{self, check_backend, cost, find_preset, too_much};
+use crate::http::models::create::{self, check_backend, find_preset, too_much};
 use crate::http::models::request::ModelRequest;
 use crate::http::wire::blocking::blocking;
 use crate::http::wire::faults::body_reader;
@@ -34,12 +34,6 @@ pub(super) struct CheckedPoint {
     pub(super) cost: Cost,
 }
 
-impl CheckedPoint {
-    fn new(request: &ModelRequest, spec: ModelSpec) -> Self {
-        Self { cost: cost(request, &spec), spec }
-    }
-}
-
 /// Reads and checks a body.
 pub(super) async fn check_body(state: &AppState, body: &Value) -> Result<CheckedBatch, Problem> {
     let mut reader = body_reader();
@@ -47,11 +41,11 @@ pub(super) async fn check_body(state: &AppState, body: &Value) -> Result<Checked
     if let Some(study) = study {
         return check_study(state, common, seeds, Arc::new(study), reader).await;
     }
-    let create::CheckedModel { request, spec, .. } = create::check(state, common, reader).await?;
+    let create::CheckedModel { request, spec, cost } = create::check(state, common, reader).await?;
     if json_bytes(&spec).saturating_mul(seeds.len()) > MAX_SPEC_BYTES {
         return Err(Problem::invalid([too_large("/spec")]));
     }
-    Ok(CheckedBatch { points: vec![CheckedPoint::new(&request, spec)], request, seeds, study: None })
+    Ok(CheckedBatch { points: vec![CheckedPoint { spec, cost }], request, seeds, study: None })
 }
 
 /// Size of a spec as JSON, in bytes.
@@ -122,7 +116,7 @@ fn resolve_points(
                         format!("gives the same model at {} and at {}", study.describe(first), study.describe(point));
                     faults.repeated.push(Fault::new("/vary/values", detail));
                 }
-                points.push(CheckedPoint::new(common, spec));
+                points.push(CheckedPoint { cost: Cost::new(&spec, &common.outputs), spec });
             }
             Err(of_point) => of_point.into_iter().for_each(|fault| faults.add(study, point, fault)),
         }

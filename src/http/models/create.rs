@@ -34,7 +34,7 @@ use utoipa::ToSchema;
 pub(in crate::http) struct CheckedModel {
     pub(in crate::http) request: ModelRequest,
     pub(in crate::http) spec: ModelSpec,
-    cost: Cost,
+    pub(in crate::http) cost: Cost,
 }
 
 /// Reads and checks a body.
@@ -65,7 +65,7 @@ pub(super) async fn check_limits(
     request: ModelRequest,
     spec: ModelSpec,
 ) -> Result<CheckedModel, Problem> {
-    let cost = cost(&request, &spec);
+    let cost = Cost::new(&spec, &request.outputs);
     state.limits.cost.check(&cost).map_err(|over| too_much(&cost, &over))?;
     check_backend(state, &request).await?;
     Ok(CheckedModel { request, spec, cost })
@@ -79,11 +79,6 @@ pub(in crate::http) fn find_preset(request: &ModelRequest, reader: &mut JsonRead
         reader.fault::<()>("/preset", format!("is unknown; the presets are {}", names.join(", ")));
     }
     found
-}
-
-/// Predicted cost of a model with the outputs of the request.
-pub(in crate::http) fn cost(request: &ModelRequest, spec: &ModelSpec) -> Cost {
-    Cost::new(spec, &request.outputs)
 }
 
 /// The problem of a predicted cost that exceeds limits.
