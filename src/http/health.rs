@@ -7,7 +7,7 @@ use crate::jobs::{StoreError, with_causes};
 use crate::status::Condition;
 use axum::Json;
 use axum::extract::State;
-use axum::http::{HeaderValue, header};
+use axum::http::header;
 use serde::Serialize;
 use std::future::Future;
 use std::time::Duration;
@@ -113,4 +113,4 @@ pub(super) fn not_ready(condition: Condition, detail: impl Into<String>) -> Prob
 /// s.
 const CHECK_TIME: Duration = Duration::from_millis(50);
 /// `Retry-After`, in seconds.
-const LATER: HeaderValue = HeaderValue::from_static("5");
+const LATER: u32 = 5;

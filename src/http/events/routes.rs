@@ -16,7 +16,7 @@ use crate::http::wire::problem::{Kind, Problem};
 use crate::http::wire::responses::{BadParameters, FitMissing, ModelMissing, StreamAway};
 use crate::jobs::{Job, JobId, Status};
 use axum::extract::State;
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
 use tokio::sync::OwnedSemaphorePermit;
@@ -35,7 +35,7 @@ fn permit(state: &AppState) -> Result<OwnedSemaphorePermit, Problem> {
         let limit = state.limits.streams;
         let detail =
             format!("{limit} event streams are open, which is the limit. One stream of /events reports all models.");
-        Problem::new(Kind::TooManyStreams, detail).with_header(header::RETRY_AFTER, HeaderValue::from_static("5"))
+        Problem::new(Kind::TooManyStreams, detail).with_header(header::RETRY_AFTER, 5)
     })
 }
 

@@ -238,7 +238,7 @@ pub(in crate::http) async fn whole(state: &AppState, file: &File) -> Result<Byte
 pub(in crate::http) fn permit(state: &AppState) -> Result<OwnedSemaphorePermit, Problem> {
     state.downloads.clone().try_acquire_owned().map_err(|_| {
         let detail = format!("{} downloads are running, which is the limit. Try again later.", state.limits.downloads);
-        Problem::new(Kind::TooManyDownloads, detail).with_header(header::RETRY_AFTER, HeaderValue::from_static("5"))
+        Problem::new(Kind::TooManyDownloads, detail).with_header(header::RETRY_AFTER, 5)
     })
 }
 
@@ -331,7 +331,7 @@ impl From<ArtifactError> for Problem {
             other => {
                 tracing::error!(error = %other, "the artifact store failed");
                 Self::new(Kind::StorageUnavailable, "The artifact store is unavailable. Try again later.")
-                    .with_header(header::RETRY_AFTER, HeaderValue::from_static("5"))
+                    .with_header(header::RETRY_AFTER, 5)
             }
         }
     }

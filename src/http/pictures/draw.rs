@@ -101,7 +101,7 @@ pub(in crate::http) async fn turn(state: &AppState, caller: &Caller) -> Result<T
     state.pictures.turn(caller.owner(), state.limits.picture_wait).await.ok_or_else(|| {
         state.metrics.picture("refused");
         let problem = Problem::new(Kind::TooManyPictures, "Many pictures are being drawn. Try again later.");
-        problem.with_header(header::RETRY_AFTER, HeaderValue::from_static("5"))
+        problem.with_header(header::RETRY_AFTER, 5)
     })
 }
 
