@@ -107,9 +107,9 @@ impl From<JsonReader> for Faults {
 
 impl From<Vec<Fault>> for Faults {
     fn from(faults: Vec<Fault>) -> Self {
-        let mut reader = body_reader();
-        reader.extend("", faults);
-        reader.into()
+        let mut all = Self::default();
+        faults.into_iter().for_each(|fault| all.push(fault));
+        all
     }
 }
 
