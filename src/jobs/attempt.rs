@@ -71,7 +71,7 @@ pub struct Attempt {
     pub started_at: Timestamp,
     /// End of the attempt; `None` while it runs.
     pub ended_at: Option<Timestamp>,
-    /// Attempt end; `None` while it runs.
+    /// How the attempt ended; `None` while it runs.
     pub outcome: Option<AttemptEnd>,
     /// The error in one line, if there was one.
     pub detail: Option<String>,

@@ -212,7 +212,7 @@ mod tests {
     fn random_faults_come_by_their_seed_and_end() {
         let hits = |seed| {
             let faults = Faults::random(seed, 7, 20, Duration::ZERO);
-            let hits: Vec<bool> = (0..400).map(|n| faults.point_blocking(POINTS[n % 11]).is_err()).collect();
+            let hits: Vec<bool> = (0..400).map(|n| faults.point_blocking(POINTS[n % POINTS.len()]).is_err()).collect();
             assert_eq!(faults.left(), 0);
             hits
         };

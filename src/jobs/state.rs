@@ -54,7 +54,7 @@ pub enum Event {
     End(Fence, AttemptEnd),
 }
 
-/// Attempt end.
+/// How an attempt ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum AttemptEnd {
@@ -75,9 +75,9 @@ pub enum AttemptEnd {
 /// Result of an event.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Next {
-    /// JobState after the event.
+    /// State of the job after the event.
     pub state: JobState,
-    /// Attempt end, if the event ended an attempt.
+    /// How the attempt ended, if the event ended one.
     pub ended: Option<AttemptEnd>,
     /// True if the job failed because no attempts are left.
     pub exhausted: bool,
@@ -92,6 +92,13 @@ pub enum Refused {
     NotNow,
     /// The writer does not hold the current attempt.
     Fenced,
+}
+
+impl Next {
+    /// The result of an event that ends no attempt.
+    fn without_end(state: JobState) -> Self {
+        Self { state, ended: None, exhausted: false }
+    }
 }
 
 impl JobState {
@@ -114,17 +121,17 @@ impl JobState {
         }
         let running = self.status == Status::Running;
         match event {
-            Event::Cancel if running => Ok(self.stays(Self { cancel_requested: true, ..self.clone() })),
-            Event::Cancel => Ok(self.stays(Self { status: Status::Cancelled, ..self.clone() })),
+            Event::Cancel if running => Ok(Next::without_end(Self { cancel_requested: true, ..self.clone() })),
+            Event::Cancel => Ok(Next::without_end(Self { status: Status::Cancelled, ..self.clone() })),
             Event::Claim(_) | Event::Expire if running != matches!(event, Event::Expire) => Err(Refused::NotNow),
-            Event::Claim(worker) => Ok(self.stays(Self {
+            Event::Claim(worker) => Ok(Next::without_end(Self {
                 status: Status::Running,
                 attempts: self.attempts + 1,
                 holder: Some(worker.clone()),
                 ..self.clone()
             })),
             Event::Expire => Ok(self.again(AttemptEnd::Vanished, max_attempts)),
-            Event::Renew(fence) => self.held_by(fence).map(|()| self.stays(self.clone())),
+            Event::Renew(fence) => self.held_by(fence).map(|()| Next::without_end(self.clone())),
             Event::End(fence, how) => self.held_by(fence).map(|()| match how {
                 AttemptEnd::Succeeded => self.ends(Status::Succeeded, *how),
                 AttemptEnd::Failed => self.ends(Status::Failed, *how),
@@ -139,10 +146,6 @@ impl JobState {
             && self.attempts == fence.attempt
             && self.holder.as_deref() == Some(fence.worker.as_str());
         if held { Ok(()) } else { Err(Refused::Fenced) }
-    }
-
-    fn stays(&self, state: Self) -> Next {
-        Next { state, ended: None, exhausted: false }
     }
 
     fn ends(&self, status: Status, how: AttemptEnd) -> Next {

@@ -84,7 +84,7 @@ impl From<Verdict> for NoResult {
 /// committed.
 type WorkResult = Result<Finished, NoResult>;
 
-/// Attempt end for metrics and logs.
+/// How an attempt ended, for metrics and logs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum AttemptMetric {
     Succeeded,
@@ -331,8 +331,8 @@ impl<'a> Attempt<'a> {
         })
     }
 
-    /// Records the attempt end, and waits for a generation that still runs. Returns true if the job
-    /// has ended.
+    /// Records the end of the attempt, and waits for a generation that still runs. Returns true if
+    /// the job has ended.
     async fn conclude(self, ending: WorkResult) -> bool {
         let Self { context, worker, claim, dir, sink, checkpoints, stopping, .. } = self;
         let id = claim.job.job().id;
@@ -395,7 +395,8 @@ async fn wait_for(context: &Context, worker: &str, id: JobId, mut generation: Ge
     }
 }
 
-/// Records an attempt end in the store, the metrics and the log. Returns true if the job has ended.
+/// Records the end of an attempt in the store, the metrics and the log. Returns true if the job has
+/// ended.
 async fn record(context: &Context, claim: Claim, ending: WorkResult) -> bool {
     let Claim { job: claimed, report } = claim;
     let (id, used, device) = (claimed.job().id, report.used, report.device.clone());
@@ -429,7 +430,7 @@ async fn record(context: &Context, claim: Claim, ending: WorkResult) -> bool {
     result.is_ok() && matches!(end, AttemptMetric::Succeeded | AttemptMetric::Failed | AttemptMetric::Cancelled)
 }
 
-/// Writes an attempt end to the store.
+/// Writes the end of an attempt to the store.
 async fn write(
     context: &Context,
     claimed: ClaimedJob,

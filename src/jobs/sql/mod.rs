@@ -15,7 +15,7 @@
 //! | `batch` | batches |
 //! | `bulk` | changes of many jobs in one transaction |
 //! | `claim`, `order` | claims; turns and positions in the queue |
-//! | `lease` | heartbeats, attempt ends, cancellation, expiry |
+//! | `lease` | heartbeats, ends of attempts, cancellation, expiry |
 //! | `share` | equal requests that wait for one growth |
 //! | `read`, `record` | jobs, lists, attempts and counts; rows to jobs |
 //! | `workers` | the list of workers; pauses |

@@ -15,7 +15,7 @@
 //! jobs, a more urgent waiting job is queued instead.
 //!
 //! On PostgreSQL a submission locks its partner, so that the partner does not end unnoticed. The
-//! lock (`FOR KEY SHARE`) conflicts with the lock of an attempt end (`FOR UPDATE`), but not with
+//! lock (`FOR KEY SHARE`) conflicts with the lock that ends an attempt (`FOR UPDATE`), but not with
 //! the locks of claims and heartbeats (`FOR NO KEY UPDATE`).
 
 use super::codec::{enum_to_sql, json, values};
