@@ -29,7 +29,7 @@ pub(super) const A_DAY: HeaderValue = HeaderValue::from_static("private, max-age
 
 /// Failure to draw a picture or page.
 #[derive(Debug, thiserror::Error)]
-pub(in crate::http) enum DrawError {
+pub(super) enum DrawError {
     #[error("the sections cannot be lofted")]
     Surface(#[from] LoftError),
     #[error(transparent)]
@@ -50,7 +50,7 @@ pub(super) fn read_size(parameters: &Parameters, faults: &mut Faults) -> u32 {
 
 /// The picture with this tag, if it is kept. Otherwise waits for a turn, reads the input of the
 /// picture and draws it.
-pub(in crate::http) async fn picture<T: Send + 'static>(
+pub(super) async fn picture<T: Send + 'static>(
     state: &AppState,
     caller: &Caller,
     tag: &ETag,
@@ -81,7 +81,7 @@ pub(in crate::http) async fn picture<T: Send + 'static>(
 }
 
 /// The response with a picture.
-pub(in crate::http) fn answer(state: &AppState, method: &Method, tag: &ETag, png: Bytes) -> Result<Response, Problem> {
+pub(super) fn answer(state: &AppState, method: &Method, tag: &ETag, png: Bytes) -> Result<Response, Problem> {
     if method == Method::GET {
         state.metrics.bytes_out(png.len() as u64);
     }

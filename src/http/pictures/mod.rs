@@ -16,4 +16,4 @@ pub(in crate::http) mod queue;
 pub(in crate::http) mod report_page;
 pub(in crate::http) mod sections;
 pub(in crate::http) mod slides;
-pub(in crate::http) mod surfaces;
+mod surfaces;

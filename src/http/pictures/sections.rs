@@ -33,7 +33,7 @@ pub(super) const FORMAT_DESCRIPTION: &str = "`json`, `svg` or `png`; takes prece
     and `labels` request `png`";
 
 const JSON: &str = "application/json";
-pub(in crate::http) const SVG: &str = "image/svg+xml";
+pub(super) const SVG: &str = "image/svg+xml";
 const PNG: &str = crate::render::MEDIA_TYPE;
 
 /// Representations of a section.
@@ -81,7 +81,7 @@ pub(super) struct Png(Vec<u8>);
 
 /// A closed contour, counter-clockwise.
 #[derive(Debug, Serialize, ToSchema)]
-pub(in crate::http) struct RingAnswer {
+pub(super) struct RingAnswer {
     /// Ids of the particles, one per point. A particle has the same id in every section.
     ids: Vec<u32>,
     /// Points, micrometres.
@@ -182,7 +182,7 @@ pub(in crate::http) async fn section(
 
 /// Reads the representation, and the style of a picture. Fails if there are `faults`, including
 /// earlier ones.
-pub(in crate::http) fn representation(
+pub(super) fn representation(
     parameters: &Parameters,
     headers: &HeaderMap,
     mut faults: Faults,

@@ -33,14 +33,14 @@ pub(in crate::http) enum Stain {
 
 /// Size and content of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::http) struct SlideStyle {
+pub(super) struct SlideStyle {
     size: u32,
     labels: bool,
 }
 
 impl SlideStyle {
     /// Reads the parameters [`PARAMETERS`].
-    pub(in crate::http) fn read(parameters: &Parameters, faults: &mut Faults) -> Self {
+    pub(super) fn read(parameters: &Parameters, faults: &mut Faults) -> Self {
         let labels = flag(parameters, "labels", faults);
         match parameters.get("stain") {
             Some("he") if labels => {
@@ -54,16 +54,16 @@ impl SlideStyle {
 }
 
 /// A section or a cut of a model.
-pub(in crate::http) struct SlideSource<'a> {
-    pub(in crate::http) job: &'a Job,
+pub(super) struct SlideSource<'a> {
+    pub(super) job: &'a Job,
     /// Part of the entity tag: identifies the file and the section or cut.
-    pub(in crate::http) key: &'a str,
+    pub(super) key: &'a str,
     /// Number that varies the texture.
-    pub(in crate::http) index: u32,
+    pub(super) index: u32,
 }
 
 /// The picture of a section or cut; `read` reads its borders.
-pub(in crate::http) async fn respond(
+pub(super) async fn respond(
     state: &AppState,
     caller: &Caller,
     source: SlideSource<'_>,

@@ -22,7 +22,7 @@ const FILES: [(&str, Format); 5] = [
 const MAX_BYTES: u64 = 256 << 20;
 
 /// The file of a model that is cut: the surface of the tissue.
-pub(in crate::http) fn file(job: &Job) -> Result<(File, Format), Problem> {
+pub(super) fn file(job: &Job) -> Result<(File, Format), Problem> {
     let of = |(name, format)| job.files.iter().find(|file| file.name == name).map(|file| (file.clone(), format));
     let found = FILES.into_iter().find_map(of).ok_or_else(|| {
         let detail = if job.status.is_ended() {
@@ -44,7 +44,7 @@ pub(in crate::http) fn file(job: &Job) -> Result<(File, Format), Problem> {
 }
 
 /// Reads the surface in a file.
-pub(in crate::http) async fn read(state: &AppState, file: &File, format: Format) -> Result<Surface, Problem> {
+pub(super) async fn read(state: &AppState, file: &File, format: Format) -> Result<Surface, Problem> {
     if let Some(body) = state.pictures.surface(&file.sha256) {
         return Ok(body);
     }
