@@ -3,7 +3,6 @@
 use super::errors::Lost;
 use super::seeds::Seeds;
 use crate::cli::exit::Failure;
-use crate::cli::scratch::Scratch;
 use crate::clock::Stopwatch;
 use crate::generate::{Backend, CancelToken, Outputs, Request, generate};
 use crate::spec::ModelSpec;
@@ -65,14 +64,14 @@ pub async fn direct(
 /// Grows one model in this process.
 fn grow(model: &Model, seed: u64) -> Result<Grown, Failure> {
     let temp = std::env::temp_dir();
-    let scratch = Scratch::new(&temp).with_context(|| temp.display().to_string())?;
+    let dir = tempfile::tempdir_in(&temp).with_context(|| temp.display().to_string())?;
     let request = Request {
         preset: model.preset.clone(),
         spec: ModelSpec::clone(&model.spec),
         seed,
         backend: model.backend,
         outputs: model.outputs.clone(),
-        dir: scratch.dir().to_owned(),
+        dir: dir.path().to_owned(),
         memory_limit_bytes: None,
     };
     let watch = Stopwatch::start();
