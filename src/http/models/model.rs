@@ -236,7 +236,7 @@ fn completed(job: &Job) -> Progress {
     // Only a piece can end before the tube does. The whole spec is read only for a piece, because
     // this takes time.
     let to = job.spec.pointer("/piece/to").and_then(Value::as_f64).unwrap_or(1.0);
-    let piece = (to < 1.0).then(|| ModelSpec::from_json(&job.spec).ok()).flatten();
+    let piece = (to < 1.0).then(|| ModelSpec::from_stored(&job.spec)).flatten();
     let steps = piece.map_or_else(|| number(job.spec.get("steps")), |spec| *spec.recorded().end());
     Progress {
         stage: Stage::Store,
