@@ -5,7 +5,7 @@ use super::AppState;
 use super::access::{Caller, audited};
 use super::wire::extract::PathTexts;
 use super::wire::problem::{Kind, Problem};
-use super::wire::responses::{StoreAway, WorkerMissing};
+use super::wire::responses::{StoresUnavailable, WorkerMissing};
 use crate::jobs::{Instruction, JobId, WorkerInfo, WorkerKind, WorkerState};
 use axum::Json;
 use axum::extract::State;
@@ -92,7 +92,7 @@ pub struct WorkerList {
 /// paused a worker.
 #[utoipa::path(
     get, path = "/workers", operation_id = "list_workers", tag = "service",
-    responses((status = 200, description = "The workers", body = WorkerList), StoreAway)
+    responses((status = 200, description = "The workers", body = WorkerList), StoresUnavailable)
 )]
 pub(super) async fn list(State(state): State<AppState>, caller: Caller) -> Result<Json<WorkerList>, Problem> {
     let mut pause = state.store.paused().await?;
@@ -122,7 +122,7 @@ async fn visible(state: &AppState, caller: &Caller, jobs: &[JobId]) -> Result<Ve
 /// requests. The pause holds across restarts until `POST /workers/resume`.
 #[utoipa::path(
     post, path = "/workers/pause", operation_id = "pause_workers", tag = "service",
-    responses((status = 200, description = "The workers", body = WorkerList), StoreAway)
+    responses((status = 200, description = "The workers", body = WorkerList), StoresUnavailable)
 )]
 pub(super) async fn pause_all(State(state): State<AppState>, caller: Caller) -> Result<Json<WorkerList>, Problem> {
     set_paused(&state, &caller, true).await?;
@@ -134,7 +134,7 @@ pub(super) async fn pause_all(State(state): State<AppState>, caller: Caller) -> 
 /// The response contains the state of each worker.
 #[utoipa::path(
     post, path = "/workers/resume", operation_id = "resume_workers", tag = "service",
-    responses((status = 200, description = "The workers", body = WorkerList), StoreAway)
+    responses((status = 200, description = "The workers", body = WorkerList), StoresUnavailable)
 )]
 pub(super) async fn resume_all(State(state): State<AppState>, caller: Caller) -> Result<Json<WorkerList>, Problem> {
     set_paused(&state, &caller, false).await?;
@@ -148,7 +148,7 @@ pub(super) async fn resume_all(State(state): State<AppState>, caller: Caller) ->
 #[utoipa::path(
     post, path = "/workers/{id}/pause", operation_id = "pause_worker", tag = "service",
     params(("id" = String, Path, description = "Name of the worker")),
-    responses((status = 200, description = "The worker", body = Worker), WorkerMissing, StoreAway)
+    responses((status = 200, description = "The worker", body = Worker), WorkerMissing, StoresUnavailable)
 )]
 pub(super) async fn pause(
     State(state): State<AppState>,
@@ -164,7 +164,7 @@ pub(super) async fn pause(
 #[utoipa::path(
     post, path = "/workers/{id}/resume", operation_id = "resume_worker", tag = "service",
     params(("id" = String, Path, description = "Name of the worker")),
-    responses((status = 200, description = "The worker", body = Worker), WorkerMissing, StoreAway)
+    responses((status = 200, description = "The worker", body = Worker), WorkerMissing, StoresUnavailable)
 )]
 pub(super) async fn resume(
     State(state): State<AppState>,
@@ -181,7 +181,7 @@ pub(super) async fn resume(
 #[utoipa::path(
     post, path = "/workers/{id}/drain", operation_id = "drain_worker", tag = "service",
     params(("id" = String, Path, description = "Name of the worker")),
-    responses((status = 200, description = "The worker", body = Worker), WorkerMissing, StoreAway)
+    responses((status = 200, description = "The worker", body = Worker), WorkerMissing, StoresUnavailable)
 )]
 pub(super) async fn drain(
     State(state): State<AppState>,

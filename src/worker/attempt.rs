@@ -84,9 +84,9 @@ impl From<Verdict> for NoResult {
 /// committed.
 type WorkResult = Result<Finished, NoResult>;
 
-/// How an attempt ended, for metrics and logs.
+/// Outcome of an attempt, for metrics and logs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum AttemptMetric {
+enum AttemptOutcome {
     Succeeded,
     Failed,
     Cancelled,
@@ -96,7 +96,7 @@ enum AttemptMetric {
     Deleted,
 }
 
-impl AttemptMetric {
+impl AttemptOutcome {
     /// Value of the label of the metric.
     fn name(self) -> &'static str {
         match self {
@@ -407,19 +407,19 @@ async fn record(context: &Context, claim: Claim, ending: WorkResult) -> bool {
     }
     let (end, result) = write(context, claimed, report, ending).await;
     let counted = match &result {
-        Err(StoreError::Fenced) if matches!(context.store.get(id).await, Ok(None)) => AttemptMetric::Deleted,
-        Err(StoreError::Fenced) => AttemptMetric::Lost,
+        Err(StoreError::Fenced) if matches!(context.store.get(id).await, Ok(None)) => AttemptOutcome::Deleted,
+        Err(StoreError::Fenced) => AttemptOutcome::Lost,
         _ => end,
     };
     let (how, metrics) = (end.name(), &context.options.metrics);
     metrics.attempt(counted.name());
-    if let (true, AttemptMetric::Succeeded, Ok(()), Some(used), Some(device)) = (is_model, end, &result, used, &device)
+    if let (true, AttemptOutcome::Succeeded, Ok(()), Some(used), Some(device)) = (is_model, end, &result, used, &device)
     {
         metrics.made(Backend::from(used).name(), device.clone());
     }
     match &result {
         Ok(()) => tracing::info!(used = used.map(|used| Backend::from(used).name()), device, fallback, "attempt {how}"),
-        Err(StoreError::Fenced) if counted == AttemptMetric::Deleted => {
+        Err(StoreError::Fenced) if counted == AttemptOutcome::Deleted => {
             tracing::info!("attempt {how}, but its model was deleted");
         }
         Err(StoreError::Fenced) => tracing::warn!("attempt {how}, but its lease was lost"),
@@ -427,7 +427,7 @@ async fn record(context: &Context, claim: Claim, ending: WorkResult) -> bool {
             tracing::error!(%error, "attempt {how}, but the job store did not record it; its lease will expire");
         }
     }
-    result.is_ok() && matches!(end, AttemptMetric::Succeeded | AttemptMetric::Failed | AttemptMetric::Cancelled)
+    result.is_ok() && matches!(end, AttemptOutcome::Succeeded | AttemptOutcome::Failed | AttemptOutcome::Cancelled)
 }
 
 /// Writes the end of an attempt to the store.
@@ -436,35 +436,39 @@ async fn write(
     claimed: ClaimedJob,
     report: BackendReport,
     ending: WorkResult,
-) -> (AttemptMetric, Result<(), StoreError>) {
+) -> (AttemptOutcome, Result<(), StoreError>) {
     let store = &context.store;
     match ending {
         Ok(finished) => commit(context, claimed, finished).await,
         Err(NoResult::Failed(Verdict::Fail(problem))) => {
-            (AttemptMetric::Failed, store.fail(claimed, report, problem).await.map(drop))
+            (AttemptOutcome::Failed, store.fail(claimed, report, problem).await.map(drop))
         }
         Err(NoResult::Failed(Verdict::Retry(problem))) => {
-            (AttemptMetric::Retried, store.retry(claimed, problem).await.map(drop))
+            (AttemptOutcome::Retried, store.retry(claimed, problem).await.map(drop))
         }
         Err(NoResult::Failed(Verdict::Release(problem) | Verdict::Storage { problem, .. })) => {
-            (AttemptMetric::Released, store.release(claimed, Some(problem)).await)
+            (AttemptOutcome::Released, store.release(claimed, Some(problem)).await)
         }
-        Err(NoResult::Interrupted(Interrupt::Lost)) => (AttemptMetric::Lost, Ok(())),
-        Err(NoResult::Interrupted(Interrupt::Deleted)) => (AttemptMetric::Deleted, Ok(())),
+        Err(NoResult::Interrupted(Interrupt::Lost)) => (AttemptOutcome::Lost, Ok(())),
+        Err(NoResult::Interrupted(Interrupt::Deleted)) => (AttemptOutcome::Deleted, Ok(())),
         Err(NoResult::Interrupted(Interrupt::Cancelled)) => {
-            (AttemptMetric::Cancelled, store.cancelled(claimed).await.map(drop))
+            (AttemptOutcome::Cancelled, store.cancelled(claimed).await.map(drop))
         }
         Err(NoResult::Interrupted(Interrupt::Shutdown)) => {
-            (AttemptMetric::Released, store.release(claimed, None).await)
+            (AttemptOutcome::Released, store.release(claimed, None).await)
         }
     }
 }
 
-async fn commit(context: &Context, claimed: ClaimedJob, finished: Finished) -> (AttemptMetric, Result<(), StoreError>) {
+async fn commit(
+    context: &Context,
+    claimed: ClaimedJob,
+    finished: Finished,
+) -> (AttemptOutcome, Result<(), StoreError>) {
     let files = finished.files.clone();
     if let Err(injected) = context.options.faults.point("before-commit").await {
         upload::remove(context, &files).await;
-        return (AttemptMetric::Retried, context.store.retry(claimed, verdict::injected(injected)).await.map(drop));
+        return (AttemptOutcome::Retried, context.store.retry(claimed, verdict::injected(injected)).await.map(drop));
     }
     let result = context.store.finish(claimed, finished).await.map(drop);
     // After another error the outcome of the commit is unknown: the files stay, and if it failed,
@@ -475,7 +479,7 @@ async fn commit(context: &Context, claimed: ClaimedJob, finished: Finished) -> (
     if let (Ok(()), Err(injected)) = (&result, context.options.faults.point("after-commit").await) {
         tracing::warn!(%injected, "a fault was injected after the commit, which it does not affect");
     }
-    (AttemptMetric::Succeeded, result)
+    (AttemptOutcome::Succeeded, result)
 }
 
 #[cfg(test)]

@@ -241,7 +241,7 @@ async fn follow(target: &Target, id: &str) {
     let record = &target.record;
     record.streams(|streams| streams.followed += 1);
     let lost = |followed: Followed<'_>| {
-        if matches!(followed, Followed::Away) {
+        if matches!(followed, Followed::Disconnected) {
             record.streams(|streams| streams.cut += 1);
         }
     };

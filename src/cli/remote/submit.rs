@@ -106,7 +106,7 @@ pub(in crate::cli) async fn wait(client: &Client, accepted: Value) -> Result<Val
     let bar = term::Bar::on_stderr();
     let followed = client
         .follow(&model.id, |followed| match followed {
-            Followed::Away => bar.remark("the connection to the service was lost; retrying"),
+            Followed::Disconnected => bar.remark("the connection to the service was lost; retrying"),
             Followed::Model(model) => show(&bar, model),
         })
         .await;

@@ -6,7 +6,7 @@ use crate::http::access::{Caller, unauthorized};
 use crate::http::wire::faults::{body_reader, escape};
 use crate::http::wire::json::JsonBody;
 use crate::http::wire::problem::Problem;
-use crate::http::wire::responses::{StoreAway, TicketProblems};
+use crate::http::wire::responses::{StoresUnavailable, TicketProblems};
 use crate::jobs::keys::{NewTicket, TicketSecret};
 use crate::spec::Fault;
 use axum::Json;
@@ -55,7 +55,7 @@ pub(in crate::http) struct Ticket {
 #[utoipa::path(
     post, path = "/tickets", operation_id = "create_ticket", tag = "access",
     request_body(content = TicketRequest, content_type = "application/json"),
-    responses((status = 201, description = "The ticket", body = Ticket), TicketProblems, StoreAway)
+    responses((status = 201, description = "The ticket", body = Ticket), TicketProblems, StoresUnavailable)
 )]
 pub(in crate::http) async fn create(
     State(state): State<AppState>,

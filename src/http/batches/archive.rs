@@ -13,7 +13,7 @@ use crate::http::models::files::permit;
 use crate::http::wire::extract::{BatchId, Parameters};
 use crate::http::wire::faults::RequestFault;
 use crate::http::wire::problem::Problem;
-use crate::http::wire::responses::{BadParameters, BatchMissing, DownloadAway};
+use crate::http::wire::responses::{BadParameters, BatchMissing, DownloadUnavailable};
 use crate::jobs::artifacts::{Artifacts, Download};
 use crate::jobs::{Batch, File, Job};
 use axum::body::Body;
@@ -66,7 +66,7 @@ pub(in crate::http) enum ArchiveFormat {
     responses(
         (status = 200, description = "The archive", headers(
             ("content-disposition" = String, description = "File name under which a client can save the response"))),
-        BatchMissing, BadParameters, DownloadAway,
+        BatchMissing, BadParameters, DownloadUnavailable,
     )
 )]
 pub(in crate::http) async fn archive(

@@ -12,7 +12,7 @@ use crate::http::models::create::{draw_seed, key_of, new_job, set_location};
 use crate::http::wire::blocking::blocking;
 use crate::http::wire::json::JsonBody;
 use crate::http::wire::problem::Problem;
-use crate::http::wire::responses::{BodyProblems, QueueFull, StoreAwayOrOpening};
+use crate::http::wire::responses::{BodyProblems, NotReadyOrUnavailable, QueueFull};
 use crate::jobs::reuse::exclude_missing_files;
 use crate::jobs::{self, NewBatch, NewJob, StoreError, SubmittedBatch};
 use crate::spec::openapi::ParameterValue;
@@ -41,7 +41,7 @@ use utoipa::ToSchema;
             ("location" = String, description = "The batch, relative to this URL"),
             ("retry-after" = u32, description = "Seconds to wait before the next request"),
             ("idempotency-replayed" = String, description = "`true` if the key returned a batch that it had created before"))),
-        BodyProblems, QueueFull, StoreAwayOrOpening,
+        BodyProblems, QueueFull, NotReadyOrUnavailable,
     )
 )]
 pub(in crate::http) async fn create(
@@ -159,7 +159,7 @@ pub(super) struct BatchCost {
 #[utoipa::path(
     post, path = "/batches/validate", operation_id = "validate_batch", tag = "batches",
     request_body(content = BatchRequest, content_type = "application/json"),
-    responses((status = 200, description = "The request is valid", body = BatchValidation), BodyProblems, StoreAwayOrOpening)
+    responses((status = 200, description = "The request is valid", body = BatchValidation), BodyProblems, NotReadyOrUnavailable)
 )]
 pub(in crate::http) async fn validate(
     State(state): State<AppState>,

@@ -6,7 +6,7 @@ use crate::http::access::{Caller, audited};
 use crate::http::models::select;
 use crate::http::wire::extract::{BatchId, Parameters, no_batch};
 use crate::http::wire::problem::Problem;
-use crate::http::wire::responses::{BadParameters, BatchMissing, StoreAway};
+use crate::http::wire::responses::{BadParameters, BatchMissing, StoresUnavailable};
 use crate::jobs::{self, BatchFilter, BatchId as StoredBatchId, Job, JobId, ListFilter, StoreError};
 use axum::Json;
 use axum::extract::State;
@@ -39,7 +39,7 @@ pub(super) fn answer(status: StatusCode, batch: &Batch) -> Response {
             description = "Maximum number of batches on the page; 20 by default"),
         ("cursor" = Option<String>, Query, format = Uuid, description = "`next` of the previous page"),
     ),
-    responses((status = 200, description = "A page of batches", body = BatchList), BadParameters, StoreAway)
+    responses((status = 200, description = "A page of batches", body = BatchList), BadParameters, StoresUnavailable)
 )]
 pub(in crate::http) async fn list(
     State(state): State<AppState>,
@@ -65,7 +65,7 @@ pub(in crate::http) async fn list(
     responses(
         (status = 200, description = "The batch", body = Batch, headers(
             ("retry-after" = u32, description = "Seconds to wait before the next request; absent once all models have ended"))),
-        BatchMissing, StoreAway,
+        BatchMissing, StoresUnavailable,
     )
 )]
 pub(in crate::http) async fn get(
@@ -83,7 +83,7 @@ pub(in crate::http) async fn get(
 #[utoipa::path(
     delete, path = "/batches/{id}", operation_id = "delete_batch", tag = "batches",
     params(("id" = Uuid, Path, description = "Id of the batch")),
-    responses((status = 204, description = "The batch, its models and their files were deleted"), BatchMissing, StoreAway)
+    responses((status = 204, description = "The batch, its models and their files were deleted"), BatchMissing, StoresUnavailable)
 )]
 pub(in crate::http) async fn delete(
     State(state): State<AppState>,

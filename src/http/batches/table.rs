@@ -11,7 +11,7 @@ use crate::http::wire::extract::{BatchId, Parameters};
 use crate::http::wire::faults::RequestFault;
 use crate::http::wire::headers::accept;
 use crate::http::wire::problem::{Kind, Problem, TYPE_PREFIX};
-use crate::http::wire::responses::{BadParameters, BatchMissing, Inacceptable, StoreAway};
+use crate::http::wire::responses::{BadParameters, BatchMissing, StoresUnavailable, Unacceptable};
 use crate::jobs::Job;
 use crate::spec::openapi::ParameterValue;
 use axum::Json;
@@ -64,7 +64,7 @@ pub(in crate::http) struct Table {
         (status = 200, description = "The table", content(
             (Table = "application/json"),
             (String = "text/csv"))),
-        BatchMissing, Inacceptable, BadParameters, StoreAway,
+        BatchMissing, Unacceptable, BadParameters, StoresUnavailable,
     )
 )]
 pub(in crate::http) async fn table(

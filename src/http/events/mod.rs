@@ -7,7 +7,7 @@
 //! | `reader` | the position of a stream: initial states, later ones, resumption |
 //! | `feed` | reading changed jobs from the job store |
 //! | `published` | the latest state of each job, in the order of publication |
-//! | `subscription` | the models that a stream of many models is about |
+//! | `subscription` | the models that a stream of `/events` selects |
 //! | `snapshot` | a state of a job as bytes of events |
 
 mod feed;

@@ -13,7 +13,7 @@ use crate::http::openapi::schemas::ServerSentEvent;
 use crate::http::wire::extract::{ModelId, Parameters, no_model};
 use crate::http::wire::headers::last_event_id;
 use crate::http::wire::problem::{Kind, Problem};
-use crate::http::wire::responses::{BadParameters, FitMissing, ModelMissing, StreamAway};
+use crate::http::wire::responses::{BadParameters, FitMissing, ModelMissing, StreamUnavailable};
 use crate::jobs::{Job, JobId, Status};
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
@@ -64,7 +64,7 @@ fn last_seen<'a>(headers: &'a HeaderMap, parameters: &'a Parameters) -> Option<&
         (status = 200, description = "Events", content_type = "text/event-stream", body = ServerSentEvent),
         (status = 204, description = "The model has ended, and `Last-Event-ID` is its last version, so no event will \
             follow. An `EventSource` does not reconnect after this response"),
-        ModelMissing, BadParameters, StreamAway,
+        ModelMissing, BadParameters, StreamUnavailable,
     )
 )]
 pub(in crate::http) async fn of_model(
@@ -97,7 +97,7 @@ pub(in crate::http) async fn of_model(
         (status = 200, description = "Events", content_type = "text/event-stream", body = ServerSentEvent),
         (status = 204, description = "The fit has ended, and `Last-Event-ID` is its last version, so no event will \
             follow"),
-        FitMissing, BadParameters, StreamAway,
+        FitMissing, BadParameters, StreamUnavailable,
     )
 )]
 pub(in crate::http) async fn of_fit(
@@ -169,7 +169,7 @@ async fn of_job(
     responses(
         (status = 200, description = "Events", content_type = "text/event-stream", body = ServerSentEvent),
         (status = 204, description = "The models in `ids` or `batch` have ended, and the client has all their events"),
-        BadParameters, StreamAway,
+        BadParameters, StreamUnavailable,
     )
 )]
 pub(in crate::http) async fn of_all(

@@ -1,4 +1,4 @@
-//! The models that a stream of many models is about.
+//! The models that a stream of `/events` selects.
 
 use super::snapshot::{FilterFields, Snapshot};
 use crate::jobs::{JobId, JobKind, ListFilter, Status, Store, StoreError};

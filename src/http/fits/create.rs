@@ -11,7 +11,7 @@ use crate::http::pictures::draw::turn;
 use crate::http::wire::blocking::blocking;
 use crate::http::wire::json::LargeJsonBody;
 use crate::http::wire::problem::{Kind, Problem};
-use crate::http::wire::responses::{FitProblems, QueueFull, StoreAway};
+use crate::http::wire::responses::{FitProblems, QueueFull, StoresUnavailable};
 use crate::jobs::{JobKind, NewJob, Submitted};
 use crate::spec::Fault;
 use crate::trace;
@@ -65,7 +65,7 @@ async fn check(state: &AppState, caller: &Caller, body: Value) -> Result<Checked
             ("location" = String, description = "The fit, relative to this URL"),
             ("retry-after" = u32, description = "Seconds to wait before the next request"),
             ("idempotency-replayed" = String, description = "`true` if the key returned a fit that it had created before"))),
-        FitProblems, QueueFull, StoreAway,
+        FitProblems, QueueFull, StoresUnavailable,
     )
 )]
 pub(in crate::http) async fn create(
@@ -123,7 +123,7 @@ fn new_job(caller: &Caller, CheckedFit { fit, labels, priority }: CheckedFit) ->
 #[utoipa::path(
     post, path = "/fits/validate", operation_id = "validate_fit", tag = "fits",
     request_body(content = FitRequest, content_type = "application/json"),
-    responses((status = 200, description = "The request is valid", body = FitValidation), FitProblems, StoreAway)
+    responses((status = 200, description = "The request is valid", body = FitValidation), FitProblems, StoresUnavailable)
 )]
 pub(in crate::http) async fn validate(
     State(state): State<AppState>,

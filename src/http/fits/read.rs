@@ -8,7 +8,7 @@ use crate::http::models::read::{cancel_job, delete_job, retry_after, tag};
 use crate::http::models::select;
 use crate::http::wire::extract::Parameters;
 use crate::http::wire::problem::Problem;
-use crate::http::wire::responses::{BadParameters, FitMissing, StoreAway};
+use crate::http::wire::responses::{BadParameters, FitMissing, StoresUnavailable};
 use crate::jobs::{Job, JobId, JobKind, ListFilter};
 use axum::Json;
 use axum::extract::State;
@@ -37,7 +37,7 @@ const CONDITIONS: [&str; 6] = ["status", "preset", "label", "owner", "created_af
             description = "Maximum number of fits on the page; 20 by default"),
         ("cursor" = Option<String>, Query, format = Uuid, description = "`next` of the previous page"),
     ),
-    responses((status = 200, description = "A page of fits", body = FitList), BadParameters, StoreAway)
+    responses((status = 200, description = "A page of fits", body = FitList), BadParameters, StoresUnavailable)
 )]
 pub(in crate::http) async fn list(
     State(state): State<AppState>,
@@ -69,7 +69,7 @@ pub(in crate::http) async fn list(
             ("retry-after" = Option<u32>,
                 description = "Seconds to wait before the next request. Absent after the end"))),
         (status = 304, description = "The fit has not changed"),
-        FitMissing, BadParameters, StoreAway,
+        FitMissing, BadParameters, StoresUnavailable,
     )
 )]
 pub(in crate::http) async fn get(
@@ -100,7 +100,7 @@ pub(in crate::http) async fn get(
 #[utoipa::path(
     post, path = "/fits/{id}/cancel", operation_id = "cancel_fit", tag = "fits",
     params(("id" = Uuid, Path, description = "Id of the fit")),
-    responses((status = 200, description = "The fit", body = Fit), FitMissing, StoreAway)
+    responses((status = 200, description = "The fit", body = Fit), FitMissing, StoresUnavailable)
 )]
 pub(in crate::http) async fn cancel(
     State(state): State<AppState>,
@@ -116,7 +116,7 @@ pub(in crate::http) async fn cancel(
 #[utoipa::path(
     delete, path = "/fits/{id}", operation_id = "delete_fit", tag = "fits",
     params(("id" = Uuid, Path, description = "Id of the fit")),
-    responses((status = 204, description = "The fit was deleted"), FitMissing, StoreAway)
+    responses((status = 204, description = "The fit was deleted"), FitMissing, StoresUnavailable)
 )]
 pub(in crate::http) async fn delete(
     State(state): State<AppState>,

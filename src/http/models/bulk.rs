@@ -12,7 +12,7 @@ use crate::http::batches::read::find_batch;
 use crate::http::wire::extract::{BatchId, Parameters, no_batch};
 use crate::http::wire::faults::RequestFault;
 use crate::http::wire::problem::Problem;
-use crate::http::wire::responses::{BadParameters, BatchMissing, StoreAway};
+use crate::http::wire::responses::{BadParameters, BatchMissing, StoresUnavailable};
 use crate::jobs::{JobId, ListFilter, Status, StoreError};
 use axum::Json;
 use axum::extract::State;
@@ -177,7 +177,7 @@ async fn change_selected(
         ("dry_run" = Option<bool>, Query, description = "`true` to count the models without changing them"),
     ),
     responses((status = 200, description = "Number of models that the request changed or, in a dry run, \
-        counted", body = Applied), BadParameters, StoreAway)
+        counted", body = Applied), BadParameters, StoresUnavailable)
 )]
 pub(in crate::http) async fn cancel(
     State(state): State<AppState>,
@@ -200,7 +200,7 @@ pub(in crate::http) async fn cancel(
         ("dry_run" = Option<bool>, Query, description = "`true` to count the models without changing them"),
     ),
     responses((status = 200, description = "Number of models that the request changed or, in a dry run, \
-        counted", body = Applied), BadParameters, StoreAway)
+        counted", body = Applied), BadParameters, StoresUnavailable)
 )]
 pub(in crate::http) async fn delete(
     State(state): State<AppState>,
@@ -216,7 +216,7 @@ pub(in crate::http) async fn delete(
 #[utoipa::path(
     post, path = "/batches/{id}/cancel", operation_id = "cancel_batch", tag = "batches",
     params(("id" = Uuid, Path, description = "Id of the batch")),
-    responses((status = 200, description = "The batch", body = Batch), BatchMissing, StoreAway)
+    responses((status = 200, description = "The batch", body = Batch), BatchMissing, StoresUnavailable)
 )]
 pub(in crate::http) async fn cancel_batch(
     State(state): State<AppState>,

@@ -14,7 +14,7 @@ use crate::http::wire::faults::body_reader;
 use crate::http::wire::headers::{IDEMPOTENCY_REPLAYED, PREFERENCE_APPLIED, idempotency_key, wait};
 use crate::http::wire::json::JsonBody;
 use crate::http::wire::problem::{Kind, Problem};
-use crate::http::wire::responses::{BodyProblems, QueueFull, StoreAwayOrOpening};
+use crate::http::wire::responses::{BodyProblems, NotReadyOrUnavailable, QueueFull};
 use crate::jobs::reuse::exclude_missing_files;
 use crate::jobs::{Job, JobKind, NewJob, StoreError, Submitted, WorkerKind};
 use crate::spec::{Fault, JsonReader, ModelSpec, Preset, SEED_MAX, batch_key, canonical_json, preset, presets};
@@ -146,7 +146,7 @@ pub(in crate::http) async fn check_backend(state: &AppState, request: &ModelRequ
             ("location" = String, description = "The model, relative to this URL"),
             ("preference-applied" = String, description = "`wait=N`, if the response was held"),
             ("idempotency-replayed" = String, description = "`true` if the key returned a model that it had created before"))),
-        BodyProblems, QueueFull, StoreAwayOrOpening,
+        BodyProblems, QueueFull, NotReadyOrUnavailable,
     )
 )]
 pub(in crate::http) async fn create(
@@ -328,7 +328,7 @@ pub(super) struct Validation {
 #[utoipa::path(
     post, path = "/models/validate", operation_id = "validate_model", tag = "models",
     request_body(content = ModelRequest, content_type = "application/json"),
-    responses((status = 200, description = "The request is valid", body = Validation), BodyProblems, StoreAwayOrOpening)
+    responses((status = 200, description = "The request is valid", body = Validation), BodyProblems, NotReadyOrUnavailable)
 )]
 pub(in crate::http) async fn validate(
     State(state): State<AppState>,

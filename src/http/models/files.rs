@@ -12,7 +12,7 @@ use crate::http::wire::extract::{ModelId, PathTexts, no_model};
 use crate::http::wire::headers::refuses_redirect;
 use crate::http::wire::problem::{Kind, Problem};
 use crate::http::wire::range::{Selection, select};
-use crate::http::wire::responses::{DownloadAway, FileMissing, RangeOutside, StoreAway};
+use crate::http::wire::responses::{DownloadUnavailable, FileMissing, RangeOutside, StoresUnavailable};
 use crate::jobs::artifacts::ArtifactError;
 use crate::jobs::{BackendReport, File, Job, JobId};
 use axum::body::Body;
@@ -58,7 +58,7 @@ const SIGNED_FOR: Duration = Duration::from_secs(300);
         (status = 307, description = "Redirect to a signed URL of the artifact store, valid for five minutes. Only \
             with `serve --redirect-downloads`", headers(
             ("location" = String, description = "Signed URL of the file"))),
-        FileMissing, RangeOutside, DownloadAway,
+        FileMissing, RangeOutside, DownloadUnavailable,
     )
 )]
 pub(in crate::http) async fn download(
@@ -140,7 +140,7 @@ pub(super) struct Report {
         (status = 200, description = "The report", body = Report, headers(
             ("etag" = String, description = "SHA-256 of the report"))),
         (status = 304, description = "The client has this file"),
-        FileMissing, DownloadAway,
+        FileMissing, DownloadUnavailable,
     )
 )]
 pub(in crate::http) async fn report(
@@ -188,7 +188,7 @@ fn immutable_json(headers: &HeaderMap, body: Vec<u8>) -> Result<Response, Proble
         (status = 200, description = "The manifest", body = Manifest, headers(
             ("etag" = String, description = "SHA-256 of the manifest"))),
         (status = 304, description = "The client has this manifest"),
-        FileMissing, StoreAway,
+        FileMissing, StoresUnavailable,
     )
 )]
 pub(in crate::http) async fn manifest(

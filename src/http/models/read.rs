@@ -9,7 +9,7 @@ use crate::http::access::{Caller, audited};
 use crate::http::wire::conditional::ETag;
 use crate::http::wire::extract::{ModelId, Parameters, no_model};
 use crate::http::wire::problem::Problem;
-use crate::http::wire::responses::{BadParameters, ModelMissing, StoreAway};
+use crate::http::wire::responses::{BadParameters, ModelMissing, StoresUnavailable};
 use crate::jobs::{Job, JobId, JobProgress, ListFilter};
 use axum::Json;
 use axum::extract::State;
@@ -55,7 +55,7 @@ pub(in crate::http) fn retry_after(job: &Job) -> HeaderValue {
             description = "Maximum number of models on the page; 20 by default"),
         ("cursor" = Option<String>, Query, format = Uuid, description = "`next` of the previous page"),
     ),
-    responses((status = 200, description = "A page of models", body = ModelList), BadParameters, StoreAway)
+    responses((status = 200, description = "A page of models", body = ModelList), BadParameters, StoresUnavailable)
 )]
 pub(in crate::http) async fn list(
     State(state): State<AppState>,
@@ -88,7 +88,7 @@ pub(in crate::http) async fn list(
             ("retry-after" = Option<u32>,
                 description = "Seconds to wait before the next request. Absent after the end"))),
         (status = 304, description = "The model has not changed"),
-        ModelMissing, BadParameters, StoreAway,
+        ModelMissing, BadParameters, StoresUnavailable,
     )
 )]
 pub(in crate::http) async fn get(
@@ -123,7 +123,7 @@ pub(in crate::http) async fn get(
 #[utoipa::path(
     post, path = "/models/{id}/cancel", operation_id = "cancel_model", tag = "models",
     params(("id" = Uuid, Path, description = "Id of the model")),
-    responses((status = 200, description = "The model", body = Model), ModelMissing, StoreAway)
+    responses((status = 200, description = "The model", body = Model), ModelMissing, StoresUnavailable)
 )]
 pub(in crate::http) async fn cancel(
     State(state): State<AppState>,
@@ -141,7 +141,7 @@ pub(in crate::http) async fn cancel(
 #[utoipa::path(
     delete, path = "/models/{id}", operation_id = "delete_model", tag = "models",
     params(("id" = Uuid, Path, description = "Id of the model")),
-    responses((status = 204, description = "The model was deleted"), ModelMissing, StoreAway)
+    responses((status = 204, description = "The model was deleted"), ModelMissing, StoresUnavailable)
 )]
 pub(in crate::http) async fn delete(
     State(state): State<AppState>,

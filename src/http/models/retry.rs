@@ -8,7 +8,7 @@ use crate::http::AppState;
 use crate::http::access::Caller;
 use crate::http::wire::extract::ModelId;
 use crate::http::wire::problem::{Kind, Problem};
-use crate::http::wire::responses::{ModelMissing, NotFailed, QueueFull, RetryProblems, StoreAwayOrOpening};
+use crate::http::wire::responses::{ModelMissing, NotFailed, NotReadyOrUnavailable, QueueFull, RetryProblems};
 use crate::jobs::{Job, NewJob, Quota, Status, Submitted};
 use crate::spec::{ModelSpec, preset};
 use axum::extract::State;
@@ -36,7 +36,7 @@ use serde_json::json;
             ("location" = String, description = "The new model, relative to this URL"))),
         (status = 200, description = "The key was used again, and its model has ended", body = Model, headers(
             ("location" = String, description = "The new model, relative to this URL"))),
-        ModelMissing, NotFailed, RetryProblems, QueueFull, StoreAwayOrOpening,
+        ModelMissing, NotFailed, RetryProblems, QueueFull, NotReadyOrUnavailable,
     )
 )]
 pub(in crate::http) async fn retry(

@@ -9,7 +9,7 @@ use crate::http::wire::blocking::blocking;
 use crate::http::wire::conditional::ETag;
 use crate::http::wire::extract::ModelId;
 use crate::http::wire::problem::{Kind, Problem};
-use crate::http::wire::responses::{ModelMissing, StoreAway};
+use crate::http::wire::responses::{ModelMissing, StoresUnavailable};
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, header};
@@ -44,7 +44,7 @@ pub(super) struct CourseAnswer {
         (status = 200, description = "The course", body = CourseAnswer, headers(
             ("etag" = String, description = "Entity tag of the course"))),
         (status = 304, description = "The client has this course"),
-        ModelMissing, StoreAway,
+        ModelMissing, StoresUnavailable,
     )
 )]
 pub(in crate::http) async fn course(

@@ -16,7 +16,7 @@ use crate::http::wire::conditional::ETag;
 use crate::http::wire::extract::{ModelId, Parameters};
 use crate::http::wire::faults::{Faults, RequestFault};
 use crate::http::wire::problem::{Kind, Problem};
-use crate::http::wire::responses::{CutMissing, CutProblems, Inacceptable, PictureAway};
+use crate::http::wire::responses::{CutMissing, CutProblems, PictureUnavailable, Unacceptable};
 use crate::jobs::Job;
 use crate::model::{Border, Plane};
 use crate::spec::{Across, ModelSpec};
@@ -77,7 +77,7 @@ pub(super) struct CutAnswer {
             ("um-per-pixel" = f64, description = "Side of a pixel of a PNG picture, µm. The `pHYs` chunk of the \
                 picture has the pixels per metre"))),
         (status = 304, description = "The client has this cut"),
-        CutMissing, Inacceptable, CutProblems, PictureAway,
+        CutMissing, Unacceptable, CutProblems, PictureUnavailable,
     )
 )]
 pub(in crate::http) async fn cut(

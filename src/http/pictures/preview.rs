@@ -9,7 +9,7 @@ use crate::http::wire::conditional::ETag;
 use crate::http::wire::extract::{ModelId, Parameters};
 use crate::http::wire::faults::RequestFault;
 use crate::http::wire::problem::Problem;
-use crate::http::wire::responses::{BadParameters, FileMissing, PictureAway};
+use crate::http::wire::responses::{BadParameters, FileMissing, PictureUnavailable};
 use crate::jobs::File;
 use crate::model::Section;
 use crate::preview::{chosen, end, tube};
@@ -35,7 +35,7 @@ use axum::response::Response;
         (status = 200, description = "The picture", headers(
             ("etag" = String, description = "Entity tag of the picture"))),
         (status = 304, description = "The client has this picture"),
-        FileMissing, BadParameters, PictureAway,
+        FileMissing, BadParameters, PictureUnavailable,
     )
 )]
 pub(in crate::http) async fn preview(

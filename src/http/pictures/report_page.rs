@@ -11,7 +11,7 @@ use crate::http::wire::blocking::blocking;
 use crate::http::wire::conditional::ETag;
 use crate::http::wire::extract::ModelId;
 use crate::http::wire::problem::Problem;
-use crate::http::wire::responses::{FileMissing, PictureAway};
+use crate::http::wire::responses::{FileMissing, PictureUnavailable};
 use crate::jobs::{File, Job};
 use crate::model::Section;
 use crate::preview::tube as tube_of;
@@ -42,7 +42,7 @@ const POLICY: HeaderValue =
         (status = 200, description = "The page", content_type = "text/html", body = String, headers(
             ("etag" = String, description = "Entity tag of the page"))),
         (status = 304, description = "The client has this page"),
-        FileMissing, PictureAway,
+        FileMissing, PictureUnavailable,
     )
 )]
 pub(in crate::http) async fn page(

@@ -15,7 +15,7 @@ use crate::http::wire::extract::{ModelId, Parameters, PathTexts};
 use crate::http::wire::faults::{Faults, RequestFault};
 use crate::http::wire::headers::accept;
 use crate::http::wire::problem::{Kind, Problem};
-use crate::http::wire::responses::{BadParameters, Inacceptable, PictureAway, SectionMissing};
+use crate::http::wire::responses::{BadParameters, PictureUnavailable, SectionMissing, Unacceptable};
 use crate::jobs::File;
 use crate::model::{Ring, Section};
 use axum::Json;
@@ -124,7 +124,7 @@ impl From<Ring> for RingAnswer {
             ("um-per-pixel" = f64, description = "Side of a pixel of a PNG picture, µm. The `pHYs` chunk of the \
                 picture has the pixels per metre"))),
         (status = 304, description = "The client has this section"),
-        SectionMissing, Inacceptable, BadParameters, PictureAway,
+        SectionMissing, Unacceptable, BadParameters, PictureUnavailable,
     )
 )]
 pub(in crate::http) async fn section(

@@ -41,7 +41,7 @@ problems! {
     /// The range lies outside the file.
     RangeOutside: RangeNotSatisfiable;
     /// No representation matches `Accept`.
-    Inacceptable: NotAcceptable;
+    Unacceptable: NotAcceptable;
     /// A query parameter is invalid.
     BadParameters: BadRequest, InvalidRequest;
     /// The body or a header is invalid.
@@ -57,15 +57,15 @@ problems! {
     /// The queue is full, or the quota of the key is used up.
     QueueFull: QueueFull, QuotaExceeded;
     /// One of the stores is unavailable.
-    StoreAway: StoreUnavailable, StorageUnavailable;
+    StoresUnavailable: StoreUnavailable, StorageUnavailable;
     /// A store is unavailable, or GPU workers are still opening their devices.
-    StoreAwayOrOpening: StoreUnavailable, StorageUnavailable, NotReady;
+    NotReadyOrUnavailable: StoreUnavailable, StorageUnavailable, NotReady;
     /// The artifact store is unavailable, or too many downloads are running.
-    DownloadAway: StoreUnavailable, StorageUnavailable, TooManyDownloads;
+    DownloadUnavailable: StoreUnavailable, StorageUnavailable, TooManyDownloads;
     /// A store is unavailable, or too many downloads are running or pictures being drawn.
-    PictureAway: StoreUnavailable, StorageUnavailable, TooManyDownloads, TooManyPictures;
+    PictureUnavailable: StoreUnavailable, StorageUnavailable, TooManyDownloads, TooManyPictures;
     /// The job store is unavailable, or too many streams are open.
-    StreamAway: StoreUnavailable, TooManyStreams;
+    StreamUnavailable: StoreUnavailable, TooManyStreams;
     /// The process does not accept requests.
     Unready: StoreUnavailable, StorageUnavailable, NotReady;
     /// A worker of this process is stuck.

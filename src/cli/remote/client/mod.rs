@@ -56,7 +56,7 @@ pub(in crate::cli) enum Followed<'a> {
     /// The model changed.
     Model(&'a Model),
     /// The connection was lost; another one is opened.
-    Away,
+    Disconnected,
 }
 
 /// Failures that [`ErrorKind`] distinguishes.
@@ -249,7 +249,7 @@ impl Client {
                 let told = format!("no new event of model {id} after {} connections to {}", cursor.tries, self.base);
                 return Err(error.context(told).into());
             }
-            seen(Followed::Away);
+            seen(Followed::Disconnected);
             tokio::time::sleep(self.retries.wait * cursor.tries.min(10)).await;
         }
     }

@@ -49,7 +49,7 @@ async fn following_resumes_after_an_interruption() {
         .follow("x", |followed| {
             heard.push(match followed {
                 Followed::Model(model) => model.status.clone(),
-                Followed::Away => "away".to_owned(),
+                Followed::Disconnected => "away".to_owned(),
             });
         })
         .await
