@@ -6,11 +6,10 @@
 //! motion is zero for a corner that is barely not sharp, and ends where the contour would leave its
 //! maximum distance. The result therefore remains a continuous function of the section.
 
+use super::Point;
 use super::clearance::clearances;
 use crate::geometry::vector::{angle, dot, norm, sub};
 use crate::model::{Ring, Section};
-
-type Point = [f64; 2];
 
 /// Turn above which a corner is sharp, radians (55 degrees).
 const SHARP: f64 = 0.96;
