@@ -61,13 +61,19 @@ pub fn angle(u: [f64; 2], v: [f64; 2]) -> f64 {
 #[must_use]
 #[inline(always)]
 pub fn squared_distance_to_segment<const N: usize>(p: [f64; N], a: [f64; N], b: [f64; N]) -> f64 {
-    squared_distance_to_ray(p, a, b, 1.0)
+    squared_distance_up_to(1.0, p, a, b)
+}
+
+/// Squared distance of `p` from the ray from `a` through `b`, which may be a point.
+#[must_use]
+#[inline(always)]
+pub fn squared_distance_to_ray<const N: usize>(p: [f64; N], a: [f64; N], b: [f64; N]) -> f64 {
+    squared_distance_up_to(f64::INFINITY, p, a, b)
 }
 
 /// Squared distance of `p` from the points `a` + t (`b` − `a`) with t from 0 to `end`.
-#[must_use]
 #[inline(always)]
-pub fn squared_distance_to_ray<const N: usize>(p: [f64; N], a: [f64; N], b: [f64; N], end: f64) -> f64 {
+fn squared_distance_up_to<const N: usize>(end: f64, p: [f64; N], a: [f64; N], b: [f64; N]) -> f64 {
     let (ab, ap) = (sub(b, a), sub(p, a));
     let square = dot(ab, ab);
     let t = if square > 0.0 { (dot(ap, ab) / square).clamp(0.0, end) } else { 0.0 };
@@ -84,7 +90,7 @@ mod tests {
         let (a, b) = ([0.0, 0.0], [2.0, 0.0]);
         let found = [[1.0, 3.0], [5.0, 4.0], [-3.0, 4.0]].map(|p| squared_distance_to_segment(p, a, b));
         assert_eq!(found, [9.0, 25.0, 25.0]);
-        assert_eq!(squared_distance_to_ray([5.0, 4.0], a, b, f64::INFINITY), 16.0);
+        assert_eq!(squared_distance_to_ray([5.0, 4.0], a, b), 16.0);
         assert_eq!(squared_distance_to_segment([1.0, 2.0, 2.0], [0.0; 3], [0.0; 3]), 9.0);
     }
 

@@ -83,6 +83,6 @@ fn between([a, b]: [Point; 2], [c, d]: [Point; 2]) -> f64 {
 
 /// Squared distance of `p` from the segment from `c` to `d` and its shadow in light from `q`.
 fn shadow(p: Point, q: Point, [c, d]: [Point; 2]) -> f64 {
-    let ray = |a: Point| squared_distance_to_ray(p, a, [0, 1].map(|k| 2.0 * a[k] - q[k]), f64::INFINITY);
+    let ray = |a: Point| squared_distance_to_ray(p, a, [0, 1].map(|k| 2.0 * a[k] - q[k]));
     squared_distance_to_segment(p, c, d).min(ray(c)).min(ray(d))
 }
