@@ -87,8 +87,8 @@ fn contacts_of(slab: &Slab, blocks: &Blocks, changed: &[usize]) -> Vec<(usize, u
 fn folded(slab: &Slab, cell: usize) -> bool {
     let count = slab.edges(cell) + 1;
     let is_met = |k: usize| {
-        let first = slab.in_space(cell, k);
-        (k + 1..count).any(|l| triangles_meet(&first, &slab.in_space(cell, l)))
+        let first = slab.triangle_in_space(cell, k);
+        (k + 1..count).any(|l| triangles_meet(&first, &slab.triangle_in_space(cell, l)))
     };
     slab.degenerate(cell) || (0..count).any(is_met)
 }
@@ -101,8 +101,8 @@ fn cells_meet(slab: &Slab, i: usize, j: usize) -> bool {
         return false;
     }
     (0..=slab.edges(i)).any(|k| {
-        let first = slab.in_space(i, k);
-        (0..=slab.edges(j)).any(|l| triangles_meet(&first, &slab.in_space(j, l)))
+        let first = slab.triangle_in_space(i, k);
+        (0..=slab.edges(j)).any(|l| triangles_meet(&first, &slab.triangle_in_space(j, l)))
     })
 }
 

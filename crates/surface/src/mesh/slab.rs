@@ -138,7 +138,7 @@ impl Slab {
     /// Triangle `k` of `cell` in space, and the numbers of its corners. The triangle must have an
     /// area.
     #[inline]
-    pub(super) fn in_space(&self, cell: usize, k: usize) -> (Triangle, [u32; 3]) {
+    pub(super) fn triangle_in_space(&self, cell: usize, k: usize) -> (Triangle, [u32; 3]) {
         let corners = self.triangle(cell, k);
         (Triangle::new(corners.map(|corner| self.corner(corner))), corners.map(|corner| corner as u32))
     }

@@ -344,9 +344,9 @@ fn wild_slab(dice: &mut Dice) -> Slab {
 /// True if triangles of two cells, or of one cell, intersect by the exact test.
 fn cells_meet(slab: &Slab, i: usize, j: usize) -> bool {
     (0..=slab.edges(i)).any(|k| {
-        let (first, corners) = slab.in_space(i, k);
+        let (first, corners) = slab.triangle_in_space(i, k);
         let meets = |(other, numbers): (Triangle, [u32; 3])| meet_in_mesh((&first, corners), (&other, numbers));
-        (0..=slab.edges(j)).any(|l| (i, k) != (j, l) && meets(slab.in_space(j, l)))
+        (0..=slab.edges(j)).any(|l| (i, k) != (j, l) && meets(slab.triangle_in_space(j, l)))
     })
 }
 
