@@ -59,8 +59,8 @@ impl IntersectionSearch {
     }
 
     /// Returns the intersecting pairs that contain at least one of the marked triangles.
-    pub(super) fn pairs_touching(&self, mesh: &Mesh, is_one: &[bool]) -> Vec<[u32; 2]> {
-        let mut pairs: Vec<[u32; 2]> = numbers(is_one)
+    pub(super) fn pairs_touching(&self, mesh: &Mesh, is_marked: &[bool]) -> Vec<[u32; 2]> {
+        let mut pairs: Vec<[u32; 2]> = numbers(is_marked)
             .into_par_iter()
             .with_min_len(256)
             .flat_map_iter(|t| {
@@ -75,7 +75,7 @@ impl IntersectionSearch {
                     &near,
                     |some, of| points(mesh, &self.is_flat, some, of),
                     |other| {
-                        if other > t || (other < t && !is_one[other]) {
+                        if other > t || (other < t && !is_marked[other]) {
                             found.extend(pair(mesh, t.min(other), t.max(other)));
                         }
                     },

@@ -194,7 +194,7 @@ impl<'a> Plan<'a> {
             let reaches = |s: &Spot| s.centre[2] > low - s.radius && s.centre[2] < high + s.radius;
             spots.iter().any(|spot| spot.fresh && reaches(spot))
         };
-        let rows_of = |row: &mut Row, number: usize| {
+        let renew = |row: &mut Row, number: usize| {
             let (wall, plane) = (walls[number / planes.len()], planes[number % planes.len()]);
             let (from, to) = (plane.saturating_sub(2), (plane + 2).min(last));
             let is_stale = row.points.is_empty() || is_touched(from, to);
@@ -203,7 +203,7 @@ impl<'a> Plan<'a> {
             }
             Ok(is_stale)
         };
-        let renewed = rows.par_iter_mut().enumerate().map(|(number, row)| rows_of(row, number));
+        let renewed = rows.par_iter_mut().enumerate().map(|(number, row)| renew(row, number));
         let renewed: Vec<bool> = renewed.collect::<Result<_, RemeshError>>()?;
         let (done, all, count) = (AtomicUsize::new(0), blocks.len(), planes.len() - 1);
         blocks.par_iter_mut().enumerate().with_max_len(1).try_for_each(|(number, block)| {
