@@ -77,16 +77,17 @@ impl CpuSimulation {
         let time = -i64::from(plan.burn_in);
         let (mut inner, outer) = (InnerLoop::start(&plan), outer::start(&plan, time));
         thickness::update(&plan, time, &mut inner);
-        Self::resume(plan, &Checkpoint { time, inner, outer, clearance: Vec::new() }, threads)
+        let start = Checkpoint { time, inner, outer, clearance: Vec::new() };
+        Self::from_checkpoint(plan, start, Kernel::default(), Vectors::best(), threads)
     }
 
     /// A simulation that continues from `checkpoint`; `threads` as for [`CpuSimulation::new`].
     #[must_use]
     pub fn resume(plan: Plan, checkpoint: &Checkpoint, threads: usize) -> Self {
-        Self::with(plan, checkpoint.clone(), Kernel::default(), Vectors::best(), threads)
+        Self::from_checkpoint(plan, checkpoint.clone(), Kernel::default(), Vectors::best(), threads)
     }
 
-    fn with(plan: Plan, from: Checkpoint, kernel: Kernel, vectors: Vectors, threads: usize) -> Self {
+    fn from_checkpoint(plan: Plan, from: Checkpoint, kernel: Kernel, vectors: Vectors, threads: usize) -> Self {
         let Checkpoint { time, inner, outer, clearance } = from;
         Self {
             neighbours: Neighbours::new(plan.search, vectors, threads),
@@ -108,7 +109,8 @@ impl CpuSimulation {
 
     fn fork_with(&self, search: Search, kernel: Kernel, vectors: Vectors, threads: usize) -> Self {
         let plan = Plan { search, ..self.plan.clone() };
-        Self { statistics: self.statistics, ..Self::with(plan, self.checkpoint(), kernel, vectors, threads) }
+        let copy = Self::from_checkpoint(plan, self.checkpoint(), kernel, vectors, threads);
+        Self { statistics: self.statistics, ..copy }
     }
 
     /// The current inner loop.

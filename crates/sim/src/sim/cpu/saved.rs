@@ -7,7 +7,7 @@
 //! All numbers are little-endian: version, time, next id and three counts (u64 each), then each
 //! vector, preceded by its length (u32).
 
-use super::{CpuSimulation, Plan, Statistics};
+use super::{CpuSimulation, Kernel, Plan, Statistics, Vectors};
 use crate::sim::state::{Checkpoint, InnerLoop, OuterLoop};
 
 /// Version of the format.
@@ -90,7 +90,8 @@ impl CpuSimulation {
         if !(-i64::from(plan.burn_in)..=i64::from(plan.steps)).contains(&time) {
             return Err(StateError("its time is out of bounds"));
         }
-        let mut simulation = Self::resume(plan, &Checkpoint { time, inner, outer, clearance }, threads);
+        let state = Checkpoint { time, inner, outer, clearance };
+        let mut simulation = Self::from_checkpoint(plan, state, Kernel::default(), Vectors::best(), threads);
         simulation.statistics = statistics;
         simulation.neighbours.count_from(builds);
         Ok(simulation)
