@@ -254,12 +254,12 @@ impl Run<'_> {
                 let begun = self.watch.seconds();
                 for _ in 0..chunk.records {
                     let (device, plans, running) = (self.device, self.plans, &self.running);
-                    let (time, bytes, arrivals) = self.ring.take(|record| {
-                        let arrivals = device.each(plans, |m, plan| running[m].then(|| record.member(m, plan)));
-                        (record.time, 4 * record.words.len() as u64, arrivals)
+                    let (time, bytes, members) = self.ring.take(|record| {
+                        let members = device.each(plans, |m, plan| running[m].then(|| record.member(m, plan)));
+                        (record.time, 4 * record.words.len() as u64, members)
                     })?;
                     self.report.bytes_back += bytes;
-                    self.deliver(time, arrivals, sink);
+                    self.deliver(time, members, sink);
                 }
                 for member in (0..self.plans.len()).filter(|&m| self.running[m]) {
                     sink.progress(member, chunk.time, self.particles[member]);
@@ -320,11 +320,11 @@ impl Run<'_> {
         Ok(true)
     }
 
-    fn deliver(&mut self, time: i64, arrivals: Vec<Option<Result<MemberRecord, SimError>>>, sink: &mut dyn BatchSink) {
-        for (member, arrival) in arrivals.into_iter().enumerate() {
-            let Some(arrival) = arrival else { continue };
-            let MemberRecord { particles, section, checkpoint, statistics } = match arrival {
-                Ok(arrival) => arrival,
+    fn deliver(&mut self, time: i64, members: Vec<Option<Result<MemberRecord, SimError>>>, sink: &mut dyn BatchSink) {
+        for (member, record) in members.into_iter().enumerate() {
+            let Some(record) = record else { continue };
+            let MemberRecord { particles, section, checkpoint, statistics } = match record {
+                Ok(record) => record,
                 Err(error) => {
                     self.stop(member);
                     sink.failed(member, error);
