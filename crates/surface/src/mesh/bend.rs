@@ -160,7 +160,7 @@ impl Leaning<'_> {
         let mut is_moved = vec![false; self.z.len()];
         for (v, is_moved) in is_moved.iter_mut().enumerate() {
             let place = self.place(mesh, v);
-            let left = all * centres.iter().filter_map(|centre| centre.left(place, DAMPING)).product::<f64>();
+            let left = all * centres.iter().filter_map(|centre| centre.remainder(place, DAMPING)).product::<f64>();
             let (before, now) = (f64::from(self.z[v]), f64::from(mesh.positions[v][2]));
             *is_moved = left < 1.0 && now != before;
             if *is_moved {

@@ -21,7 +21,7 @@ pub use wave::{Contraction, Station};
 
 use super::bend;
 use super::intersection::{IntersectionSearch, middle_of};
-use super::lean::{Centre, Lean, LeanField, in_um, left};
+use super::lean::{Centre, Lean, LeanField, in_um, remainder};
 use crate::geometry::course::Course;
 use crate::model::{Mesh, PatchKind};
 use level::{ContractedShape, Level, area};
@@ -281,7 +281,7 @@ impl<'a> Contracting<'a> {
             let near: Vec<&Centre> = centres.iter().filter(|centre| centre.is_near(places[k])).collect();
             for (p, most) in level.points.iter().zip(&mut level.most) {
                 let squares = near.iter().map(|centre| centre.square([p[0], p[1], places[k]]));
-                *most *= left(squares.fold(f64::INFINITY, f64::min), 1.0 - REMAINDER).unwrap_or(1.0);
+                *most *= remainder(squares.fold(f64::INFINITY, f64::min), 1.0 - REMAINDER).unwrap_or(1.0);
             }
             let is_near = near.iter().any(|centre| (places[k] - centre.place[2]).abs() < REACH[1]);
             if round >= GIVE_UP_ROUND {

@@ -44,8 +44,8 @@ impl Shift {
     /// Removes a fraction of the displacement around the centres.
     pub(super) fn damp(&mut self, points: &[Point], centres: &[Centre], share: f64) {
         self.change(points, centres, |left, centre, p| {
-            if let Some(remains) = centre.left(p, share) {
-                *left *= remains;
+            if let Some(remainder) = centre.remainder(p, share) {
+                *left *= remainder;
             }
         });
     }
@@ -53,8 +53,8 @@ impl Shift {
     /// Restores a fraction of the removed displacement around the centres.
     pub(super) fn restore(&mut self, points: &[Point], centres: &[Centre], share: f64) {
         self.change(points, centres, |left, centre, p| {
-            if let Some(remains) = centre.left(p, share) {
-                *left = 1.0 - remains * (1.0 - *left);
+            if let Some(remainder) = centre.remainder(p, share) {
+                *left = 1.0 - remainder * (1.0 - *left);
             }
         });
     }

@@ -131,8 +131,8 @@ impl Centre {
     }
 
     /// Fraction of the displacement that remains at a place; `None` beyond the reach.
-    pub(super) fn left(&self, p: [f64; 3], damping: f64) -> Option<f64> {
-        left(self.square(p), damping)
+    pub(super) fn remainder(&self, p: [f64; 3], damping: f64) -> Option<f64> {
+        remainder(self.square(p), damping)
     }
 
     /// True if damping reaches the section at `z_um`.
@@ -149,7 +149,7 @@ impl Centre {
 
 /// Fraction of a displacement that remains at a squared distance in reaches; `None` beyond the
 /// reach.
-pub(super) fn left(square: f64, damping: f64) -> Option<f64> {
+pub(super) fn remainder(square: f64, damping: f64) -> Option<f64> {
     (square < FAR * FAR).then(|| 1.0 - damping * libm::exp(-square / 2.0))
 }
 
@@ -188,8 +188,8 @@ impl LeaningSurface<'_> {
                 if in_um(self.z[v]) > z + far {
                     break;
                 }
-                if let Some(left) = centre.left(self.place(v), damping).filter(|_| self.full[v] != 0.0) {
-                    self.left[v] *= left;
+                if let Some(remainder) = centre.remainder(self.place(v), damping).filter(|_| self.full[v] != 0.0) {
+                    self.left[v] *= remainder;
                     is_moved[v] = true;
                 }
             }
