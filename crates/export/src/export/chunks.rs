@@ -23,7 +23,7 @@ pub(super) fn write_items<T, const N: usize>(
 }
 
 /// Writes `text` and clears it, once it is as long as a chunk.
-pub(super) fn write_full(text: &mut Vec<u8>, out: &mut impl Write) -> io::Result<()> {
+pub(super) fn write_if_full(text: &mut Vec<u8>, out: &mut impl Write) -> io::Result<()> {
     if text.len() >= CHUNK {
         out.write_all(text)?;
         text.clear();

@@ -5,7 +5,7 @@
 //! as labels; there is no material library.
 
 use super::CITATION;
-use super::chunks::{CHUNK, one_line, write_full};
+use super::chunks::{CHUNK, one_line, write_if_full};
 use super::shape::{AXES, Shape};
 use crate::model::LengthUnit;
 use std::io::{self, Write};
@@ -41,7 +41,7 @@ pub fn write_obj(surface: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
     writeln!(text, "o {}", one_word(surface.name))?;
     for [x, y, z] in surface.positions {
         writeln!(text, "v {x} {y} {z}")?;
-        write_full(&mut text, out)?;
+        write_if_full(&mut text, out)?;
     }
     for patch in &surface.patches {
         let name = one_word(patch.name);
@@ -53,7 +53,7 @@ pub fn write_obj(surface: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
                 push_number(&mut text, u64::from(*index) + 1);
             }
             text.push(b'\n');
-            write_full(&mut text, out)?;
+            write_if_full(&mut text, out)?;
         }
     }
     out.write_all(&text)

@@ -5,7 +5,7 @@
 //! (`attribute byte count`), which most readers ignore. The text form has one solid per patch, from
 //! which solvers create named boundaries. It cannot state a unit.
 
-use super::chunks::{CHUNK, join, one_line, vec3, write_full, write_items};
+use super::chunks::{CHUNK, join, one_line, vec3, write_if_full, write_items};
 use super::normals;
 use super::shape::{Shape, engine};
 use std::io::{self, Write};
@@ -70,7 +70,7 @@ pub fn write_ascii_stl(surface: &Shape<'_>, out: &mut impl Write) -> io::Result<
                 text.extend_from_slice(points.get(vertex, surface)?);
             }
             text.extend_from_slice(b"endloop\nendfacet\n");
-            write_full(&mut text, out)?;
+            write_if_full(&mut text, out)?;
         }
         writeln!(text, "endsolid {name}")?;
     }
