@@ -147,7 +147,7 @@ fn imports_and_names_keep_the_rules() {
     assert!(faults.is_empty(), "\n{}\n", faults.join("\n"));
 }
 
-/// Whether a file names a crate.
+/// True if a file names a crate.
 fn names(source: &Source, name: &str) -> bool {
     words(&source.code).any(|(_, word)| word == name)
 }

@@ -32,7 +32,7 @@ impl RingKind {
 /// A closed polygon of a cut.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CutRing {
-    /// What the ring bounds.
+    /// Kind of the area that the ring bounds.
     pub kind: RingKind,
     /// Index of the ring that directly surrounds this one; always lower than the ring's own index.
     pub parent: Option<usize>,

@@ -42,8 +42,8 @@ pub struct OverLimit {
     pub unit: &'static str,
 }
 
-/// What to change to stay below a limit. A larger recording interval makes the surface smaller, but
-/// keeps more steps in memory.
+/// Changes that keep a model below a limit. A larger recording interval makes the surface smaller,
+/// but keeps more steps in memory.
 fn advice(quantity: &str) -> &'static str {
     match quantity {
         "memory" => {

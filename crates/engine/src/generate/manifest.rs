@@ -90,7 +90,7 @@ impl Manifest {
     }
 }
 
-/// What a model was grown from.
+/// Inputs from which a model was grown.
 #[derive(Clone, Debug)]
 pub struct Origin<'a> {
     /// Engine version of the digest.

@@ -16,7 +16,7 @@ pub(super) struct Surfaces<'a> {
     pub(super) tissue: &'a Mesh,
     /// The lumen, and both bodies together, if either is written.
     lumen: Option<(Mesh, Mesh)>,
-    /// What is written: each body in each of its units.
+    /// Written surfaces: each body in each of its units.
     written: Vec<(BodyKind, LengthUnit)>,
 }
 
@@ -115,7 +115,7 @@ fn finding(body: BodyKind, unit: LengthUnit, certificate: SurfaceCertificate) ->
     }
 }
 
-/// What is written: each body in each of its units.
+/// Written surfaces: each body in each of its units.
 fn written(outputs: &Outputs) -> Vec<(BodyKind, LengthUnit)> {
     let in_unit = |unit| outputs.bodies_in(unit).into_iter().map(move |body| (body, unit));
     LengthUnit::ALL.into_iter().flat_map(in_unit).collect()

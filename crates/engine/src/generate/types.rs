@@ -453,8 +453,8 @@ pub struct Findings {
 }
 
 impl Findings {
-    /// What the record of a job keeps: the summary with the figures of the certificate, and in the
-    /// member `morphometry` the means by region.
+    /// Figures for the record of a job: the summary with the figures of the certificate, and the
+    /// means by region in the member `morphometry`.
     #[must_use]
     pub fn figures(&self) -> serde_json::Value {
         let summary = Summary { certificate: Some((&self.certificate).into()), ..self.summary.clone() };

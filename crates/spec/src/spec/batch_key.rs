@@ -1,4 +1,4 @@
-//! Which models a GPU may grow together.
+//! Key of the models that a GPU may grow together.
 //!
 //! The members of a GPU batch are stepped together, so their steps must agree. All of them wait for
 //! the member with the most particles.

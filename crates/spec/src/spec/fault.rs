@@ -7,7 +7,7 @@ use serde_json::Value;
 pub struct Fault {
     /// JSON pointer (RFC 6901) into the document, such as `/collision/gap_um`; empty for the whole.
     pub pointer: String,
-    /// What is wrong, with the bound and its unit if there is one.
+    /// Description of the fault, with the bound and its unit if there is one.
     pub detail: String,
 }
 

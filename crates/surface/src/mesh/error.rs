@@ -37,7 +37,7 @@ pub enum LoftError {
     Ids {
         /// Step of the section.
         step: f64,
-        /// Which ring.
+        /// Wall of the ring.
         wall: Wall,
         /// Number of points.
         points: usize,
@@ -51,7 +51,7 @@ pub enum LoftError {
         step: f64,
         /// Place along the tube, micrometres.
         z_um: f64,
-        /// Which ring.
+        /// Wall of the ring.
         wall: Wall,
         /// The fault of the contour.
         source: ContourError,
@@ -71,7 +71,7 @@ pub enum LoftError {
     Continuation {
         /// Step of the later section.
         step: f64,
-        /// Which ring.
+        /// Wall of the ring.
         wall: Wall,
         /// The id.
         id: u32,

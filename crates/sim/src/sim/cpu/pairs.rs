@@ -279,7 +279,7 @@ mod tests {
         }
     }
 
-    /// The forces of all segments on eight particles, and their least squared distances.
+    /// The forces of all segments on eight particles, and their minimum squared distances.
     struct OfGroup<'a> {
         row: &'a StepRow,
         chain: &'a Chain,

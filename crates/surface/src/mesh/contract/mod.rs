@@ -307,7 +307,7 @@ impl<'a> Contracting<'a> {
     }
 }
 
-/// Volume of the lumen of a tissue with plane ends, mm³.
+/// Volume of the lumen of a tissue with planar ends, mm³.
 #[must_use]
 pub fn lumen_mm3(tissue: &Mesh) -> f64 {
     let corner = |v: u32| tissue.positions[v as usize].map(|x| f64::from(x) * 1e3);

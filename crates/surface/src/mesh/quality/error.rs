@@ -1,8 +1,8 @@
-//! Why a surface cannot be remeshed.
+//! Errors of the remesher.
 
 use crate::geometry::triangulate::TriangulateError;
 
-/// Why a surface cannot be remeshed.
+/// Error of the remesher.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RemeshError {
     /// Fewer than two sections, or a section does not continue the previous one.
