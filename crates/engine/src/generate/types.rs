@@ -402,10 +402,9 @@ impl CertificateFigures {
 impl From<&Certificate> for CertificateFigures {
     fn from(certificate: &Certificate) -> Self {
         let mut members = serde_json::json!(certificate);
-        members
-            .as_object_mut()
-            .into_iter()
-            .for_each(|members| members.retain(|name, _| !Self::LISTS.contains(&&**name)));
+        if let Some(members) = members.as_object_mut() {
+            members.retain(|name, _| !Self::LISTS.contains(&&**name));
+        }
         Self(members)
     }
 }
