@@ -5,11 +5,12 @@
 //! distance from an edge `f` if `p` moves by less than that fraction of its distance from the
 //! shadow of `f` in light from `q`. This also holds for edges that meet in `q`.
 
-use super::Point;
 use crate::geometry::blocks::{Blocks, Rect};
 use crate::geometry::polygon::next_on_rings;
 use crate::geometry::vector::{cross2, dot, squared_distance_to_ray, squared_distance_to_segment, sub};
 use crate::model::Ring;
+
+pub(super) type Point = [f64; 2];
 
 /// Distance of each particle of both rings from the shadows of other edges in light from its two
 /// neighbours, at most `reach`. Edges that meet in the particle do not count.

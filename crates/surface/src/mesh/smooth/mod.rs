@@ -16,10 +16,8 @@ mod relax;
 
 use crate::geometry::vector::{angle, cross2, distance, lerp, norm, sub};
 use crate::model::{Ring, Section};
-use clearance::clearances;
+use clearance::{Point, clearances};
 use std::f64::consts::PI;
-
-type Point = [f64; 2];
 
 /// Fractions of its clearance and of the maximum distance by which a particle may move.
 const OF_CLEARANCE: f64 = 0.45;

@@ -6,8 +6,7 @@
 //! motion is zero for a corner that is barely not sharp, and ends where the contour would leave its
 //! maximum distance. The result therefore remains a continuous function of the section.
 
-use super::Point;
-use super::clearance::clearances;
+use super::clearance::{Point, clearances};
 use crate::geometry::vector::{angle, dot, norm, sub};
 use crate::model::{Ring, Section};
 
