@@ -159,7 +159,10 @@ pub(super) struct BatchCost {
 #[utoipa::path(
     post, path = "/batches/validate", operation_id = "validate_batch", tag = "batches",
     request_body(content = BatchRequest, content_type = "application/json"),
-    responses((status = 200, description = "The request is valid", body = BatchValidation), BodyProblems, NotReadyOrUnavailable)
+    responses(
+        (status = 200, description = "The request is valid", body = BatchValidation),
+        BodyProblems, NotReadyOrUnavailable,
+    )
 )]
 pub(in crate::http) async fn validate(
     State(state): State<AppState>,

@@ -83,7 +83,10 @@ pub(in crate::http) async fn get(
 #[utoipa::path(
     delete, path = "/batches/{id}", operation_id = "delete_batch", tag = "batches",
     params(("id" = Uuid, Path, description = "Id of the batch")),
-    responses((status = 204, description = "The batch, its models and their files were deleted"), BatchMissing, StoresUnavailable)
+    responses(
+        (status = 204, description = "The batch, its models and their files were deleted"),
+        BatchMissing, StoresUnavailable,
+    )
 )]
 pub(in crate::http) async fn delete(
     State(state): State<AppState>,

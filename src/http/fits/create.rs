@@ -123,7 +123,10 @@ fn new_job(caller: &Caller, CheckedFit { fit, labels, priority }: CheckedFit) ->
 #[utoipa::path(
     post, path = "/fits/validate", operation_id = "validate_fit", tag = "fits",
     request_body(content = FitRequest, content_type = "application/json"),
-    responses((status = 200, description = "The request is valid", body = FitValidation), FitProblems, StoresUnavailable)
+    responses(
+        (status = 200, description = "The request is valid", body = FitValidation),
+        FitProblems, StoresUnavailable,
+    )
 )]
 pub(in crate::http) async fn validate(
     State(state): State<AppState>,

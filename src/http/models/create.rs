@@ -328,7 +328,10 @@ pub(super) struct Validation {
 #[utoipa::path(
     post, path = "/models/validate", operation_id = "validate_model", tag = "models",
     request_body(content = ModelRequest, content_type = "application/json"),
-    responses((status = 200, description = "The request is valid", body = Validation), BodyProblems, NotReadyOrUnavailable)
+    responses(
+        (status = 200, description = "The request is valid", body = Validation),
+        BodyProblems, NotReadyOrUnavailable,
+    )
 )]
 pub(in crate::http) async fn validate(
     State(state): State<AppState>,
