@@ -155,6 +155,7 @@ mod tests {
             triangles: vec![[0, 2, 1], [4, 1, 3], [1, 2, 3], [0, 3, 2], [0, 4, 3]],
             groups: names.iter().map(|(n, t)| Group { name: (*n).into(), triangles: t.clone() }).collect(),
             unit,
+            notes: Vec::new(),
         }
     }
 

@@ -64,6 +64,7 @@ impl Sample {
             triangles: self.triangles.clone(),
             groups: groups.map(|(name, t)| Group { name: name.as_str().into(), triangles: t.clone() }).collect(),
             unit: Unit::Stated(self.unit.metres()),
+            notes: Vec::new(),
         }
     }
 

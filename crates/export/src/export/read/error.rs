@@ -29,6 +29,9 @@ pub enum ReadError {
          STL, OBJ and VTP by their extensions (.stl, .obj, .vtp)"
     )]
     UnknownFormat,
+    /// The file was read, and has no triangles.
+    #[error("the file has no triangles")]
+    NoTriangles,
     /// The file exceeds a limit on what is read.
     #[error("{path}: {what}, and at most {most} are read")]
     TooLarge {

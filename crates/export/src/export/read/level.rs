@@ -156,6 +156,7 @@ impl From<Mesh> for Surface {
             triangles: mesh.triangles,
             groups: mesh.patches.into_iter().map(group).collect(),
             unit: Unit::Stated(1.0),
+            notes: Vec::new(),
         }
     }
 }

@@ -51,11 +51,12 @@ pub enum Format {
 /// Reads a surface from a regular file.
 ///
 /// # Errors
-/// See [`ReadError`].
+/// See [`ReadError`]. A file without triangles is refused.
 pub fn read_surface(path: &Path) -> Result<Surface, ReadError> {
     let bytes = file::read(path, limits::BYTES)?;
     let format = format_of(path, &bytes).ok_or(ReadError::UnknownFormat)?;
-    parse(&bytes, format, path.parent())
+    let surface = parse(&bytes, format, path.parent())?;
+    if surface.triangles.is_empty() { Err(ReadError::NoTriangles) } else { Ok(surface) }
 }
 
 /// Reads a surface from memory. A glTF document may refer to files in `folder`.

@@ -16,6 +16,8 @@ pub struct Surface {
     pub groups: Vec<Group>,
     /// Unit of the positions.
     pub unit: Unit,
+    /// Sentences about parts of the file that were passed over or read with an assumption.
+    pub notes: Vec<String>,
 }
 
 /// A named part of a surface.
@@ -49,6 +51,14 @@ impl Unit {
 }
 
 impl Surface {
+    /// Adds a note, unless the surface has the same note already.
+    pub(super) fn note(&mut self, note: impl Into<String>) {
+        let note = note.into();
+        if !self.notes.contains(&note) {
+            self.notes.push(note);
+        }
+    }
+
     /// Adds a vertex.
     ///
     /// # Errors

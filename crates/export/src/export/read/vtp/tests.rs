@@ -177,6 +177,7 @@ fn expected(form: Form) -> Surface {
         triangles: vec![[0, 1, 2], [0, 2, 3], [0, 1, 4], [1, 2, 4], [0, 1, 2], [2, 1, 3], [7, 6, 5]],
         groups: vec![group("inner_wall", 0..3), group("größe", 3..4), group("cap", 4..6), group("patch 7", 6..7)],
         unit: Unit::Stated(1e-3),
+        notes: Vec::new(),
     }
 }
 
