@@ -49,9 +49,24 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Surface, ReadError> {
 /// A comment ends with its line. A `\` at the end of a name, such as a folder, belongs to the name.
 fn continues(line: &str) -> Option<&str> {
     let start = line.trim_end().strip_suffix('\\')?;
-    let is_name = || line.split_ascii_whitespace().next().is_some_and(|word| NAMED.contains(&word));
-    let belongs_to_name = !start.ends_with(|c: char| c.is_ascii_whitespace()) && is_name();
-    (!start.contains('#') && !belongs_to_name).then_some(start)
+    let belongs_to_name = !start.ends_with(|c: char| c.is_ascii_whitespace()) && has_name(line);
+    let in_comment = without_comment(line).0.len() < line.len();
+    (!in_comment && !belongs_to_name).then_some(start)
+}
+
+fn has_name(line: &str) -> bool {
+    line.split_ascii_whitespace().next().is_some_and(|word| NAMED.contains(&word))
+}
+
+/// The line without its comment, and the comment without the `#`. A `#` may belong to a name, or to a
+/// number such as `1.#QNAN`.
+fn without_comment(line: &str) -> (&str, &str) {
+    let belongs_to_word = |before: &str| match has_name(line) {
+        true => !before.ends_with(|c: char| c.is_ascii_whitespace()),
+        false => before.ends_with("1."),
+    };
+    let begin = line.match_indices('#').map(|(at, _)| at).find(|&at| !belongs_to_word(&line[..at]));
+    begin.map_or((line, ""), |at| (&line[..at], &line[at + 1..]))
 }
 
 /// Statements that end with a name.
@@ -76,7 +91,7 @@ struct Parser {
 
 impl Parser {
     fn statement(&mut self, number: usize, line: &str) -> Result<(), ReadError> {
-        let (line, comment) = line.split_once('#').unwrap_or((line, ""));
+        let (line, comment) = without_comment(line);
         if !comment.is_empty() {
             self.single |= comment.trim_start().starts_with("generator: oviduct");
             self.surface.unit = unit(comment).unwrap_or(self.surface.unit);

@@ -29,7 +29,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Surface, ReadError> {
         return binary(bytes);
     }
     let text = without_padding(without_mark(bytes));
-    if text.is_empty() {
+    if text.trim_ascii().is_empty() {
         return Ok(Surface::default());
     }
     if let Some(error) = foreign(bytes) {

@@ -7,7 +7,7 @@
 
 use crate::geometry::predicates::orient2d;
 use crate::geometry::triangulate::{PolygonError, polygon};
-use crate::geometry::vector::{cross, dot, sub};
+use crate::geometry::vector::{cross, dot, norm, sub};
 
 /// Largest distance of a corner from the plane of a flat face, per extent of the face.
 const FLAT: f64 = 1e-3;
@@ -133,7 +133,7 @@ fn fan_covers(points: &[[f64; 2]], start: usize, least: f64) -> bool {
 
 /// Best plane of a face.
 struct Plane {
-    /// Normal of length 1, by Newell's method.
+    /// Normal of length 1: by Newell's method, unless the face has no area.
     normal: [f64; 3],
     middle: [f64; 3],
     /// Largest extent along an axis.
@@ -141,11 +141,12 @@ struct Plane {
 }
 
 impl Plane {
-    /// `None` if the face has no area, or coordinates beyond exact arithmetic.
+    /// `None` if the corners lie on a line, or have coordinates beyond exact arithmetic.
     fn of(points: &[[f64; 3]]) -> Option<Self> {
         let origin = *points.first()?;
-        let (mut low, mut high, mut normal, mut sum) = (origin, origin, [0.0; 3], [0.0; 3]);
-        let mut last = [0.0; 3];
+        let (mut low, mut high, mut sum, mut last) = (origin, origin, [0.0; 3], [0.0; 3]);
+        // The area of the face, and the largest triangle of its fan.
+        let (mut area, mut largest) = ([0.0; 3], [0.0; 3]);
         for &point in points {
             if !point.iter().all(|x| x.abs() < EXACT) {
                 return None;
@@ -155,16 +156,20 @@ impl Plane {
             for axis in 0..3 {
                 low[axis] = low[axis].min(point[axis]);
                 high[axis] = high[axis].max(point[axis]);
-                normal[axis] += turn[axis];
+                area[axis] += turn[axis];
                 sum[axis] += next[axis];
+            }
+            if dot(turn, turn) > dot(largest, largest) {
+                largest = turn;
             }
             last = next;
         }
         let extent = sub(high, low).into_iter().fold(0.0, f64::max);
-        let length = dot(normal, normal).sqrt();
         let middle = [0, 1, 2].map(|axis| origin[axis] + sum[axis] / points.len() as f64);
-        let has_area = length > NO_AREA * extent * extent;
-        has_area.then(|| Self { normal: normal.map(|x| x / length), middle, extent })
+        // The parts of a face that crosses itself may cancel.
+        let normal = [area, largest].into_iter().find(|&normal| norm(normal) > NO_AREA * extent * extent)?;
+        let length = norm(normal);
+        Some(Self { normal: normal.map(|x| x / length), middle, extent })
     }
 
     /// Largest distance of a point from the plane.

@@ -152,7 +152,10 @@ fn unsound_flat_faces_are_refused_and_others_named() {
     let bow = [[0.0, 0.0], [3.0, 3.0], [3.0, 0.0], [0.0, 2.0]];
     let refused = split(placed(&bow, [0.0; 3])).unwrap_err();
     assert!(refused.starts_with("line 7: the face of 4 corners crosses or touches itself on the edge"), "{refused}");
-    // The same, bent out of its plane so that it does not cross itself.
+    // Both halves of this one have the same area, so that it has none.
+    let refused = split(placed(&[[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.0]], [0.5; 3])).unwrap_err();
+    assert!(refused.contains("crosses or touches itself"), "{refused}");
+    // The first one, bent out of its plane so that it does not cross itself.
     let mut bent = placed(&bow, [0.0; 3]);
     bent[1][2] += 1.0;
     let surface = split(bent).unwrap();

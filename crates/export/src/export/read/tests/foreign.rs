@@ -106,6 +106,7 @@ fn obj_groups_come_first_then_objects_then_materials() {
     assert_eq!(named(&["usemtl m\n", "usemtl n\n", "usemtl m\n"]), ["m 4", "n 4", "m 4"]);
     assert_eq!(named(&["o a\nusemtl m\n"]), ["a 12"]);
     assert_eq!(named(&["g default\n"]), ["default 12"]);
+    assert_eq!(named(&["g part#1 # the first\n"]), ["part#1 12"]);
 }
 
 #[test]
