@@ -9,6 +9,10 @@ use spade::{AngleLimit, ConstrainedDelaunayTriangulation, Point2, RefinementPara
 
 use super::predicates::{orient2d, widen2};
 
+mod polygon;
+
+pub use polygon::{PolygonError, polygon};
+
 /// Reasons why a region could not be triangulated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TriangulateError {

@@ -32,6 +32,14 @@ pub enum ReadError {
     /// The file was read, and has no triangles.
     #[error("the file has no triangles")]
     NoTriangles,
+    /// The file is packed, or in an encoding or format that is known but not read.
+    #[error("this is {kind}, which is not read; {remedy}")]
+    Foreign {
+        /// What the file is, such as `a ZIP archive`.
+        kind: String,
+        /// What to do, as a request.
+        remedy: &'static str,
+    },
     /// The file exceeds a limit on what is read.
     #[error("{path}: {what}, and at most {most} are read")]
     TooLarge {
@@ -58,10 +66,10 @@ pub enum ReadError {
         /// Description of the error.
         detail: String,
     },
-    /// A part of a glTF document or of a VTP file is invalid.
+    /// A part of a file is invalid.
     #[error("{path}: {detail}")]
     Document {
-        /// Part of the file, such as `accessors[3]` or `piece 1, Polys, offsets`.
+        /// Part of the file, such as `accessors[3]`, `piece 1, Polys, offsets` or `line 7`.
         path: String,
         /// Description of the error.
         detail: String,
@@ -69,7 +77,7 @@ pub enum ReadError {
 }
 
 impl ReadError {
-    /// Error about a part of a glTF document or of a VTP file.
+    /// Error about a part of a file.
     pub(super) fn document(path: impl Into<String>, detail: impl Into<String>) -> Self {
         Self::Document { path: path.into(), detail: detail.into() }
     }

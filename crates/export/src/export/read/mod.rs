@@ -20,6 +20,7 @@ mod limits;
 mod obj;
 mod patches;
 mod ply;
+mod polygons;
 mod scalar;
 mod stl;
 mod surface;
@@ -54,7 +55,8 @@ pub enum Format {
 /// See [`ReadError`]. A file without triangles is refused.
 pub fn read_surface(path: &Path) -> Result<Surface, ReadError> {
     let bytes = file::read(path, limits::BYTES)?;
-    let format = format_of(path, &bytes).ok_or(ReadError::UnknownFormat)?;
+    let unknown = || text::foreign(&bytes).unwrap_or(ReadError::UnknownFormat);
+    let format = format_of(path, &bytes).ok_or_else(unknown)?;
     let surface = parse(&bytes, format, path.parent())?;
     if surface.triangles.is_empty() { Err(ReadError::NoTriangles) } else { Ok(surface) }
 }
@@ -64,13 +66,21 @@ pub fn read_surface(path: &Path) -> Result<Surface, ReadError> {
 /// # Errors
 /// See [`ReadError`].
 pub fn parse(bytes: &[u8], format: Format, folder: Option<&Path>) -> Result<Surface, ReadError> {
-    match format {
+    // The header of a binary STL file may begin with any bytes.
+    if format != Format::Stl
+        && let Some(error) = text::foreign(bytes)
+    {
+        return Err(error);
+    }
+    let mut surface = match format {
         Format::Gltf => gltf::parse(bytes, folder),
         Format::Obj => obj::parse(bytes),
         Format::Stl => stl::parse(bytes),
         Format::Ply => ply::parse(bytes),
         Format::Vtp => vtp::parse(bytes),
-    }
+    }?;
+    surface.drop_unused_not_finite();
+    Ok(surface)
 }
 
 /// Detects the format by the first bytes of the file if these identify it, else by the extension.
@@ -78,7 +88,8 @@ fn format_of(path: &Path, bytes: &[u8]) -> Option<Format> {
     if bytes.starts_with(b"glTF") {
         return Some(Format::Gltf);
     }
-    if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
+    let text = text::without_mark(bytes);
+    if text.starts_with(b"ply\n") || text.starts_with(b"ply\r") {
         return Some(Format::Ply);
     }
     match path.extension()?.to_str()?.to_ascii_lowercase().as_str() {
@@ -86,7 +97,8 @@ fn format_of(path: &Path, bytes: &[u8]) -> Option<Format> {
         "obj" => Some(Format::Obj),
         "stl" => Some(Format::Stl),
         "ply" => Some(Format::Ply),
-        "vtp" => Some(Format::Vtp),
+        // Other files of VTK are refused by the name of what they hold.
+        "vtp" | "vtu" | "vtk" | "pvtp" => Some(Format::Vtp),
         _ => None,
     }
 }

@@ -1,60 +1,58 @@
-//! PLY, text or binary in either byte order: elements `vertex` (x, y, z) and `face` (a list of
-//! vertex indices). Other elements and properties are skipped.
+//! PLY, text or binary in either byte order: elements `vertex` (x, y, z), `face` (a list of vertex
+//! indices) and `tristrips` (strips, each of which ends with −1). Other elements and properties are
+//! skipped.
 //!
 //! A comment such as `comment patch 0 120 inner_wall` names a run of triangles by the first
 //! triangle and their number.
 
+mod body;
+mod header;
+
 use super::error::ReadError;
-use super::scalar::Scalar;
-use super::surface::{Group, Surface};
-use super::text::{lines, quoted, unit};
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Encoding {
-    Text,
-    Little,
-    Big,
-}
-
-struct Property {
-    name: String,
-    /// Type of the number of items, if the property is a list.
-    count: Option<Scalar>,
-    /// Type of the value, or of the items of a list.
-    item: Scalar,
-}
-
-struct Element {
-    name: String,
-    count: usize,
-    properties: Vec<Property>,
-}
+use super::polygons::Polygons;
+use super::surface::{Group, Surface, strip_triangles};
+use super::text::without_mark;
+use body::Body;
+use header::{Element, Header, Property, header};
 
 pub(super) fn parse(bytes: &[u8]) -> Result<Surface, ReadError> {
+    let bytes = without_mark(bytes);
     let mut surface = Surface::default();
-    let (encoding, elements, begin) = header(bytes, &mut surface)?;
-    let runs = std::mem::take(&mut surface.groups);
-    let mut body = Body { bytes, at: begin, encoding };
+    let Header { encoding, elements, runs, body } = header(bytes, &mut surface)?;
+    // Faces may come before the vertices that they name.
+    let vertices = total(&elements, "vertex");
+    let mut reader = BodyReader {
+        body: Body::new(bytes, bytes.len() - body.len(), encoding),
+        surface,
+        polygons: Polygons::default(),
+        vertices,
+        faces: 0,
+    };
     for element in &elements {
         match element.name.as_str() {
-            "vertex" => vertices(&mut body, element, &mut surface)?,
-            "face" => faces(&mut body, element, &mut surface)?,
+            "vertex" => reader.vertices(element)?,
+            "face" => reader.faces(element)?,
+            "tristrips" => reader.strips(element)?,
             // An element without properties has no data. Its count is not bounded by the file.
             _ if element.properties.is_empty() => {}
-            _ => {
-                for _ in 0..element.count {
-                    for property in &element.properties {
-                        body.values(property, |_| {})?;
-                    }
-                }
-            }
+            _ => reader.skip(element)?,
         }
     }
-    let faces = elements.iter().filter(|element| element.name == "face");
-    if faces.fold(0_usize, |sum, element| sum.saturating_add(element.count)) == surface.triangles.len() {
+    let BodyReader { body, mut surface, polygons, .. } = reader;
+    polygons.split(&mut surface, |face| format!("face {face} (from 0)"))?;
+    if body.rest() > 0 {
+        surface.note(format!("{} bytes after the last element are passed over", body.rest()));
+    }
+    if total(&elements, "tristrips") == 0 && total(&elements, "face") == surface.triangles.len() {
         surface.groups = ordered_runs(runs, surface.triangles.len());
     }
     Ok(surface)
+}
+
+/// Number of elements of a name.
+fn total(elements: &[Element], name: &str) -> usize {
+    let of_name = elements.iter().filter(|element| element.name == name);
+    of_name.fold(0, |sum, element| sum.saturating_add(element.count))
 }
 
 /// Checks that the runs of comments follow each other within the triangles, and returns those that
@@ -70,187 +68,104 @@ fn ordered_runs(runs: Vec<Group>, triangles: usize) -> Vec<Group> {
     runs.into_iter().filter(|run| !run.triangles.is_empty()).collect()
 }
 
-fn header(bytes: &[u8], surface: &mut Surface) -> Result<(Encoding, Vec<Element>, usize), ReadError> {
-    let wrong = |line: usize, detail: String| Err(ReadError::Line { line, detail });
-    let (mut encoding, mut elements, mut begin) = (None, Vec::<Element>::new(), 0);
-    for ((number, line), raw) in lines(bytes).zip(bytes.split(|&b| b == b'\n')) {
-        begin += raw.len() + 1;
-        let words: Vec<&str> = line.split_ascii_whitespace().collect();
-        match words.as_slice() {
-            ["ply"] if number == 1 => {}
-            _ if number == 1 => return wrong(1, "the file does not begin with \"ply\"".to_owned()),
-            ["format", name, _] => {
-                encoding = match *name {
-                    "ascii" => Some(Encoding::Text),
-                    "binary_little_endian" => Some(Encoding::Little),
-                    "binary_big_endian" => Some(Encoding::Big),
-                    _ => return wrong(number, format!("the format {} is not known", quoted(name))),
-                }
-            }
-            ["comment", "patch", first, count, ..]
-                if let (Ok(first), Ok(count)) = (first.parse::<u32>(), count.parse::<u32>()) =>
-            {
-                // The name is the rest of the line, including its spaces.
-                let name = line.splitn(5, ' ').nth(4).unwrap_or_default().trim();
-                let first = first as usize;
-                surface.groups.push(Group { name: name.into(), triangles: first..first + count as usize });
-            }
-            ["comment" | "obj_info", ..] => {
-                surface.unit = unit(&line).unwrap_or(surface.unit);
-            }
-            ["element", name, count] => {
-                let Ok(count) = count.parse() else {
-                    return wrong(number, format!("{} is not a number of elements", quoted(count)));
-                };
-                elements.push(Element { name: (*name).to_owned(), count, properties: Vec::new() });
-            }
-            ["property", kind @ .., name] => {
-                let types = match kind {
-                    [item] => scalar(item).map(|item| (None, item)),
-                    ["list", count, item] => scalar(count).map(Some).zip(scalar(item)),
-                    _ => None,
-                };
-                let Some(((count, item), element)) = types.zip(elements.last_mut()) else {
-                    return wrong(number, format!("the property {} has no known type or no element", quoted(name)));
-                };
-                element.properties.push(Property { name: (*name).to_owned(), count, item });
-            }
-            ["end_header"] => {
-                return match encoding {
-                    Some(encoding) => Ok((encoding, elements, begin.min(bytes.len()))),
-                    None => wrong(number, "the header names no format".to_owned()),
-                };
-            }
-            [] => {}
-            _ => return wrong(number, format!("{} is not a line of a PLY header", quoted(line.trim()))),
-        }
-    }
-    wrong(lines(bytes).count(), "the header does not end".to_owned())
+/// Marks the end of a strip.
+const RESTART: u32 = u32::MAX;
+
+struct BodyReader<'a> {
+    body: Body<'a>,
+    surface: Surface,
+    polygons: Polygons,
+    /// Number of vertices that the header states.
+    vertices: usize,
+    /// Number of faces so far.
+    faces: u64,
 }
 
-fn scalar(name: &str) -> Option<Scalar> {
-    Some(match name {
-        "char" | "int8" => Scalar::Signed(1),
-        "uchar" | "uint8" => Scalar::Unsigned(1),
-        "short" | "int16" => Scalar::Signed(2),
-        "ushort" | "uint16" => Scalar::Unsigned(2),
-        "int" | "int32" => Scalar::Signed(4),
-        "uint" | "uint32" => Scalar::Unsigned(4),
-        "float" | "float32" => Scalar::Float(4),
-        "double" | "float64" => Scalar::Float(8),
-        _ => return None,
-    })
-}
-
-/// Data after the header, read up to `at`.
-struct Body<'a> {
-    bytes: &'a [u8],
-    at: usize,
-    encoding: Encoding,
-}
-
-impl Body<'_> {
-    fn wrong(&self, detail: impl Into<String>) -> ReadError {
-        let detail = detail.into();
-        match self.encoding {
-            Encoding::Text => {
-                let line = 1 + self.bytes[..self.at.min(self.bytes.len())].iter().filter(|&&b| b == b'\n').count();
-                ReadError::Line { line, detail }
+impl BodyReader<'_> {
+    fn vertices(&mut self, element: &Element) -> Result<(), ReadError> {
+        if element.count == 0 {
+            return Ok(());
+        }
+        let axis = |property: &Property| ["x", "y", "z"].iter().position(|name| property.name == *name);
+        if (0..3).any(|wanted| !element.properties.iter().any(|p| axis(p) == Some(wanted))) {
+            return Err(self.body.wrong("the vertices have no x, y or z"));
+        }
+        for _ in 0..element.count {
+            let mut point = [0.0; 3];
+            for property in &element.properties {
+                let axis = axis(property);
+                self.body.values(property, |value| {
+                    if let Some(axis) = axis {
+                        point[axis] = value;
+                    }
+                })?;
             }
-            _ => ReadError::Byte { byte: self.at, detail },
-        }
-    }
-
-    fn value(&mut self, scalar: Scalar) -> Result<f64, ReadError> {
-        if self.encoding == Encoding::Text {
-            return self.word();
-        }
-        let rest = self.bytes.get(self.at..).unwrap_or_default();
-        let Some(bits) = scalar.bits(rest, self.encoding == Encoding::Little) else {
-            return Err(self.wrong("the file ends before its elements do"));
-        };
-        self.at += scalar.size();
-        Ok(scalar.float(bits))
-    }
-
-    fn word(&mut self) -> Result<f64, ReadError> {
-        let rest = &self.bytes[self.at..];
-        let Some(skip) = rest.iter().position(|b| !b.is_ascii_whitespace()) else {
-            self.at = self.bytes.len();
-            return Err(self.wrong("the file ends before its elements do"));
-        };
-        let rest = &rest[skip..];
-        let word = &rest[..rest.iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len())];
-        self.at += skip;
-        let value = std::str::from_utf8(word).ok().and_then(|word| word.parse().ok());
-        let value =
-            value.ok_or_else(|| self.wrong(format!("{} is not a number", quoted(&String::from_utf8_lossy(word)))))?;
-        self.at += word.len();
-        Ok(value)
-    }
-
-    /// Reads a property and passes its value or the items of its list to `visit`.
-    fn values(&mut self, property: &Property, mut visit: impl FnMut(f64)) -> Result<(), ReadError> {
-        let count = property.count.map_or(Ok(1.0), |count| self.value(count))?;
-        if !(count >= 0.0 && count.fract() == 0.0 && count <= f64::from(u32::MAX)) {
-            return Err(self.wrong(format!("{count} is not the length of a list")));
-        }
-        for _ in 0..count as u32 {
-            visit(self.value(property.item)?);
+            self.surface.add_vertex(point)?;
         }
         Ok(())
     }
-}
 
-fn vertices(body: &mut Body<'_>, element: &Element, surface: &mut Surface) -> Result<(), ReadError> {
-    let axis = |property: &Property| ["x", "y", "z"].iter().position(|name| property.name == *name);
-    if (0..3).any(|wanted| !element.properties.iter().any(|p| axis(p) == Some(wanted))) {
-        return Err(body.wrong("the vertices have no x, y or z"));
-    }
-    for _ in 0..element.count {
-        let mut point = [0.0; 3];
-        for property in &element.properties {
-            let axis = axis(property);
-            body.values(property, |value| {
-                if let Some(axis) = axis {
-                    point[axis] = value;
-                }
-            })?;
+    fn faces(&mut self, element: &Element) -> Result<(), ReadError> {
+        let mut face = Vec::new();
+        for _ in 0..element.count {
+            self.corners(element, &mut face)?;
+            self.corners_exist(&face)?;
+            self.polygons.add(&mut self.surface, &face, self.faces)?;
+            self.faces += 1;
         }
-        surface.add_vertex(point)?;
+        Ok(())
     }
-    Ok(())
-}
 
-fn faces(body: &mut Body<'_>, element: &Element, surface: &mut Surface) -> Result<(), ReadError> {
-    let is_corners = |p: &Property| p.name == "vertex_indices" || p.name == "vertex_index";
-    if element.count > 0 && !element.properties.iter().any(is_corners) {
-        return Err(body.wrong("the faces have no list of vertices"));
+    fn strips(&mut self, element: &Element) -> Result<(), ReadError> {
+        let mut corners = Vec::new();
+        for _ in 0..element.count {
+            self.corners(element, &mut corners)?;
+            for strip in corners.split(|&corner| corner == RESTART) {
+                self.corners_exist(strip)?;
+                for ([a, b, c], reversed) in strip_triangles(strip) {
+                    self.surface.add_face(&if reversed { [b, a, c] } else { [a, b, c] })?;
+                }
+            }
+        }
+        Ok(())
     }
-    let vertices = surface.positions.len();
-    let mut face = Vec::new();
-    for _ in 0..element.count {
-        face.clear();
+
+    fn skip(&mut self, element: &Element) -> Result<(), ReadError> {
+        for _ in 0..element.count {
+            for property in &element.properties {
+                self.body.values(property, |_| {})?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Reads the list of vertices of one item. −1 becomes [`RESTART`].
+    fn corners(&mut self, element: &Element, corners: &mut Vec<u32>) -> Result<(), ReadError> {
+        let is_corners = |p: &Property| p.name == "vertex_indices" || p.name == "vertex_index";
+        if !element.properties.iter().any(is_corners) {
+            return Err(self.body.wrong(format!("an element {:?} has no list `vertex_indices`", element.name)));
+        }
+        corners.clear();
         let mut bad = None;
         for property in &element.properties {
-            let corners = is_corners(property);
-            body.values(property, |value| {
-                if corners {
-                    if value >= 0.0 && value < vertices as f64 && value.fract() == 0.0 {
-                        face.push(value as u32);
-                    } else {
-                        bad = Some(value);
-                    }
-                }
+            let is_corners = is_corners(property);
+            self.body.values(property, |value| match value {
+                _ if !is_corners => {}
+                -1.0 => corners.push(RESTART),
+                0.0..4_294_967_295.0 if value.fract() == 0.0 => corners.push(value as u32),
+                _ => bad = Some(value),
             })?;
         }
-        if let Some(bad) = bad {
-            return Err(body.wrong(format!("there is no vertex {bad}")));
-        }
-        if face.len() < 3 {
-            return Err(body.wrong("a face has fewer than three corners"));
-        }
-        surface.add_face(&face)?;
+        bad.map_or(Ok(()), |bad| Err(self.no_vertex(bad)))
     }
-    Ok(())
+
+    fn corners_exist(&self, corners: &[u32]) -> Result<(), ReadError> {
+        let bad = corners.iter().find(|&&corner| corner as usize >= self.vertices);
+        let value = |corner: u32| if corner == RESTART { -1.0 } else { f64::from(corner) };
+        bad.map_or(Ok(()), |&bad| Err(self.no_vertex(value(bad))))
+    }
+
+    fn no_vertex(&self, index: f64) -> ReadError {
+        self.body.wrong(format!("there is no vertex {index}"))
+    }
 }

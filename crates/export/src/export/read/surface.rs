@@ -10,7 +10,7 @@ use std::sync::Arc;
 pub struct Surface {
     /// Vertex positions in units of the file.
     pub positions: Vec<[f64; 3]>,
-    /// Vertex indices of each triangle. A face with more corners becomes a fan of triangles.
+    /// Vertex indices of each triangle. A face with more corners becomes triangles that cover it.
     pub triangles: Vec<[u32; 3]>,
     /// Named parts in the order of the file. Triangles may belong to none.
     pub groups: Vec<Group>,
@@ -81,6 +81,39 @@ impl Surface {
             self.triangles.push([corners[0], pair[0], pair[1]]);
         }
         Ok(())
+    }
+
+    /// Removes vertices that no triangle uses and of which a coordinate is not finite: the triangles
+    /// are sound without them. A note states their number.
+    pub(super) fn drop_unused_not_finite(&mut self) {
+        let finite = |p: &[f64; 3]| p.iter().all(|x| x.is_finite());
+        if self.positions.iter().all(finite) {
+            return;
+        }
+        let mut keep: Vec<bool> = self.positions.iter().map(finite).collect();
+        for &vertex in self.triangles.as_flattened() {
+            keep[vertex as usize] = true;
+        }
+        let mut kept = 0;
+        let number: Vec<u32> = (keep.iter())
+            .map(|&keep| {
+                kept += u32::from(keep);
+                kept.saturating_sub(1)
+            })
+            .collect();
+        let before = self.positions.len();
+        let mut kept = keep.iter().copied();
+        self.positions.retain(|_| kept.next().unwrap_or(true));
+        for vertex in self.triangles.as_flattened_mut() {
+            *vertex = number[*vertex as usize];
+        }
+        match before - self.positions.len() {
+            0 => {}
+            1 => self.note("1 vertex has a coordinate that is not finite, belongs to no triangle and is left out"),
+            dropped => self.note(format!(
+                "{dropped} vertices have a coordinate that is not finite, belong to no triangle and are left out"
+            )),
+        }
     }
 
     /// Ends the last group, and begins another if there is a `name`. Empty groups are removed.

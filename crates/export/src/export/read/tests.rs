@@ -1,5 +1,7 @@
 //! Tests of the readers with small files, damaged files and files above the limits.
 
+mod cases;
+mod foreign;
 mod written;
 
 use super::*;
@@ -156,7 +158,8 @@ fn obj_with_all_kinds_of_corners() {
                 f 1/1 3//2 2/1/1\nv 0.25 .5 1e-7 # tip\nf -4 -3 -1\ng rest\nf 1 2 3 4\n";
     let surface = read(text.as_bytes(), Format::Obj);
     assert_eq!(surface.positions[3], [0.25, 0.5, 1e-7]);
-    assert_eq!(surface.triangles, [[0, 2, 1], [0, 1, 3], [0, 1, 2], [0, 2, 3]]);
+    // The fan around the first corner would leave the last face, so it is the other one.
+    assert_eq!(surface.triangles, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [1, 3, 0]]);
     let groups: Vec<_> = surface.groups.iter().map(|g| (&*g.name, g.triangles.clone())).collect();
     assert_eq!(groups, [("side one", 0..2), ("rest", 2..4)]);
     assert_eq!(surface.unit, Unit::Stated(1e-3));
@@ -168,8 +171,10 @@ fn broken_obj_is_refused_with_the_line_named() {
         ("v 0 0\n", "line 1: a coordinate is missing"),
         ("v 0 0 x\n", "line 1: \"x\" is not a number"),
         (&format!("v 0 0 {}\n", "x".repeat(99)), &format!("line 1: \"{}\"… is not a number", "x".repeat(40))),
-        ("v 0 0 0\nf 1 1\n", "line 2: a face has fewer than three corners"),
-        ("v 0 0 0\nf 1 1 2\nf 1 1 1\n", "line 2: there is no vertex 2"),
+        ("v 0 0 0,5\n", "line 1: \"0,5\" is not a number: it has a decimal comma; write a decimal point"),
+        ("v 0 0 1.5D-03\n", "line 1: \"1.5D-03\" is not a number: it has a Fortran exponent; write E instead of D"),
+        ("v 0 0 \u{1}\u{7f}\n", "line 1: a word that is not text in UTF-8 is not a number"),
+        ("v 0 0 0\nf 1 1 2\nf 1 1 1\n", "line 2: there is no vertex 2; the file has 1"),
         ("v 0 0 0\nf 1 1 0\n", "line 2: there is no vertex 0"),
         ("v 0 0 0\nf 1 1 -2\n", "line 2: there is no vertex -2"),
         ("v 0 0 0\nf 1 1 a/1\n", "line 2: \"a/1\" is not a corner of a face"),
@@ -211,15 +216,18 @@ fn stl_in_both_forms() {
     assert_eq!((&text.positions, &text.triangles), (&binary.positions, &binary.triangles));
     assert_eq!(text.groups, [Group { name: "body".into(), triangles: 0..4 }]);
     let bytes = binary_stl();
-    assert!(refusal(&bytes[..bytes.len() - 1], Format::Stl).starts_with("line 1:"));
-    assert!(refusal(b"", Format::Stl).starts_with("byte 0:"));
+    let refused = refusal(&bytes[..bytes.len() - 1], Format::Stl);
+    assert!(refused.starts_with("byte 80: this is not STL, or the file was cut off"), "{refused}");
+    assert!(refused.ends_with("it states 4 triangles and has the bytes of 3"), "{refused}");
+    assert_eq!(read(b"", Format::Stl), Surface::default());
     let facet = "facet normal 0 0 1 outer loop vertex 0 0 0 vertex 1 0 0 vertex";
     for (rest, message) in [
-        (" 1 2", "line 2: a coordinate is missing"),
+        (" 1 2", "line 2: the end is missing: the file stops within a vertex"),
         (" 1 2 x", "line 2: \"x\" is not a number"),
-        (" 1 2 3 vertex", "line 2: \"vertex\" instead of \"endloop\""),
-        (" 1 2 3 endloop\n", "line 2: the file ends before \"endfacet\""),
-        (" 1 2 3 endloop endfacet\n", "line 2: the file ends after 1 facets, without the end of the solid"),
+        (" 1 2 3 vertex", "line 2: the end is missing: the file stops within a vertex"),
+        (" 1 2 3 facet", "line 2: \"facet\" instead of \"endloop\""),
+        (" 1 2 3 endloop\n", "line 2: the end is missing: the file stops before \"endfacet\""),
+        (" 1 2 3 endloop endfacet\n", "line 2: the end is missing: the file stops after 1 facets, before `endsolid`"),
         (" 1 2 3 endloop endfacet\nvertex 1 2 3", "line 3: \"vertex\" instead of a facet or the end of the solid"),
     ] {
         assert_eq!(refusal(format!("solid\n{facet}{rest}").as_bytes(), Format::Stl), message);

@@ -1,8 +1,9 @@
-//! PolyData of VTK in XML, as VTK, ParaView and oviduct write it: polygons (as fans) and triangle
+//! PolyData of VTK in XML, as VTK, ParaView, SimVascular and oviduct write it: polygons and triangle
 //! strips of all pieces. Vertices and lines are skipped.
 //!
 //! The cell data `patch` define groups, the field data `patch_names` their names, and the field
-//! data `units` the unit.
+//! data `units` the unit. Without patches, the cell data `ModelFaceID` define groups. Arrays of these
+//! names that other programs use for something else are skipped.
 
 mod array;
 mod document;
@@ -10,32 +11,59 @@ mod encoding;
 
 use super::error::ReadError;
 use super::limits;
-use super::patches::Patches;
+use super::patches::{Numbered, Patches};
+use super::polygons::Polygons;
 use super::surface::{Surface, Unit, strip_triangles};
-use super::text::unit;
-use array::{Array, File, Values};
+use super::text::{quoted, unit};
+use array::{Array, File, Kind, Values};
 use document::Piece;
 
 pub(super) fn parse(bytes: &[u8]) -> Result<Surface, ReadError> {
     let document = document::parse(bytes)?;
     let file = &document.file;
     let mut surface = Surface::default();
-    if let Some(units) = &document.units
-        && let Some(name) = file.strings(units)?.first()
-    {
-        surface.unit = unit(&format!("units: {name}")).unwrap_or(Unit::Assumed);
-    }
-    let mut patches = Patches::default();
-    if let Some(names) = &document.patch_names {
-        for (number, name) in (0..).zip(file.strings(names)?) {
-            patches.name(number, &name);
+    if let Some(name) = strings(file, document.units.as_deref(), &mut surface)?.first() {
+        match unit(&format!("units: {name}")) {
+            Some(unit) => surface.unit = unit,
+            None => surface.note(format!("the field data \"units\" say {}, which is no unit of length", quoted(name))),
         }
     }
+    let mut patches = Patches::default();
+    for (number, name) in (0..).zip(strings(file, document.patch_names.as_deref(), &mut surface)?) {
+        patches.name((PATCH, number), &name);
+    }
+    let mut polygons = Polygons::default();
+    let (mut verts, mut lines) = (0_u64, 0_u64);
     for (number, piece) in document.pieces.iter().enumerate() {
-        PieceReader { file, piece, number, patches: &mut patches, surface: &mut surface }.read()?;
+        let (patches, polygons) = (&mut patches, &mut polygons);
+        PieceReader { file, piece, number, patches, polygons, surface: &mut surface }.read()?;
+        verts = verts.saturating_add(piece.verts);
+        lines = lines.saturating_add(piece.lines);
+    }
+    polygons.split(&mut surface, |place| format!("piece {}, Polys: cell {}", place >> 32, place & 0xffff_ffff))?;
+    for (count, kind) in [(verts, "vertices"), (lines, "lines")] {
+        if count > 0 {
+            surface.note(format!("cells that are {kind} ({count}) are passed over"));
+        }
     }
     Ok(surface)
 }
+
+/// Strings of field data, or none with a note if the array has no strings.
+fn strings(file: &File<'_>, array: Option<&Array<'_>>, surface: &mut Surface) -> Result<Vec<String>, ReadError> {
+    match array {
+        None => Ok(Vec::new()),
+        Some(array) if array.kind == Kind::String => file.strings(array),
+        Some(array) => {
+            surface.note(format!("the field data {} are not strings and are passed over", quoted(&array.name)));
+            Ok(Vec::new())
+        }
+    }
+}
+
+/// Kinds of groups.
+const PATCH: &str = "patch";
+const FACE: &str = "face";
 
 /// Adds a piece to the surface.
 struct PieceReader<'a, 'b> {
@@ -44,10 +72,11 @@ struct PieceReader<'a, 'b> {
     /// Index of the piece in the file, from 0.
     number: usize,
     patches: &'b mut Patches,
+    polygons: &'b mut Polygons,
     surface: &'b mut Surface,
 }
 
-impl<'a> PieceReader<'a, '_> {
+impl<'a, 'b> PieceReader<'a, 'b> {
     fn read(mut self) -> Result<(), ReadError> {
         let (piece, path) = (self.piece, format!("piece {}", self.number));
         let base = self.surface.positions.len() as u64;
@@ -63,19 +92,39 @@ impl<'a> PieceReader<'a, '_> {
         if cells == 0 {
             return Ok(());
         }
-        let mut patch = piece.patch.as_ref().map(|array| self.file.integers(array)).transpose()?;
-        if let Some(patch) = &mut patch {
+        let mut numbers = self.numbers()?;
+        if let Some((_, values)) = &mut numbers {
             // Cell data are in the order of vertices, lines, polygons and strips.
             for _ in 0..piece.verts.saturating_add(piece.lines) {
-                patch.integer()?;
+                values.integer()?;
             }
         }
-        self.cells(false, base as u32, patch.as_mut())?;
-        self.cells(true, base as u32, patch.as_mut())
+        self.cells(false, base as u32, numbers.as_mut())?;
+        self.cells(true, base as u32, numbers.as_mut())
+    }
+
+    /// Cell data that define groups, with the kind of the groups.
+    fn numbers(&mut self) -> Result<Option<(&'static str, Values<'b, 'a>)>, ReadError> {
+        let (file, piece) = (self.file, self.piece);
+        let all = [piece.verts, piece.lines, piece.polys, piece.strips].into_iter().fold(0, u64::saturating_add);
+        for (array, kind, fractions) in [(&piece.patch, PATCH, false), (&piece.model_face, FACE, true)] {
+            let Some(array) = array else { continue };
+            if let Some(values) = file.cell_numbers(array, all, fractions)? {
+                return Ok(Some((kind, values)));
+            }
+            self.surface
+                .note(format!("the cell data {} do not number patches and are passed over", quoted(&array.name)));
+        }
+        Ok(None)
     }
 
     /// Reads the polygons or the strips.
-    fn cells(&mut self, strips: bool, base: u32, mut patch: Option<&mut Values<'_, 'a>>) -> Result<(), ReadError> {
+    fn cells(
+        &mut self,
+        strips: bool,
+        base: u32,
+        mut numbers: Option<&mut (&'static str, Values<'_, 'a>)>,
+    ) -> Result<(), ReadError> {
         let (count, cells, name) = match strips {
             false => (self.piece.polys, &self.piece.polys_arrays, "Polys"),
             true => (self.piece.strips, &self.piece.strips_arrays, "Strips"),
@@ -95,11 +144,8 @@ impl<'a> PieceReader<'a, '_> {
                 return wrong(format!("the offset of cell {number} is less than the one before"));
             };
             begin = end;
-            if length < 3 {
-                return wrong(format!("cell {number} has fewer than three corners"));
-            }
             let first = self.surface.triangles.len();
-            limits::triangles(&path, (first as u64).saturating_add(length - 2))?;
+            limits::triangles(&path, (first as u64).saturating_add(length.saturating_sub(2)))?;
             cell.clear();
             for _ in 0..length {
                 let corner = corners.integer()?;
@@ -113,10 +159,11 @@ impl<'a> PieceReader<'a, '_> {
                     self.surface.add_face(&if reversed { [b, a, c] } else { [a, b, c] })?;
                 }
             } else {
-                self.surface.add_face(&cell)?;
+                self.polygons.add(self.surface, &cell, (self.number as u64) << 32 | number)?;
             }
-            if let Some(patch) = &mut patch {
-                self.patches.add(self.surface, first, patch.integer()?);
+            if let Some((kind, values)) = &mut numbers {
+                let patch: Numbered = (kind, values.integer()?);
+                self.patches.add(self.surface, first, patch);
             }
         }
         Ok(())

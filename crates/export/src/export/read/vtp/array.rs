@@ -3,7 +3,7 @@
 use super::super::error::ReadError;
 use super::super::limits;
 use super::super::scalar::Scalar;
-use super::super::text::quoted;
+use super::super::text::{not_a_number, number, quoted};
 use super::encoding::{Base64, Zlib};
 use std::borrow::Cow;
 use std::cell::Cell;
@@ -91,8 +91,8 @@ impl<'a> File<'a> {
     pub(super) fn floats<'f>(&'f self, array: &'f Array<'a>) -> Result<Values<'f, 'a>, ReadError> {
         array.check_components(&["3"])?;
         match array.kind {
-            Kind::Number(scalar @ Scalar::Float(_)) => self.values(array, scalar),
-            _ => Err(array.wrong("the coordinates are neither Float32 nor Float64")),
+            Kind::Number(scalar) => self.values(array, scalar),
+            _ => Err(array.wrong("the coordinates are not numbers")),
         }
     }
 
@@ -102,6 +102,32 @@ impl<'a> File<'a> {
             Kind::Number(scalar @ (Scalar::Signed(_) | Scalar::Unsigned(_))) => self.values(array, scalar),
             _ => Err(array.wrong("the values are not integers")),
         }
+    }
+
+    /// Numbers of cells, one per cell, if the array has them. `fractions` permits whole numbers that
+    /// are stored as floats. The array may be one of another program that has the same name.
+    pub(super) fn cell_numbers<'f>(
+        &'f self,
+        array: &'f Array<'a>,
+        cells: u64,
+        fractions: bool,
+    ) -> Result<Option<Values<'f, 'a>>, ReadError> {
+        let Kind::Number(scalar) = array.kind else { return Ok(None) };
+        if array.check_components(&["1", ""]).is_err() {
+            return Ok(None);
+        }
+        if let Scalar::Float(_) = scalar {
+            if !fractions {
+                return Ok(None);
+            }
+            let mut values = self.values(array, scalar)?;
+            for _ in 0..cells {
+                if values.float()?.fract() != 0.0 {
+                    return Ok(None);
+                }
+            }
+        }
+        self.values(array, scalar).map(Some)
     }
 
     /// Strings of an array, each of which ends with a zero.
@@ -202,30 +228,33 @@ impl Values<'_, '_> {
     /// Next value of an array of [`File::floats`].
     pub(super) fn float(&mut self) -> Result<f64, ReadError> {
         match (&self.source, self.scalar) {
-            (Source::Words(_), Scalar::Float(4)) => self.word::<f32>().map(f64::from),
-            (Source::Words(_), _) => self.word(),
+            (Source::Words(_), Scalar::Float(4)) => self.word(number::<f32>),
+            (Source::Words(_), _) => self.word(number::<f64>),
             (Source::Bytes(_), scalar) => self.bits().map(|bits| scalar.float(bits)),
         }
     }
 
-    /// Next value of an array of [`File::integers`].
+    /// Next value of an array of [`File::integers`] or [`File::cell_numbers`].
     pub(super) fn integer(&mut self) -> Result<i64, ReadError> {
+        if let Scalar::Float(_) = self.scalar {
+            return self.float().map(|value| value as i64);
+        }
         if let Source::Words(_) = self.source {
-            return self.word();
+            return self.word(|word| word.parse().ok());
         }
         let integer = self.scalar.integer(self.bits()?);
         integer.map_err(|value| self.array.wrong(format!("{value} is too large")))
     }
 
     /// Next value of an array of words.
-    fn word<T: std::str::FromStr>(&mut self) -> Result<T, ReadError> {
+    fn word<T>(&mut self, parse: impl Fn(&str) -> Option<T>) -> Result<T, ReadError> {
         let word = match &mut self.source {
             Source::Words(words) => words.next(),
             Source::Bytes(_) => None,
         };
         let word = word.ok_or_else(|| self.ended())?;
         self.read += 1;
-        word.parse().map_err(|_| self.array.wrong(format!("value {}: {} is not a number", self.read, quoted(word))))
+        parse(word).ok_or_else(|| self.array.wrong(format!("value {}: {}", self.read, not_a_number(word))))
     }
 
     /// Bits of the next value of an array of bytes.

@@ -6,7 +6,7 @@
 use super::super::error::ReadError;
 use super::super::limits;
 use super::super::scalar::Scalar;
-use super::super::text::{quoted, wrong};
+use super::super::text::{quoted, without_mark, wrong};
 use super::array::{Appended, Array, ArrayData, File, Kind};
 use quick_xml::XmlVersion;
 use quick_xml::events::{BytesStart, Event};
@@ -36,6 +36,8 @@ pub(super) struct Piece<'a> {
     pub(super) strips_arrays: Cells<'a>,
     /// Cell data with the name `patch`.
     pub(super) patch: Option<Box<Array<'a>>>,
+    /// Cell data with the name `ModelFaceID`, by which SimVascular numbers faces.
+    pub(super) model_face: Option<Box<Array<'a>>>,
 }
 
 #[derive(Default)]
@@ -49,7 +51,11 @@ const SECTIONS: [&str; 5] = ["FieldData", "CellData", "Points", "Polys", "Strips
 
 pub(super) fn parse(bytes: &[u8]) -> Result<Document<'_>, ReadError> {
     // The XML reader would not count the byte order mark in its positions.
-    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let bytes = without_mark(bytes);
+    if bytes.starts_with(b"# vtk DataFile") {
+        let kind = "a file in the legacy format of VTK".to_owned();
+        return Err(ReadError::Foreign { kind, remedy: "save the surface as XML PolyData, with the extension .vtp" });
+    }
     let (text, is_text) = match str::from_utf8(bytes) {
         Ok(text) => (text, true),
         Err(error) => (str::from_utf8(&bytes[..error.valid_up_to()]).unwrap_or_default(), false),
@@ -216,6 +222,7 @@ impl<'a> Parser<'a> {
             ("FieldData", _, "units") => &mut self.units,
             ("FieldData", _, "patch_names") => &mut self.patch_names,
             ("CellData", Some(piece), "patch") => &mut piece.patch,
+            ("CellData", Some(piece), "ModelFaceID") => &mut piece.model_face,
             ("Points", Some(piece), _) => &mut piece.points_array,
             ("Polys", Some(piece), "connectivity") => &mut piece.polys_arrays.connectivity,
             ("Polys", Some(piece), "offsets") => &mut piece.polys_arrays.offsets,
@@ -223,6 +230,9 @@ impl<'a> Parser<'a> {
             ("Strips", Some(piece), "offsets") => &mut piece.strips_arrays.offsets,
             _ => return Ok(()),
         };
+        if slot.is_some() && matches!(section, "FieldData" | "CellData") {
+            return Ok(());
+        }
         if slot.is_some() {
             return Err(wrong(line, format!("{}: there are two of these arrays", array.path)));
         }
@@ -242,7 +252,10 @@ fn root<'a>(tag: &BytesStart<'a>, line: usize) -> Result<File<'a>, ReadError> {
     let refuse = |what: &str, value: &str| Err(wrong(line, format!("{what} {} is not read", quoted(value))));
     match get("type")?.as_deref().unwrap_or_default() {
         "PolyData" => {}
-        other => return Err(wrong(line, format!("the file holds {} instead of \"PolyData\"", quoted(other)))),
+        other => {
+            let advice = "save the surface as PolyData, with the extension .vtp";
+            return Err(wrong(line, format!("the file holds {} instead of \"PolyData\"; {advice}", quoted(other))));
+        }
     }
     let little_endian = match get("byte_order")?.as_deref() {
         Some("LittleEndian") | None => true,
@@ -257,7 +270,10 @@ fn root<'a>(tag: &BytesStart<'a>, line: usize) -> Result<File<'a>, ReadError> {
     let zlib = match get("compressor")?.as_deref() {
         None | Some("") => false,
         Some("vtkZLibDataCompressor") => true,
-        Some(other) => return refuse("the compressor", other),
+        Some(other) => {
+            let advice = "save the file with zlib or without compression";
+            return Err(wrong(line, format!("the compressor {} is not read; {advice}", quoted(other))));
+        }
     };
     Ok(File { little_endian, header, zlib, appended: None, room: Cell::new(limits::BYTES) })
 }

@@ -177,7 +177,10 @@ fn expected(form: Form) -> Surface {
         triangles: vec![[0, 1, 2], [0, 2, 3], [0, 1, 4], [1, 2, 4], [0, 1, 2], [2, 1, 3], [7, 6, 5]],
         groups: vec![group("inner_wall", 0..3), group("größe", 3..4), group("cap", 4..6), group("patch 7", 6..7)],
         unit: Unit::Stated(1e-3),
-        notes: Vec::new(),
+        notes: vec![
+            "cells that are vertices (1) are passed over".to_owned(),
+            "cells that are lines (1) are passed over".to_owned(),
+        ],
     }
 }
 
@@ -238,8 +241,8 @@ fn what_is_not_read_is_refused_with_its_place() {
         ("-0.2", "&#49;", "line LINE: an array holds a reference to an entity"),
         (
             points,
-            "type=\"Int32\" Name=\"P\" NumberOfComponents=\"3\"",
-            "piece 0, Points, P: the coordinates are neither",
+            "type=\"String\" Name=\"P\" NumberOfComponents=\"3\"",
+            "piece 0, Points, P: the coordinates are not numbers",
         ),
         (points, "type=\"Float64\"", "piece 0, Points, : it has \"\" components instead of 3"),
         ("<Points>", "<Nothing>", "line 88: this is not XML: "),
@@ -249,7 +252,12 @@ fn what_is_not_read_is_refused_with_its_place() {
         ("format=\"ascii\"", "format=\"morse\"", "FieldData, units: the format \"morse\" is not known"),
         ("format=\"ascii\"", "format=\"appended\"", "FieldData, units: it states no offset into the appended data"),
         ("format=\"ascii\"", "format=\"appended\" offset=\"1\"", "FieldData, units: the file has no appended data"),
-        ("type=\"String\"", "type=\"Int8\"", "FieldData, units: the values are not strings"),
+        ("-0.2", "0,2", "piece 0, Points, Points: value 14: \"0,2\" is not a number: it has a decimal comma"),
+        (
+            "\"PolyData\"",
+            "\"UnstructuredGrid\"",
+            "line 2: the file holds \"UnstructuredGrid\" instead of \"PolyData\"; save",
+        ),
         ("109\n", "300\n", "FieldData, units: 300 is no byte"),
         ("109\n", "x\n", "FieldData, units: \"x\" is no byte"),
     ] {
@@ -280,10 +288,6 @@ fn arrays_that_are_missing_or_contradict_are_refused() {
         assert_eq!(piece(form, &|b| points(b)), "piece 0, Polys, offsets: the array is missing");
         let refused = piece(form, &|b| polys(b, &[0.0; 6], &[3.0, 2.0]));
         assert_eq!(refused, "piece 0, Polys: the offset of cell 1 is less than the one before");
-        assert_eq!(
-            piece(form, &|b| polys(b, &[0.0; 6], &[3.0, 5.0])),
-            "piece 0, Polys: cell 1 has fewer than three corners"
-        );
         let refused = piece(form, &|b| polys(b, &[0.0; 6], &[3.0, 7.0]));
         assert_eq!(refused, "piece 0, Polys, connectivity: it has only 6 values");
         let refused = piece(form, &|b| polys(b, &[0.0, 1.0, -2.0, 0.0, 1.0, 2.0], &[3.0, 6.0]));
@@ -293,6 +297,74 @@ fn arrays_that_are_missing_or_contradict_are_refused() {
         let twice = |b: &mut Builder| polys(b, &[0.0; 6], &[3.0, 6.0]).replace("\"offsets\"", "\"connectivity\"");
         assert!(piece(form, &twice).ends_with("piece 0, Polys, connectivity: there are two of these arrays"));
     }
+}
+
+/// A triangle and a quadrilateral with cell data and field data.
+fn named(cell_data: &dyn Fn(&mut Builder) -> String, field_data: &dyn Fn(&mut Builder) -> String) -> Surface {
+    let mut b = Builder { form: Form { place: "raw", ..PLAIN }, appended: Vec::new() };
+    let mut document = format!("<FieldData>{}</FieldData>", field_data(&mut b));
+    document += "<Piece NumberOfPoints=\"5\" NumberOfPolys=\"4\">";
+    document += &format!("<CellData>{}</CellData>", cell_data(&mut b));
+    document += &format!("<Points>{}</Points>", b.array("Float64", "P", 3, POINTS.as_flattened()));
+    document += &b.cells("Polys", &[&[0, 1, 2], &[0, 1], &[], &[0, 1, 2, 3]]);
+    parse(&b.file(&(document + "</Piece>"))).unwrap()
+}
+
+const TOO_FEW: &str =
+    "2 faces have fewer than three different corners and are passed over (first: piece 0, Polys: cell 1)";
+
+#[test]
+fn faces_of_a_model_become_groups_unless_there_are_patches() {
+    for kind in ["Int32", "Int64", "UInt8", "Float32", "Float64"] {
+        let found = named(&|b| b.array(kind, "ModelFaceID", 1, &[7.0, 7.0, 7.0, 2.0]), &|_| String::new());
+        assert_eq!(found.groups, [group("face 7", 0..1), group("face 2", 1..3)], "{kind}");
+        assert_eq!(found.notes, [TOO_FEW]);
+    }
+    let both = |kind: &'static str| {
+        let cell_data = move |b: &mut Builder| {
+            let patch = b.array(kind, "patch", 1, &[0.0, 0.0, 0.0, 1.0]);
+            b.array("Int32", "ModelFaceID", 1, &[7.0; 4]) + &patch
+        };
+        named(&cell_data, &|b| b.strings("patch_names", &["wall", "cap"]))
+    };
+    assert_eq!(both("Int32").groups, [group("wall", 0..1), group("cap", 1..3)]);
+    assert_eq!(both("Float32").groups, [group("face 7", 0..3)]);
+}
+
+#[test]
+fn arrays_of_others_with_known_names_do_not_matter() {
+    let nothing = |_: &mut Builder| String::new();
+    for (kind, components, value) in [("Float64", 1, 0.5), ("Int32", 3, 1.0), ("String", 1, 65.0)] {
+        for name in ["patch", "ModelFaceID"] {
+            let array = |b: &mut Builder| b.array(kind, name, components, &vec![value; 4 * components]);
+            let found = named(&array, &nothing);
+            assert_eq!(found.groups, []);
+            let note = format!("the cell data \"{name}\" do not number patches and are passed over");
+            assert_eq!(found.notes, [note, TOO_FEW.to_owned()], "{kind}");
+        }
+    }
+    for name in ["units", "patch_names"] {
+        let found = named(&nothing, &|b| b.array("Float32", name, 1, &[1.0, 2.0]));
+        assert_eq!(found.unit, Unit::Assumed);
+        assert_eq!(found.notes[0], format!("the field data \"{name}\" are not strings and are passed over"));
+    }
+    let found = named(&nothing, &|b| b.strings("units", &["kPa", "mm"]));
+    assert_eq!(
+        (found.unit, &*found.notes[0]),
+        (Unit::Assumed, "the field data \"units\" say \"kPa\", which is no unit of length")
+    );
+    // Of two arrays the first counts.
+    let found = named(&nothing, &|b| b.strings("units", &["mm"]) + &b.strings("units", &["um"]));
+    assert_eq!(found.unit, Unit::Stated(1e-3));
+}
+
+#[test]
+fn coordinates_may_be_integers_or_no_numbers() {
+    let text = String::from_utf8(file(PLAIN)).unwrap();
+    let read = parse(text.replacen("-0.2", "-nan(ind)", 1).as_bytes()).unwrap();
+    assert!(read.positions[4][1].is_nan());
+    let whole = text.replace("type=\"Float64\" Name=\"Points\"", "type=\"Int16\" Name=\"Points\"");
+    assert_eq!(parse(whole.as_bytes()).unwrap(), expected(PLAIN));
 }
 
 #[test]
