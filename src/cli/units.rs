@@ -104,6 +104,11 @@ pub(super) fn length_um(text: &str) -> Result<f64, String> {
     if um.abs() <= MOST_UM { Ok(um) } else { Err(format!("`{text}` is too long; the most is {MOST_UM:e} µm")) }
 }
 
+/// Parses a length in metres, written as for [`length_um`].
+pub(super) fn length(text: &str) -> Result<f64, String> {
+    Ok(length_um(text)? / 1e6)
+}
+
 /// Maximum of a length, µm, as over HTTP. It prevents overflows of squares.
 const MOST_UM: f64 = 1e12;
 
@@ -188,7 +193,7 @@ fn significant(value: f64) -> String {
 /// direction and the distance from the origin along it, such as `1,1,0=2mm`.
 pub(super) fn plane(text: &str) -> Result<Plane, String> {
     let (direction, place) = text.split_once('=').ok_or("must be written as z=12mm, -z=12mm or 1,1,0=2mm")?;
-    let place = length_um(place)? / 1e6;
+    let place = length(place)?;
     let axis = |normal: [f64; 3]| Ok(Plane { normal, offset: place * normal.iter().sum::<f64>() });
     match direction.trim() {
         "x" => axis([1.0, 0.0, 0.0]),

@@ -96,6 +96,7 @@ fn meets(plane: &Plane, mesh: &Mesh) -> anyhow::Result<()> {
     if low < plane.offset && plane.offset < high {
         return Ok(());
     }
+    let what = if plane.offset >= high { "nothing" } else { "everything" };
     // The direction of `-z=12mm` is that of z for a reader.
     let [x, y, z] = plane.normal;
     let is_reversed = [x, y, z].iter().all(|n| *n <= 0.0);
@@ -109,7 +110,6 @@ fn meets(plane: &Plane, mesh: &Mesh) -> anyhow::Result<()> {
             format!("{:.3},{:.3},{:.3}", sign * x, sign * y, sign * z)
         }
     };
-    let what = if (plane.offset >= high) != is_reversed { "nothing" } else { "everything" };
     let [at, low, high] = [at, low, high].map(units::show_length);
     bail!(
         "--cut: the plane {direction}={at} cuts away {what}; the model reaches from {low} to {high} along {direction}"
