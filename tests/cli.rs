@@ -12,6 +12,8 @@ mod convert;
 mod cut;
 #[path = "cli/fit.rs"]
 mod fit;
+#[path = "cli/folder.rs"]
+mod folders;
 #[path = "cli/keys.rs"]
 mod keys;
 #[path = "cli/load.rs"]
@@ -20,6 +22,8 @@ mod load;
 mod measure;
 #[path = "cli/render.rs"]
 mod render;
+#[path = "cli/units.rs"]
+mod units;
 #[path = "cli/workers.rs"]
 mod workers;
 
@@ -377,7 +381,14 @@ fn submit_over_http_and_a_graceful_shutdown() {
     waiting.extend(["--out", "got", "--json"]);
     let model = json(&run(at.path(), &waiting));
     assert_eq!((&model["status"], &model["labels"]["study"]), (&"succeeded".into(), &"A3".into()));
-    assert_eq!(names(&at.path().join("got")), ["model.glb", "model.obj", "report.json", "sections.bin"]);
+    assert_eq!(
+        names(&at.path().join("got")),
+        ["manifest.json", "model.glb", "model.obj", "report.json", "sections.bin"]
+    );
+    // The folder is known by its manifest, so another model is not mixed with this one.
+    let other = [&["submit", "--url", &url, "--seed", "9", "--out", "got"][..], &TINY].concat();
+    let refused = run(at.path(), &other);
+    assert!(code(&refused) == 2 && said(&refused).contains("preset pig, seed 7"), "{}", said(&refused));
     assert_eq!(code(&run(at.path(), &["check", "got/model.glb", "--euler", "0"])), 0);
 
     // The priority can be set by an option, a variable or the configuration file, and is validated.
@@ -492,7 +503,7 @@ fn the_demo_saves_a_certified_model() {
     assert!(said(&output).lines().any(|line| line.contains(" %")), "{}", said(&output));
     assert_eq!(complaints(&output), Vec::<String>::new());
     let levels = ["model.lod0.glb", "model.lod1.glb", "model.lod2.glb"];
-    let files = [["data", "model.glb"].as_slice(), &levels, &["report.json", "sections.bin"]].concat();
+    let files = [["data", "manifest.json", "model.glb"].as_slice(), &levels, &["report.json", "sections.bin"]].concat();
     assert_eq!(names(&at.path().join("demo")), files);
     assert_eq!(code(&run(at.path(), &["check", "demo/model.glb", "demo/model.lod2.glb", "--euler", "0"])), 0);
 }

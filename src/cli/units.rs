@@ -80,21 +80,113 @@ pub(super) fn positive_bytes(text: &str) -> Result<u64, String> {
     }
 }
 
-/// Parses a length in metres, such as `12mm` or `-500um`. Zero needs no unit.
-fn length(text: &str) -> Result<f64, String> {
+/// Units of length by name, with micrometres per unit. These factors are whole, so `42mm` is exactly
+/// 42,000 µm.
+const LENGTHS: [(&str, f64); 6] = [("um", 1.0), ("µm", 1.0), ("μm", 1.0), ("mm", 1e3), ("cm", 1e4), ("m", 1e6)];
+
+/// Parses a length in micrometres, such as `12mm`, `-500um` or `4.2e-2m`. Zero needs no unit.
+pub(super) fn length_um(text: &str) -> Result<f64, String> {
     let text = text.trim();
-    let (sign, digits) = text.strip_prefix('-').map_or((1.0, text), |rest| (-1.0, rest));
-    let (number, unit) = number_and_unit(digits)?;
-    let metres = match unit {
-        "um" | "µm" | "μm" => 1e-6,
-        "mm" => 1e-3,
-        "cm" => 1e-2,
-        "m" => 1.0,
-        "" if number == 0.0 => 1.0,
-        "" => return Err("a unit of length is missing: use um, mm, cm or m, as in 12mm".to_owned()),
-        other => return Err(format!("`{other}` is not a unit of length; use um, mm, cm or m")),
+    let (number, unit) = text.split_at(text.trim_end_matches(char::is_alphabetic).len());
+    let number: f64 = number
+        .trim_end()
+        .parse()
+        .map_err(|_| format!("`{text}` is not a length: a number and um, mm, cm or m, as in 12mm"))?;
+    let factor = match LENGTHS.into_iter().find(|(name, _)| *name == unit) {
+        Some((_, factor)) => factor,
+        None if unit.is_empty() && number == 0.0 => 1.0,
+        None if unit.is_empty() => {
+            return Err(format!("`{text}` has no unit of length: use um, mm, cm or m, as in {text}mm"));
+        }
+        None => return Err(format!("`{unit}` is not a unit of length; use um, mm, cm or m")),
     };
-    Ok(sign * number * metres)
+    let um = number * factor;
+    if um.abs() <= MOST_UM { Ok(um) } else { Err(format!("`{text}` is too long; the most is {MOST_UM:e} µm")) }
+}
+
+/// Parses a length in metres, written as for [`length_um`].
+pub(super) fn length(text: &str) -> Result<f64, String> {
+    Ok(length_um(text)? / 1e6)
+}
+
+/// Maximum of a length, µm, as over HTTP. It prevents overflows of squares.
+const MOST_UM: f64 = 1e12;
+
+/// Parses a [`length_um`] above zero.
+pub(super) fn positive_length_um(text: &str) -> Result<f64, String> {
+    length_um(text).and_then(|um| if um > 0.0 { Ok(um) } else { Err("must be more than 0".to_owned()) })
+}
+
+/// Parses a point: three lengths, such as `0,1.5mm,42mm`, in micrometres.
+pub(super) fn point_um(text: &str) -> Result<[f64; 3], String> {
+    three(text, length_um, "three lengths, x,y,z, such as 0,1.5mm,42mm")
+}
+
+/// Parses three numbers.
+pub(super) fn triple(text: &str) -> Result<[f64; 3], String> {
+    three(text, |part| part.trim().parse().map_err(|_| format!("`{part}` is not a number")), "three numbers, x,y,z")
+}
+
+fn three(text: &str, read: impl Fn(&str) -> Result<f64, String>, what: &str) -> Result<[f64; 3], String> {
+    let parts = text.split(',').map(read).collect::<Result<Vec<f64>, String>>()?;
+    parts.try_into().map_err(|_| format!("must be {what}"))
+}
+
+/// A unit of length, by its name.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct NamedUnit {
+    /// Name, such as `mm`.
+    pub(super) name: &'static str,
+    /// Metres per unit.
+    pub(super) metres: f64,
+}
+
+/// Parses a unit of length.
+pub(super) fn length_unit(text: &str) -> Result<NamedUnit, String> {
+    let found = LENGTHS.into_iter().find(|(name, _)| *name == text.trim());
+    let named = found.map(|(name, um)| NamedUnit { name, metres: um / 1e6 });
+    named.ok_or_else(|| format!("`{text}` is not a unit of length; use um, mm, cm or m"))
+}
+
+/// Formats metres per unit as a unit: by its name if it has one, such as `mm`.
+pub(super) fn show_unit(metres: f64) -> String {
+    let named = LENGTHS.into_iter().find(|(_, um)| (um / 1e6 / metres - 1.0).abs() < 1e-9);
+    named.map_or_else(|| format!("units of {metres} m"), |(name, _)| name.to_owned())
+}
+
+/// Formats a length in metres as in `12.5mm`, with six digits in um, mm or m.
+pub(super) fn show_length(metres: f64) -> String {
+    let um = metres * 1e6;
+    let (factor, unit) = match um.abs() {
+        0.0 => return "0".to_owned(),
+        size if size < 1e3 => (1.0, "um"),
+        size if size < 1e6 => (1e3, "mm"),
+        _ => (1e6, "m"),
+    };
+    format!("{}{unit}", significant(um / factor))
+}
+
+/// Formats a volume with six digits in µm³, mm³, cm³ or m³.
+pub(super) fn show_volume(mm3: f64) -> String {
+    let size = mm3.abs();
+    let (factor, unit) = match size {
+        _ if size == 0.0 => (1.0, "mm³"),
+        _ if size < 1e-3 => (1e9, "µm³"),
+        _ if size < 1e6 => (1.0, "mm³"),
+        _ if size < 1e9 => (1e-3, "cm³"),
+        _ => (1e-9, "m³"),
+    };
+    format!("{} {unit}", significant(mm3 * factor))
+}
+
+/// Formats a number with six significant digits, without zeros at the end.
+fn significant(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return format!("{value}");
+    }
+    let digits = (5 - value.abs().log10().floor() as i32).clamp(0, 15);
+    let text = format!("{value:.*}", digits as usize);
+    if digits == 0 { text } else { text.trim_end_matches('0').trim_end_matches('.').to_owned() }
 }
 
 /// Parses a plane and the side in front of it: `z=12mm` (greater z), `-z=12mm` (smaller z), or a
@@ -111,10 +203,7 @@ pub(super) fn plane(text: &str) -> Result<Plane, String> {
         "-y" => axis([0.0, -1.0, 0.0]),
         "-z" => axis([0.0, 0.0, -1.0]),
         numbers => {
-            let parts: Result<Vec<f64>, _> = numbers.split(',').map(|part| part.trim().parse()).collect();
-            let Ok(&[x, y, z]) = parts.as_deref() else {
-                return Err(format!("`{numbers}` is neither an axis nor three numbers"));
-            };
+            let [x, y, z] = triple(numbers).map_err(|_| format!("`{numbers}` is neither an axis nor three numbers"))?;
             let length = (x * x + y * y + z * z).sqrt();
             if !length.is_normal() {
                 return Err(format!("`{numbers}` is not a direction"));
@@ -180,6 +269,51 @@ mod tests {
         assert_eq!(positive_duration("30d"), Ok(Duration::from_secs(30 * 86_400)));
         for bare in ["30", "7"] {
             assert!(duration_or_zero(bare).is_err() && positive_duration(bare).is_err(), "{bare}");
+        }
+    }
+
+    #[test]
+    fn lengths_have_a_unit() {
+        for (text, um) in [
+            ("42mm", 42_000.0),
+            ("500um", 500.0),
+            ("1.5 cm", 15_000.0),
+            ("4.2e-2m", 42_000.0),
+            ("1E+1µm", 10.0),
+            ("-2mm", -2_000.0),
+            ("+.5mm", 500.0),
+            ("0", 0.0),
+        ] {
+            assert_eq!(length_um(text), Ok(um), "{text}");
+        }
+        for wrong in ["", "mm", "42", "1e3", "5 apples", "5mm2", "1e", "nan", "infm", "1e999mm", "1e13um", "--5mm"] {
+            assert!(length_um(wrong).is_err(), "{wrong}");
+        }
+        assert!(length_um("42").unwrap_err().ends_with("as in 42mm"));
+        assert!(positive_length_um("0").is_err() && positive_length_um("-2um").is_err());
+        assert_eq!(positive_length_um("2um"), Ok(2.0));
+        assert_eq!(point_um("0, -1.5mm,42mm"), Ok([0.0, -1_500.0, 42_000.0]));
+        assert!(point_um("0,0").unwrap_err().contains("three lengths"));
+        assert!(point_um("0,0,42").unwrap_err().contains("no unit"));
+    }
+
+    #[test]
+    fn units_and_volumes_are_named() {
+        assert_eq!(length_unit("cm").map(|unit| unit.metres), Ok(0.01));
+        assert!(length_unit("inch").unwrap_err().contains("um, mm, cm or m"));
+        assert_eq!([1e-6, 0.001, 1.0, 0.0254].map(show_unit), ["um", "mm", "m", "units of 0.0254 m"]);
+        let shown = [0.0, 5e-6, -0.012_5, 60e-3, 1.5].map(show_length);
+        assert_eq!(shown, ["0", "5um", "-12.5mm", "60mm", "1.5m"]);
+        for (mm3, text) in [
+            (90.000_001, "90 mm³"),
+            (1_234.567_8, "1234.57 mm³"),
+            (2e-4, "200000 µm³"),
+            (2.5e6, "2500 cm³"),
+            (9e10, "90 m³"),
+            (-8.0, "-8 mm³"),
+            (0.0, "0 mm³"),
+        ] {
+            assert_eq!(show_volume(mm3), text);
         }
     }
 

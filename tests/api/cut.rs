@@ -94,6 +94,12 @@ async fn a_cut_across_the_tube_classifies_its_rings() {
 #[tokio::test]
 async fn a_cut_along_the_tube_has_tissue_on_both_sides() {
     let (app, model) = app().await;
+    let across = app.get(&format!("{model}/cut?z_um=1500")).await.json();
+    assert_eq!(app.get(&format!("{model}/cut?z_mm=1.5")).await.json(), across);
+    let through = |origin: &str| format!("{model}/cut?{origin}&normal=0,0,1");
+    let [um, mm] = ["origin_um=0,0,1500", "origin_mm=0,0,1.5"].map(through);
+    assert_eq!(app.get(&um).await.json(), app.get(&mm).await.json());
+
     let cut = app.get(&format!("{model}/cut?origin_um=0,0,0&normal=0,-2,0")).await.json();
     assert_eq!(cut["plane"]["normal"], json!([0.0, -1.0, 0.0]));
     // The tissue consists of two strips of the wall, one of them with a void, and the cube between
@@ -156,6 +162,13 @@ async fn impossible_cuts_are_problems() {
         ("", "z_um"),
         ("z_um=high", "z_um"),
         ("z_um=NaN", "z_um"),
+        ("z_mm=high", "z_mm"),
+        ("z_mm=1e10", "z_mm"),
+        ("z_um=1500&z_mm=1.5", "z_mm"),
+        ("z_mm=1&normal=0,0,1", "z_mm"),
+        ("origin_mm=0,0,1", "normal"),
+        ("origin_mm=0,0&normal=0,0,1", "origin_mm"),
+        ("origin_um=0,0,0&origin_mm=0,0,0&normal=0,0,1", "origin_mm"),
         ("z_um=1&normal=0,0,1", "z_um"),
         ("normal=0,0,1", "origin_um"),
         ("origin_um=0,0,1", "normal"),

@@ -25,17 +25,25 @@ fn a_model_is_cut_across_and_along_in_every_form() {
     assert!((a / b - 1.0).abs() < 1e-5, "{a} and {b}");
     assert_eq!(found["rings"].as_array().unwrap().len(), other["rings"].as_array().unwrap().len());
 
+    let told = cut("model/model.glb", &["--z", "3cm"], &["--out", "cm.json"]);
+    assert_eq!(code(&told), 0, "{}", said(&told));
+    assert_eq!(read("cm.json"), found);
+
     let along = ["--origin-um", "0,0,1", "--normal", "0,-1,0"];
     for (file, place, out) in [
         ("model/model.glb", &across[..], &["--out", "a.svg"][..]),
         ("model/model.glb", &across, &["--out", "a.png", "--size", "100", "--epithelium-um", "20"]),
+        ("model/model.glb", &across, &["--out", "a20.png", "--size", "100", "--epithelium", "0.02mm"]),
         ("model/model.stl", &across, &["--out", "b.png", "--size", "100", "--labels"]),
         ("model/model.glb", &along, &["--out", "c.PNG", "--size", "100", "--labels"]),
         ("model/model.stl", &along, &[]),
+        ("model/model.stl", &["--origin", "0,0,1um", "--normal", "0,-1,0"], &[]),
     ] {
         let told = cut(file, place, out);
         assert_eq!(code(&told), 0, "{file} {out:?}: {}", said(&told));
     }
+    let bytes = |name: &str| std::fs::read(at.path().join(name)).unwrap();
+    assert_eq!(bytes("a.png"), bytes("a20.png"));
     // Without the name of the inner wall, a cut along the tube cannot assign tissue layers.
     let told = cut("model/model.stl", &along, &["--out", "d.png"]);
     assert!(code(&told) == 1 && said(&told).contains("inner_wall"), "{}", said(&told));
@@ -83,7 +91,16 @@ fn a_bent_model_is_cut_across_its_centre_line() {
 fn invalid_planes_and_options_are_named() {
     let at = folder();
     for (options, word) in [
-        (&[][..], "--z-um"),
+        (&[][..], "--z"),
+        (&["--z", "42"], "--z"),
+        (&["--z", "42 apples"], "um, mm, cm or m"),
+        (&["--z", "1mm", "--z-um", "1"], "--z-um"),
+        (&["--z", "1mm", "--origin", "0,0,1mm", "--normal", "0,0,1"], "--origin"),
+        (&["--origin", "0,0,0", "--origin-um", "0,0,0", "--normal", "0,0,1"], "--origin-um"),
+        (&["--origin", "0,0,1", "--normal", "0,0,1"], "has no unit of length"),
+        (&["--normal", "0,0,1"], "--origin"),
+        (&["--z", "1mm", "--serosa", "2um", "--serosa-um", "2"], "--serosa-um"),
+        (&["--z", "1mm", "--from-units", "inch"], "--from-units"),
         (&["--z-um", "high"], "--z-um"),
         (&["--z-um", "NaN"], "--z-um"),
         (&["--z-um", "1", "--normal", "0,0,1"], "--normal"),

@@ -67,7 +67,7 @@ fn wrong_options_are_refused_by_name() {
     for (options, hint) in [
         (&[][..], "at least one target"),
         (&["--target", "ampulla/fill"], "--target ampulla/fill: must be written as"),
-        (&["--target", "ampulla/fil=1"], "--target ampulla/fil=1: is unknown"),
+        (&["--target", "ampulla/fil=1"], "--target ampulla/fil=1: `fil` is unknown"),
         (&["--target", "ampulla/fill=0.7", "--vary", "collision.gap_mm"], "--vary collision.gap_mm: is no parameter"),
         (&["--target", "ampulla/fill=0.7", "--vary", "friction=1"], "--vary friction=1: bounds must be"),
         (&["--target", "ampulla/fill=0.7", "--preset", "dog"], "--preset: is unknown"),

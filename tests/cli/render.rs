@@ -64,9 +64,19 @@ fn any_direction_and_cut_can_be_drawn() {
     let half = draw(&["--view", "whole", "--azimuth", "0", "--elevation", "0", "--cut", "x=0"]);
     let left = (0..80).filter(|&y| half.pixel(70, y).expect("inside").alpha() > 0).count();
     assert!(left > 0 && filled(&half) < filled(&end_on), "{left}");
-    // The plane cuts everything away.
-    assert_eq!(filled(&draw(&["--cut", "z=-1m"])), 0);
-    assert_eq!(draw(&["--cut", "-z=-1m", "--view", "whole"]), whole);
+    // A plane that cuts nothing or everything is probably in the wrong place or unit.
+    for (cut, told) in [
+        ("z=-1m", "the plane z=-1m cuts away everything; the model reaches from 0 to 60mm along z"),
+        ("-z=-1m", "the plane z=-1m cuts away nothing; the model reaches from 0 to 60mm along z"),
+        ("z=60mm", "the plane z=60mm cuts away nothing"),
+        ("-z=42m", "the plane z=42m cuts away everything"),
+        ("z=30mm;0,1,1=42m", "the plane 0.000,0.707,0.707=42m cuts away nothing"),
+    ] {
+        let output = run(at.path(), &["render", "model/model.glb", "--cut", cut, "--out", "none.png"]);
+        let printed = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert!(code(&output) == 1 && printed.contains(told), "{cut}: {printed}");
+    }
+    assert!(!at.path().join("none.png").exists());
 }
 
 #[test]

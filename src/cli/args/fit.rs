@@ -17,10 +17,13 @@ pub(in crate::cli) struct FitArgs {
     pub(in crate::cli) target: Vec<String>,
     /// Image of a section, as REGION=FILE, whose measures become targets: a PNG, grey or with a
     /// palette; may be repeated
-    #[arg(long, value_name = "REGION=FILE", requires = "pixel_um")]
+    #[arg(long, value_name = "REGION=FILE", requires = "side")]
     pub(in crate::cli) image: Vec<String>,
-    /// Side length of a pixel in all images, µm
-    #[arg(long, value_name = "UM")]
+    /// Side length of a pixel in all images, such as 2um
+    #[arg(long, value_name = "LENGTH", value_parser = units::positive_length_um, group = "side")]
+    pub(in crate::cli) pixel: Option<f64>,
+    /// --pixel in µm, without a unit
+    #[arg(long, value_name = "UM", group = "side")]
     pub(in crate::cli) pixel_um: Option<f64>,
     /// Pixel values that are tissue [default: all except 0]
     #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "image")]

@@ -1,6 +1,6 @@
 //! Options of the commands that work without a service: they grow models and read files.
 
-use super::shared::{GpuArgs, ModelArgs};
+use super::shared::{GpuArgs, ModelArgs, UnitArgs};
 use crate::cli::units;
 use crate::model::LengthUnit;
 use crate::render::{MAX_SIZE, NamedView, Plane};
@@ -21,6 +21,9 @@ pub(in crate::cli) struct GenerateArgs {
     /// Memory limit of the model, such as 2GB [default: no limit]
     #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
     pub(in crate::cli) memory_limit: Option<u64>,
+    /// Replace the files of another model in --out: those that its manifest.json names are removed
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(in crate::cli) force: bool,
     /// Also write report.html, the report as a web page
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(in crate::cli) report: bool,
@@ -52,6 +55,8 @@ pub(in crate::cli) struct CheckArgs {
     /// Euler number that every component must have
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     pub(in crate::cli) euler: Option<i64>,
+    #[command(flatten)]
+    pub(in crate::cli) unit: UnitArgs,
     /// Print a JSON array with the certificate of each file
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(in crate::cli) json: bool,
@@ -70,9 +75,8 @@ pub(in crate::cli) struct ConvertArgs {
     /// Unit to write: m, mm or um [default: m in OBJ and glTF, mm in STL, PLY and VTP]
     #[arg(long, value_name = "UNIT", value_parser = units::named::<LengthUnit>)]
     pub(in crate::cli) units: Option<LengthUnit>,
-    /// Unit of FILE: m, mm or um [default: the unit that the file states, or m]
-    #[arg(long, value_name = "UNIT", value_parser = units::named::<LengthUnit>)]
-    pub(in crate::cli) from_units: Option<LengthUnit>,
+    #[command(flatten)]
+    pub(in crate::cli) unit: UnitArgs,
     /// Write STL as text, with one solid per patch
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(in crate::cli) ascii: bool,
@@ -120,6 +124,8 @@ pub(in crate::cli) struct RenderArgs {
     /// part in front of all of them is removed
     #[arg(long, value_name = "PLANE", value_parser = units::plane, value_delimiter = ';', allow_hyphen_values = true)]
     pub(in crate::cli) cut: Vec<Plane>,
+    #[command(flatten)]
+    pub(in crate::cli) unit: UnitArgs,
 }
 
 /// Options of `section`.
@@ -150,42 +156,73 @@ pub(in crate::cli) struct SectionArgs {
 /// Heights of the tissue layers in pictures.
 #[derive(Clone, Debug, Args)]
 pub(in crate::cli) struct LayerArgs {
-    /// Height of the epithelium, µm [default: the value of the model's preset]
-    #[arg(long, value_name = "UM")]
-    pub(in crate::cli) epithelium_um: Option<f64>,
-    /// Minimum thickness of the lamina propria under the epithelium, µm [default: the value of the
-    /// model's preset]
-    #[arg(long, value_name = "UM")]
-    pub(in crate::cli) lamina_um: Option<f64>,
+    /// Height of the epithelium, such as 20um [default: the value of the model's preset]
+    #[arg(long, value_name = "LENGTH", value_parser = units::length_um)]
+    epithelium: Option<f64>,
+    /// Minimum thickness of the lamina propria under the epithelium, such as 30um [default: the
+    /// value of the model's preset]
+    #[arg(long, value_name = "LENGTH", value_parser = units::length_um)]
+    lamina: Option<f64>,
     /// Fraction of the muscle that is the longitudinal layer, 0 to 1 [default: the value of the
     /// model's preset]
     #[arg(long, value_name = "SHARE")]
     pub(in crate::cli) longitudinal_share: Option<f64>,
-    /// Thickness of the serosa, µm [default: the value of the model's preset]
-    #[arg(long, value_name = "UM")]
-    pub(in crate::cli) serosa_um: Option<f64>,
+    /// Thickness of the serosa, such as 50um [default: the value of the model's preset]
+    #[arg(long, value_name = "LENGTH", value_parser = units::length_um)]
+    serosa: Option<f64>,
+    /// --epithelium in µm, without a unit
+    #[arg(long, value_name = "UM", conflicts_with = "epithelium")]
+    epithelium_um: Option<f64>,
+    /// --lamina in µm, without a unit
+    #[arg(long, value_name = "UM", conflicts_with = "lamina")]
+    lamina_um: Option<f64>,
+    /// --serosa in µm, without a unit
+    #[arg(long, value_name = "UM", conflicts_with = "serosa")]
+    serosa_um: Option<f64>,
+}
+
+impl LayerArgs {
+    /// Given lengths by their names in the spec, µm.
+    pub(in crate::cli) fn lengths_um(&self) -> [(&'static str, Option<f64>); 3] {
+        [
+            ("epithelium_um", self.epithelium.or(self.epithelium_um)),
+            ("lamina_um", self.lamina.or(self.lamina_um)),
+            ("serosa_um", self.serosa.or(self.serosa_um)),
+        ]
+    }
 }
 
 /// Options of `cut`.
 #[derive(Clone, Debug, Args)]
-#[command(group = clap::ArgGroup::new("place").required(true).multiple(true).args(["z_um", "origin_um", "normal"]))]
+#[command(group = clap::ArgGroup::new("across").args(["z", "z_um"]))]
+#[command(group = clap::ArgGroup::new("through").args(["origin", "origin_um"]).conflicts_with("across"))]
+#[command(group = clap::ArgGroup::new("place").required(true).args(["z", "z_um", "origin", "origin_um"]))]
 pub(in crate::cli) struct CutArgs {
     /// Surface of the tissue: glTF (.glb, .gltf), OBJ, STL, PLY or VTP
     #[arg(value_name = "FILE")]
     pub(in crate::cli) file: PathBuf,
-    /// Position along the tube of a plane across it, µm; along the centre line if the tube is bent
-    #[arg(long, value_name = "Z", allow_hyphen_values = true, conflicts_with_all = ["origin_um", "normal"])]
-    pub(in crate::cli) z_um: Option<f64>,
+    /// Position along the tube of a plane across it, such as 42mm; along the centre line if the
+    /// tube is bent
+    #[arg(long, value_name = "LENGTH", value_parser = units::length_um, allow_hyphen_values = true)]
+    z: Option<f64>,
+    /// --z in µm, without a unit
+    #[arg(long, value_name = "UM", allow_hyphen_values = true)]
+    z_um: Option<f64>,
     /// Report of the model, whose spec contains the course of a bent tube [default: report.json
     /// next to FILE, if it exists]
-    #[arg(long, value_name = "FILE", requires = "z_um")]
+    #[arg(long, value_name = "FILE", requires = "across")]
     pub(in crate::cli) report: Option<PathBuf>,
-    /// Point on the plane, µm
-    #[arg(long, value_name = "X,Y,Z", value_parser = triple, allow_hyphen_values = true, requires = "normal")]
-    pub(in crate::cli) origin_um: Option<[f64; 3]>,
+    /// Point on the plane, such as 0,1.5mm,42mm
+    #[arg(long, value_name = "X,Y,Z", value_parser = units::point_um, allow_hyphen_values = true, requires = "normal")]
+    origin: Option<[f64; 3]>,
+    /// --origin in µm, without units
+    #[arg(long, value_name = "X,Y,Z", value_parser = units::triple, allow_hyphen_values = true, requires = "normal")]
+    origin_um: Option<[f64; 3]>,
     /// Normal of the plane, of any length
-    #[arg(long, value_name = "X,Y,Z", value_parser = triple, allow_hyphen_values = true, requires = "origin_um")]
+    #[arg(long, value_name = "X,Y,Z", value_parser = units::triple, allow_hyphen_values = true, requires = "through", conflicts_with = "across")]
     pub(in crate::cli) normal: Option<[f64; 3]>,
+    #[command(flatten)]
+    pub(in crate::cli) unit: UnitArgs,
     /// File for the cut: .json (rings and areas), .svg (a drawing) or .png (a stained picture, or
     /// tissue labels with --labels) [default: none; areas and islands are printed]
     #[arg(long, value_name = "PATH")]
@@ -205,9 +242,16 @@ pub(in crate::cli) struct CutArgs {
     pub(in crate::cli) layers: LayerArgs,
 }
 
-fn triple(text: &str) -> Result<[f64; 3], String> {
-    let numbers: Option<Vec<f64>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
-    numbers.and_then(|numbers| numbers.try_into().ok()).ok_or_else(|| "must be three numbers, x,y,z".into())
+impl CutArgs {
+    /// Position along the tube, µm.
+    pub(in crate::cli) fn across_um(&self) -> Option<f64> {
+        self.z.or(self.z_um)
+    }
+
+    /// Point on the plane, µm.
+    pub(in crate::cli) fn point_um(&self) -> Option<[f64; 3]> {
+        self.origin.or(self.origin_um)
+    }
 }
 
 /// Options of `measure`.

@@ -22,7 +22,7 @@ pub(super) use local::{
 pub use process::ServeArgs;
 pub(super) use process::{ProcessArgs, WorkerArgs};
 pub(super) use remote::{DemoArgs, SubmitArgs, WorkersAction, WorkersArgs};
-pub(super) use shared::{DatabaseArgs, ModelArgs};
+pub(super) use shared::{DatabaseArgs, ModelArgs, UnitArgs};
 pub use shared::{GpuArgs, GpuUse, SpecArgs};
 
 use crate::generate::Backend;

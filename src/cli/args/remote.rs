@@ -15,6 +15,9 @@ const DEMO_SEED: &str = "7";
 pub(in crate::cli) struct DemoArgs {
     #[command(flatten)]
     pub(in crate::cli) model: ModelArgs,
+    /// Replace the files of another model in ./demo: those that its manifest.json names are removed
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(in crate::cli) force: bool,
     /// Exit when the model is saved: code 0 if it is certified, 1 if not
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(in crate::cli) exit: bool,
@@ -46,6 +49,9 @@ pub(in crate::cli) struct SubmitArgs {
     /// Directory for the model's files; implies --wait
     #[arg(long, value_name = "DIR")]
     pub(in crate::cli) out: Option<PathBuf>,
+    /// Replace the files of another model in --out: those that its manifest.json names are removed
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(in crate::cli) force: bool,
     /// Print the model as JSON
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(in crate::cli) json: bool,

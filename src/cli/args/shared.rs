@@ -1,7 +1,7 @@
 //! Options that several commands have.
 
 use crate::cli::remote::Key;
-use crate::cli::units;
+use crate::cli::units::{self, NamedUnit};
 use crate::generate::{Backend, Output, Outputs};
 use crate::model::{BodyKind, LengthUnit};
 use clap::builder::FalseyValueParser;
@@ -35,8 +35,7 @@ pub(in crate::cli) struct ModelArgs {
     #[arg(long, value_parser = units::named::<Backend>, default_value = "auto")]
     pub(in crate::cli) backend: Backend,
     /// Formats of the model, separated by commas: glb, gltf, obj, stl, stl-ascii, ply, vtp,
-    /// centreline, lod, labels. sections.bin, report.json and, by `generate`, manifest.json are
-    /// always written
+    /// centreline, lod, labels. sections.bin, report.json and manifest.json are always written
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = units::named::<Output>, default_value = "glb,lod")]
     outputs: Vec<Output>,
     /// Bodies whose surfaces are written, separated by commas: tissue (model.*), lumen (lumen.*),
@@ -74,6 +73,15 @@ pub enum GpuUse {
     Auto,
     /// No GPU.
     Off,
+}
+
+/// Unit of a surface that is read.
+#[derive(Clone, Copy, Debug, Default, Args)]
+pub(in crate::cli) struct UnitArgs {
+    /// Unit of the coordinates in FILE: um, mm, cm or m; it overrides the unit that the file states
+    /// [default: the unit that the file states, or m]
+    #[arg(long, value_name = "UNIT", value_parser = units::length_unit)]
+    pub(in crate::cli) from_units: Option<NamedUnit>,
 }
 
 /// Location of the job store.

@@ -1,10 +1,11 @@
 //! `oviduct check`: certifies the surfaces in files from any source.
 
-use crate::cli::args::CheckArgs;
+use super::surface;
+use crate::cli::args::{CheckArgs, UnitArgs};
 use crate::cli::exit::{Ended, Failure};
 use crate::cli::interrupt::Signals;
-use crate::cli::term;
-use crate::export::read::{ReadError, Surface, read_surface};
+use crate::cli::{term, units};
+use crate::export::read::{ReadError, Surface, Unit};
 use crate::measure::{BothCertificate, Certificate, CheckOptions, check_regions, check_surface};
 use crate::model::{BodyKind, Patch, PatchKind};
 use serde_json::{Value, json};
@@ -12,7 +13,7 @@ use std::path::Path;
 
 pub(in crate::cli) async fn run(args: CheckArgs) -> Ended {
     let (files, json) = (args.files.clone(), args.json);
-    let certify = move || args.files.iter().map(|file| Verdict::of(file, args.euler)).collect::<Vec<_>>();
+    let certify = move || args.files.iter().map(|file| Checked::of(file, args.unit, args.euler)).collect::<Vec<_>>();
     let verdicts = Signals::listen().run("the check", certify).await?;
     if json {
         let all: Vec<Value> = files.iter().zip(&verdicts).map(|(file, found)| as_json(file, found)).collect();
@@ -24,11 +25,27 @@ pub(in crate::cli) async fn run(args: CheckArgs) -> Ended {
             }
         }
     }
-    let all_good = verdicts.iter().all(|found| found.as_ref().is_ok_and(Verdict::passed));
+    let all_good = verdicts.iter().all(|found| found.as_ref().is_ok_and(|found| found.verdict.passed()));
     if all_good { Ok(()) } else { Err(Failure::Negative) }
 }
 
 /// Result for a file.
+struct Checked {
+    verdict: Verdict,
+    /// Unit in which the file was judged.
+    unit: Unit,
+    notes: Vec<String>,
+}
+
+impl Checked {
+    fn of(file: &Path, unit: UnitArgs, euler: Option<i64>) -> anyhow::Result<Self> {
+        let surface = surface::read(file, unit)?;
+        let verdict = Verdict::of(&surface, euler);
+        Ok(Self { verdict, unit: surface.unit, notes: surface.notes })
+    }
+}
+
+/// Certificates of a surface.
 enum Verdict {
     Surface(Box<Certificate>),
     /// Certificate of a file that contains tissue and lumen with one common wall.
@@ -36,15 +53,14 @@ enum Verdict {
 }
 
 impl Verdict {
-    fn of(file: &Path, euler: Option<i64>) -> anyhow::Result<Self> {
-        let surface = read_surface(file)?;
+    fn of(surface: &Surface, euler: Option<i64>) -> Self {
         let unit_metres = surface.unit.metres();
-        if let Some(patches) = both_bodies(&surface) {
+        if let Some(patches) = both_bodies(surface) {
             let found = check_regions(&surface.positions, &surface.triangles, &patches, unit_metres);
-            return Ok(Self::Both(Box::new(found)));
+            return Self::Both(Box::new(found));
         }
         let options = CheckOptions { euler, unit_metres };
-        Ok(Self::Surface(Box::new(check_surface(&surface.positions, &surface.triangles, &options))))
+        Self::Surface(Box::new(check_surface(&surface.positions, &surface.triangles, &options)))
     }
 
     fn passed(&self) -> bool {
@@ -68,26 +84,28 @@ fn both_bodies(surface: &Surface) -> Option<Vec<Patch>> {
     complete.then_some(patches)
 }
 
-fn as_json(file: &Path, found: &anyhow::Result<Verdict>) -> Value {
-    match found {
-        Ok(Verdict::Surface(certificate)) => json!({ "file": file, "certificate": certificate, "error": null }),
-        Ok(Verdict::Both(both)) => json!({ "file": file, "certificate": null, "bodies": both, "error": null }),
-        Err(error) => json!({ "file": file, "certificate": null, "error": format!("{error:#}") }),
+fn as_json(file: &Path, found: &anyhow::Result<Checked>) -> Value {
+    let Checked { verdict, unit, notes } = match found {
+        Ok(checked) => checked,
+        Err(error) => return json!({ "file": file, "certificate": null, "error": format!("{error:#}") }),
+    };
+    let mut told = json!({
+        "file": file, "certificate": null, "error": null,
+        "unit_m": unit.metres(), "unit_assumed": *unit == Unit::Assumed, "notes": notes,
+    });
+    match verdict {
+        Verdict::Surface(certificate) => told["certificate"] = json!(certificate),
+        Verdict::Both(both) => told["bodies"] = json!(both),
     }
+    told
 }
 
-fn as_text(file: &Path, found: &anyhow::Result<Verdict>) -> Vec<String> {
+fn as_text(file: &Path, found: &anyhow::Result<Checked>) -> Vec<String> {
     let shown = file.display();
     match found {
-        Ok(Verdict::Surface(certificate)) => of_surface(&shown.to_string(), certificate),
-        Ok(Verdict::Both(both)) => {
-            let mut lines = of_surface(&format!("{shown}, tissue"), &both.tissue);
-            lines.extend(of_surface(&format!("{shown}, lumen"), &both.lumen));
-            let regions = &both.regions;
-            let (v, t, shared) = (regions.vertices, regions.triangles, regions.shared_triangles);
-            let word = verdict(regions.passed);
-            lines.push(format!("{shown}, both: {word}: {v} vertices, {t} triangles, {shared} of both bodies"));
-            lines.extend(regions.failures.iter().map(|failure| format!("  {failure}")));
+        Ok(Checked { verdict, notes, .. }) => {
+            let mut lines = of_verdict(&shown.to_string(), verdict);
+            lines.extend(notes.iter().map(|note| format!("  note: {note}")));
             lines
         }
         Err(error) => {
@@ -100,13 +118,35 @@ fn as_text(file: &Path, found: &anyhow::Result<Verdict>) -> Vec<String> {
     }
 }
 
+fn of_verdict(shown: &str, found: &Verdict) -> Vec<String> {
+    let both = match found {
+        Verdict::Surface(certificate) => return of_surface(shown, certificate),
+        Verdict::Both(both) => both,
+    };
+    let mut lines = of_surface(&format!("{shown}, tissue"), &both.tissue);
+    lines.extend(of_surface(&format!("{shown}, lumen"), &both.lumen));
+    let regions = &both.regions;
+    let (v, t, shared) = (regions.vertices, regions.triangles, regions.shared_triangles);
+    let word = verdict(regions.passed);
+    lines.push(format!("{shown}, both: {word}: {v} vertices, {t} triangles, {shared} of both bodies"));
+    lines.extend(regions.failures.iter().map(|failure| format!("  {failure}")));
+    lines
+}
+
 fn of_surface(name: &str, certificate: &Certificate) -> Vec<String> {
     let word = verdict(certificate.passed);
     let (v, t, c) = (certificate.vertices, certificate.triangles, certificate.components);
     let noun = if c == 1 { "component" } else { "components" };
     let euler: Vec<String> = certificate.bodies.iter().map(|body| body.euler.to_string()).collect();
+    // An open surface encloses nothing.
+    let volume = if certificate.closed {
+        format!(", volume {}", units::show_volume(certificate.volume_mm3))
+    } else {
+        String::new()
+    };
+    let euler = euler.join(", ");
     let mut lines =
-        vec![format!("{name}: {word}: {v} vertices, {t} triangles, {c} {noun}, Euler number {}", euler.join(", "))];
+        vec![format!("{name}: {word}: {v} vertices, {t} triangles, {c} {noun}, Euler number {euler}{volume}")];
     lines.extend(certificate.failures.iter().map(|failure| format!("  {failure}")));
     lines
 }

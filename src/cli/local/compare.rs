@@ -8,7 +8,7 @@ use crate::cli::scratch::Scratch;
 use crate::cli::term;
 use crate::generate::{Backend, CancelToken, Findings, Request, generate};
 use crate::measure::comparison::{Compared, Verdict};
-use crate::measure::morphometry::QUANTITIES;
+use crate::measure::morphometry::Quantity;
 use crate::spec::{ModelSpec, Preset, preset, presets};
 use anyhow::{Context, anyhow};
 use serde_json::{Value, json};
@@ -134,7 +134,7 @@ fn markdown(preset: &Preset, models: &[Model]) -> String {
         );
     }
     text += "\n| quantity | isthmus | junction | ampulla |\n|---|---|---|---|\n";
-    for quantity in QUANTITIES {
+    for quantity in Quantity::of_simulated() {
         let _ = write!(text, "| `{}` |", quantity.name);
         for region in REGIONS {
             let (mean, sd) = spread(&values(models, quantity.name, region));

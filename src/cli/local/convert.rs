@@ -1,5 +1,6 @@
 //! `oviduct convert`: converts a surface to another format or unit.
 
+use super::surface;
 use crate::cli::args::ConvertArgs;
 use crate::cli::exit::{Ended, Failure};
 use crate::cli::interrupt::Signals;
@@ -7,7 +8,6 @@ use crate::cli::scratch::{Scratch, split};
 use crate::cli::term;
 use crate::export::convert::Converted;
 use crate::export::glb::GlbOptions;
-use crate::export::read::{Unit, read_surface};
 use crate::generate::{Output, write_surface};
 use crate::model::LengthUnit;
 use anyhow::Context;
@@ -76,14 +76,8 @@ fn ascii(output: Output, name: &str) -> Result<Output, Failure> {
 
 fn convert(args: &ConvertArgs, target: &Target) -> anyhow::Result<Vec<String>> {
     let from = args.file.display();
-    let mut surface = read_surface(&args.file).with_context(|| from.to_string())?;
-    if let Some(unit) = args.from_units {
-        surface.unit = Unit::Stated(unit.metres());
-    }
+    let surface = surface::read_aloud(&args.file, args.unit).with_context(|| from.to_string())?;
     let mut lines = Vec::new();
-    if surface.unit == Unit::Assumed {
-        term::note(&format!("{from} does not state its unit; metres are assumed (--from-units)"));
-    }
     let converted = Converted::new(&surface, target.unit, &target.stem);
     drop(surface);
     let shape = converted.shape();

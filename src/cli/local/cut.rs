@@ -1,13 +1,13 @@
 //! `oviduct cut`: cuts a surface with a plane.
 
 use super::section::layers;
+use super::{folder, surface};
 use crate::cli::args::CutArgs;
 use crate::cli::exit::{Ended, Failure};
 use crate::cli::interrupt::Signals;
 use crate::cli::{scratch, term};
 use crate::export::convert::Converted;
 use crate::export::cut::CutDocument;
-use crate::export::read::read_surface;
 use crate::export::svg::cut_svg;
 use crate::geometry::cut::Body;
 use crate::model::{Cut, Plane, RingKind};
@@ -55,12 +55,12 @@ fn kind(path: &Path) -> Result<Kind, Failure> {
 }
 
 fn plane(args: &CutArgs) -> Result<Plane, Failure> {
-    match (args.z_um, args.origin_um, args.normal) {
+    match (args.across_um(), args.point_um(), args.normal) {
         (Some(z), ..) if z.is_finite() => across(args, z),
         (Some(_), ..) => Err(Failure::usage("--z-um: must be a number of micrometres")),
         (None, Some(origin), Some(normal)) => Plane::through(origin, normal)
             .ok_or_else(|| Failure::usage("--normal: must not be zero, and all numbers must be finite")),
-        _ => Err(Failure::usage("give --z-um, or --origin-um and --normal")),
+        _ => Err(Failure::usage("give --z, or --origin and --normal")),
     }
 }
 
@@ -73,6 +73,7 @@ fn across(args: &CutArgs, z_um: f64) -> Result<Plane, Failure> {
         None => return Ok(Plane::across(z_um)),
     };
     let shown = path.display();
+    folder::verify(path)?;
     let stored = std::fs::read(path).with_context(|| format!("--report {shown}"))?;
     let spec = ModelSpec::from_stored(&report::spec(&stored));
     let Some(across) = spec.map(|spec| Across::of(&spec)) else {
@@ -81,7 +82,7 @@ fn across(args: &CutArgs, z_um: f64) -> Result<Plane, Failure> {
     across.at(z_um).ok_or_else(|| {
         let [first, last] = across.ends_um();
         Failure::usage(format!(
-            "--z-um {z_um}: along its centre line the model reaches from {first:.1} to {last:.1} µm"
+            "--z: the plane is at {z_um:.1} µm; along its centre line the model reaches from {first:.1} to {last:.1} µm"
         ))
     })
 }
@@ -89,7 +90,8 @@ fn across(args: &CutArgs, z_um: f64) -> Result<Plane, Failure> {
 /// Prints a line of figures and the name of the file.
 fn make(args: &CutArgs, plane: &Plane, kind: Option<Kind>) -> Result<(String, Option<Vec<u8>>), Failure> {
     let shown = args.file.display();
-    let surface = read_surface(&args.file).with_context(|| shown.to_string())?;
+    folder::verify(&args.file)?;
+    let surface = surface::read_aloud(&args.file, args.unit).with_context(|| shown.to_string())?;
     let body = Converted::in_its_unit(&surface).into_body();
     drop(surface);
     let cut = body.cut(plane);

@@ -122,7 +122,7 @@ fn images(args: &FitArgs) -> Result<Vec<Target>, Failure> {
         let (region, path) = text.split_once('=').ok_or_else(|| failed("must be written as REGION=FILE".into()))?;
         let png = measure::read(Path::new(path)).map_err(|error| failed(format!("{error:#}")))?;
         let tissue = (!args.tissue.is_empty()).then(|| args.tissue.clone());
-        let reading = Reading { pixel_um: args.pixel_um.unwrap_or_default(), tissue };
+        let reading = Reading { pixel_um: args.pixel.or(args.pixel_um).unwrap_or_default(), tissue };
         images.push(SectionImage { region: region.into(), png, reading, quantities: None, tolerance: IMAGE_TOLERANCE });
     }
     image_targets(&images).map_err(|faults| {

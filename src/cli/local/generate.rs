@@ -1,6 +1,7 @@
 //! `oviduct generate`: grows one model in this process. Its files appear together once it is
 //! certified.
 
+use super::folder::Folder;
 use super::report;
 use crate::cli::args::{GenerateArgs, GpuArgs};
 use crate::cli::exit::{Ended, Failure};
@@ -20,10 +21,12 @@ pub(in crate::cli) async fn run(args: GenerateArgs) -> Ended {
     let (preset, spec) = model::resolve(&args.model.of)?;
     // Before the scratch directory is created, which a signal would leave behind.
     let mut signals = Signals::listen();
+    let seed = model::seed(&args.model.of);
+    let folder = Folder::open(&args.out, &spec.digest(seed), args.force)?;
     let scratch = Scratch::new(&args.out).with_context(|| format!("--out {}", args.out.display()))?;
     let request = Request {
         preset: preset.name.clone(),
-        seed: model::seed(&args.model.of),
+        seed,
         spec,
         backend: args.model.backend,
         outputs: args.model.outputs(),
@@ -42,6 +45,9 @@ pub(in crate::cli) async fn run(args: GenerateArgs) -> Ended {
     } else {
         None
     };
+    let mut new: Vec<&str> = outcome.files.iter().map(|file| file.name.as_str()).collect();
+    new.extend(page.map(|_| report::NAME));
+    folder.clear(&new)?;
     let paths: Vec<PathBuf> = outcome.files.iter().map(|f| publish(&f.name)).collect::<anyhow::Result<_>>()?;
     let page = page.map(|bytes| publish(report::NAME).map(|path| (path, bytes as u64))).transpose()?;
     warn(&outcome);

@@ -1,14 +1,16 @@
 //! `oviduct render`: draws the surfaces in files that `oviduct check` reads and in `sections.bin`.
 
+use super::surface;
 use crate::cli::args::RenderArgs;
 use crate::cli::exit::{Ended, Failure};
 use crate::cli::interrupt::Signals;
 use crate::cli::scratch::split;
-use crate::cli::{scratch, term};
-use crate::export::read::{Surface, read_surface};
+use crate::cli::{scratch, term, units};
+use crate::export::read::Surface;
 use crate::model::{BodyKind, Mesh, Patch, PatchKind};
 use crate::preview;
-use crate::render::mesh_png;
+use crate::render::{Plane, mesh_png};
+use anyhow::bail;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufReader;
@@ -65,17 +67,53 @@ fn targets(files: &[PathBuf], out: &Path) -> Result<(PathBuf, Vec<String>), Fail
 
 fn draw(file: &Path, args: &RenderArgs) -> anyhow::Result<Vec<u8>> {
     let mesh = if file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("bin")) {
+        if args.unit.from_units.is_some() {
+            bail!("--from-units: sections are always in um");
+        }
         preview::surface(BufReader::new(File::open(file)?), args.view, args.size)?
     } else {
-        mesh(read_surface(file)?)
+        mesh(surface::read_aloud(file, args.unit)?)
     };
     let mut view = args.view.of(&mesh, args.size);
     view.azimuth_deg = args.azimuth.unwrap_or(view.azimuth_deg);
     view.elevation_deg = args.elevation.unwrap_or(view.elevation_deg);
     if !args.cut.is_empty() {
+        args.cut.iter().try_for_each(|plane| meets(plane, &mesh))?;
         view.cut.clone_from(&args.cut);
     }
     Ok(mesh_png(&mesh, &view)?)
+}
+
+/// Checks that a plane has parts of a mesh on both sides. A picture of all or nothing would not tell
+/// that the plane is in the wrong place or unit.
+fn meets(plane: &Plane, mesh: &Mesh) -> anyhow::Result<()> {
+    let along = |corner: &u32| -> Option<f64> {
+        let point = mesh.positions.get(*corner as usize)?;
+        Some(point.iter().zip(plane.normal).map(|(x, n)| f64::from(*x) * n).sum())
+    };
+    let places = mesh.triangles.as_flattened().iter().filter_map(along);
+    let [low, high] = places.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| [low.min(x), high.max(x)]);
+    if low < plane.offset && plane.offset < high {
+        return Ok(());
+    }
+    let what = if plane.offset >= high { "nothing" } else { "everything" };
+    // The direction of `-z=12mm` is that of z for a reader.
+    let [x, y, z] = plane.normal;
+    let is_reversed = [x, y, z].iter().all(|n| *n <= 0.0);
+    let [at, low, high] = if is_reversed { [-plane.offset, -high, -low] } else { [plane.offset, low, high] };
+    let direction = match [x, y, z].map(f64::abs) {
+        [1.0, 0.0, 0.0] => "x".to_owned(),
+        [0.0, 1.0, 0.0] => "y".to_owned(),
+        [0.0, 0.0, 1.0] => "z".to_owned(),
+        _ => {
+            let sign = if is_reversed { -1.0 } else { 1.0 };
+            format!("{:.3},{:.3},{:.3}", sign * x, sign * y, sign * z)
+        }
+    };
+    let [at, low, high] = [at, low, high].map(units::show_length);
+    bail!(
+        "--cut: the plane {direction}={at} cuts away {what}; the model reaches from {low} to {high} along {direction}"
+    )
 }
 
 /// Converts a surface to a mesh in metres. Groups that are named like patches become these patches.

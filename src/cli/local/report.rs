@@ -1,13 +1,13 @@
 //! `oviduct report`: writes the report of a model as one HTML page. It reads `report.json`,
 //! `sections.bin` and, if the model leans, the surface.
 
-use crate::cli::args::ReportArgs;
+use super::{folder, surface};
+use crate::cli::args::{ReportArgs, UnitArgs};
 use crate::cli::exit::Ended;
 use crate::cli::interrupt::Signals;
 use crate::cli::scratch::split;
 use crate::cli::{scratch, term};
 use crate::export::convert::Converted;
-use crate::export::read::read_surface;
 use crate::export::sections_bin::SectionsReader;
 use crate::geometry::cut::Body;
 use crate::model::Section;
@@ -33,6 +33,7 @@ pub(in crate::cli) async fn run(args: ReportArgs) -> Ended {
 /// Returns the page for the model in a directory.
 pub(in crate::cli) fn page(dir: &Path) -> anyhow::Result<String> {
     let (json, bin) = (dir.join("report.json"), dir.join("sections.bin"));
+    [&json, &bin].into_iter().try_for_each(|file| folder::verify(file))?;
     let stored = std::fs::read(&json).with_context(|| json.display().to_string())?;
     let open = || File::open(&bin).map(BufReader::new).with_context(|| bin.display().to_string());
     let mut reader = SectionsReader::open(open()?).with_context(|| bin.display().to_string())?;
@@ -59,6 +60,7 @@ fn body(dir: &Path, report: &[u8]) -> anyhow::Result<Option<Body<'static>>> {
     }
     let files = ["glb", "gltf", "ply", "vtp", "obj", "stl"].map(|ending| dir.join(format!("model.{ending}")));
     let Some(file) = files.iter().find(|file| file.is_file()) else { return Ok(None) };
-    let surface = read_surface(file).with_context(|| file.display().to_string())?;
+    folder::verify(file)?;
+    let surface = surface::read_aloud(file, UnitArgs::default()).with_context(|| file.display().to_string())?;
     Ok(Some(Converted::in_its_unit(&surface).into_body()))
 }

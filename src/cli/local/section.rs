@@ -52,14 +52,8 @@ fn draw(args: &SectionArgs) -> Result<Vec<u8>, Failure> {
 
 /// Returns the layers of a preset, changed by the options. The options are checked like a spec.
 pub(super) fn layers(name: &str, args: &LayerArgs) -> Result<Layers, Failure> {
-    let given = [
-        ("epithelium_um", args.epithelium_um),
-        ("lamina_um", args.lamina_um),
-        ("longitudinal_share", args.longitudinal_share),
-        ("serosa_um", args.serosa_um),
-    ];
-    let given: Map<String, Value> =
-        given.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?.into()))).collect();
+    let given = args.lengths_um().into_iter().chain([("longitudinal_share", args.longitudinal_share)]);
+    let given: Map<String, Value> = given.filter_map(|(name, value)| Some((name.to_owned(), value?.into()))).collect();
     let preset = preset(name).unwrap_or(&presets()[0]);
     match ModelSpec::resolve(preset, &json!({ "histology": given })) {
         Ok(spec) => Ok(spec.histology.layers()),

@@ -33,7 +33,7 @@ pub(in crate::cli) async fn run(args: DemoArgs) -> Ended {
     let mut service = Service::start(&serve, listen().await?, None).await?;
     let url = format!("http://{}", service.address());
     let shown = tokio::select! {
-        shown = show(&url, &body, args.exit) => shown,
+        shown = show(&url, &body, &args) => shown,
         failed = service.failed() => return service.stop(Some(failed)).await,
         () = signals.asked_to_stop() => Err(Failure::Interrupted),
     };
@@ -61,7 +61,7 @@ async fn listen() -> anyhow::Result<TcpListener> {
 }
 
 /// Requests the model, follows it, saves it and checks its certificate.
-async fn show(url: &str, body: &Value, last: bool) -> Ended {
+async fn show(url: &str, body: &Value, args: &DemoArgs) -> Ended {
     let client = Client::new(url, None)?;
     let accepted = client.submit(body, &uuid::Uuid::now_v7().to_string()).await?;
     let id = submit::read(&accepted)?.id;
@@ -75,7 +75,7 @@ async fn show(url: &str, body: &Value, last: bool) -> Ended {
     if model.status != "succeeded" {
         return Err(anyhow!(model.why()).into());
     }
-    for path in client.download(&model, Path::new(FOLDER)).await? {
+    for path in client.download(&model, Path::new(FOLDER), args.force).await? {
         let bytes = std::fs::metadata(&path).map_or(0, |found| found.len());
         term::print(&format!("{}  {}", path.display(), units::show_bytes(bytes)))?;
     }
@@ -90,7 +90,7 @@ async fn show(url: &str, body: &Value, last: bool) -> Ended {
         "certified: {} sections, {} vertices, {} triangles, closed, oriented, Euler number {}, no triangles intersect",
         summary["sections"], summary["vertices"], summary["triangles"], proof["euler"],
     ))?;
-    if !last {
+    if !args.exit {
         term::print(&format!("the model: {url}/models/{id}"))?;
     }
     Ok(())

@@ -50,7 +50,7 @@ pub(in crate::cli) async fn run(args: SubmitArgs) -> Ended {
     }
     if let Some(dir) = &args.out {
         let saved = tokio::select! {
-            saved = client.download(&finished, dir) => saved?,
+            saved = client.download(&finished, dir, args.force) => saved?,
             () = interrupt::asked_to_stop() => return Err(Failure::Interrupted),
         };
         for path in saved.iter().filter(|_| !args.json) {

@@ -41,8 +41,8 @@ pub(super) struct CutAnswer {
 
 /// Cut a finished model with a plane.
 ///
-/// The service cuts the stored surface of the tissue exactly, across the tube (`z_um`) or along any
-/// plane (`origin_um` and `normal`). The rings of the cut are nested, and each has a kind:
+/// The service cuts the stored surface of the tissue exactly, across the tube (`z_um` or `z_mm`) or
+/// along any plane (`normal`, and `origin_um` or `origin_mm`). The rings of the cut are nested, and each has a kind:
 /// `tissue`; `lumen`, its largest hole; `island`, tissue that is not connected to the wall in this
 /// plane; `pocket`, lumen that is not connected to the rest in this plane. A plane across a bent
 /// tube cuts only the part around the centre line at this place. In contrast, the sections of
@@ -58,9 +58,12 @@ pub(super) struct CutAnswer {
         ("z_um" = Option<f64>, Query, minimum = -1e12, maximum = 1e12,
             description = "Place of a plane across the tube, µm along the tube or, if it is bent, along its centre \
                 line; u and v are x and y of the section at this place"),
+        ("z_mm" = Option<f64>, Query, minimum = -1e9, maximum = 1e9, description = "`z_um` in mm, instead of it"),
         ("origin_um" = Option<String>, Query, pattern = "^[-+0-9.eE ]+(,[-+0-9.eE ]+){2}$",
             description = "Point of the plane, µm: `x,y,z`; together with `normal`, instead of \
                 `z_um`", example = "0,0,30000"),
+        ("origin_mm" = Option<String>, Query, pattern = "^[-+0-9.eE ]+(,[-+0-9.eE ]+){2}$",
+            description = "`origin_um` in mm, instead of it"),
         ("normal" = Option<String>, Query, pattern = "^[-+0-9.eE ]+(,[-+0-9.eE ]+){2}$", description = "Normal of the plane, of any length: `x,y,z`", example = "0,1,0"),
         ("format" = Option<SectionFormat>, Query, description = FORMAT_DESCRIPTION),
         ("size" = Option<u32>, Query, minimum = 32, maximum = 2048, description = "Longer side of a PNG picture, pixels; 1024 by default"),
@@ -179,43 +182,71 @@ fn read_parameters(
     parameters: &Parameters,
     headers: &HeaderMap,
 ) -> Result<(CutPlane, SectionFormat, SlideStyle), Problem> {
-    let [size, stain, labels] = PARAMETERS;
-    let mut faults = parameters.faults(&["z_um", "origin_um", "normal", "format", size, stain, labels], &[]);
+    const KNOWN: [&str; 9] = {
+        let [size, stain, labels] = PARAMETERS;
+        ["z_um", "z_mm", "origin_um", "origin_mm", "normal", "format", size, stain, labels]
+    };
+    let mut faults = parameters.faults(&KNOWN, &[]);
     let plane = read_plane(parameters, &mut faults);
     let (format, style) = representation(parameters, headers, faults)?;
     Ok((plane, format, style))
 }
 
 fn read_plane(parameters: &Parameters, faults: &mut Faults) -> CutPlane {
+    let across = length(parameters, ["z_um", "z_mm"], faults);
+    let origin = length(parameters, ["origin_um", "origin_mm"], faults);
     let mut fault = |name: &str, detail: &str| {
         faults.push(RequestFault::parameter(name, detail));
         CutPlane::Across(0.0)
     };
-    match [parameters.get("z_um"), parameters.get("origin_um"), parameters.get("normal")] {
-        [Some(z), None, None] => match number(z) {
+    match (across, origin, parameters.get("normal")) {
+        (Some(z), None, None) => match number(z.text, z.um) {
             Some(z) => CutPlane::Across(z),
-            None => fault("z_um", "must be a number of micrometres"),
+            None => fault(z.name, &format!("must be a number of {}", z.unit)),
         },
-        [None, Some(origin), Some(normal)] => match (vector(origin), vector(normal)) {
-            (None, _) => fault("origin_um", "must be three numbers, x,y,z"),
+        (None, Some(origin), Some(normal)) => match (vector(origin.text, origin.um), vector(normal, 1.0)) {
+            (None, _) => fault(origin.name, &format!("must be three numbers of {}, x,y,z", origin.unit)),
             (_, None) => fault("normal", "must be three numbers, x,y,z"),
             (Some(origin), Some(normal)) => {
                 Plane::through(origin, normal).map_or_else(|| fault("normal", "must not be zero"), CutPlane::Through)
             }
         },
-        [None, None, None] => fault("z_um", "is required, or origin_um and normal"),
-        [None, Some(_), None] => fault("normal", "is required with origin_um"),
-        [None, None, Some(_)] => fault("origin_um", "is required with normal"),
-        [Some(_), _, _] => fault("z_um", "must be absent if origin_um or normal is given"),
+        (None, None, None) => fault("z_um", "is required, or z_mm, or normal with origin_um or origin_mm"),
+        (None, Some(origin), None) => fault("normal", &format!("is required with {}", origin.name)),
+        (None, None, Some(_)) => fault("origin_um", "is required with normal, or origin_mm"),
+        (Some(z), _, _) => fault(z.name, "must be absent if an origin or normal is given"),
     }
 }
 
-/// Parses a coordinate. The bound prevents overflows of squares.
-fn number(text: &str) -> Option<f64> {
-    text.trim().parse().ok().filter(|x: &f64| x.abs() <= 1e12)
+/// A parameter that has a name for each unit.
+struct Length<'a> {
+    name: &'static str,
+    text: &'a str,
+    unit: &'static str,
+    /// Micrometres per unit.
+    um: f64,
 }
 
-fn vector(text: &str) -> Option<[f64; 3]> {
-    let parts = text.split(',').map(number).collect::<Option<Vec<f64>>>()?;
+/// Finds a parameter by its names in micrometres and in millimetres.
+fn length<'a>(
+    parameters: &'a Parameters,
+    [in_um, in_mm]: [&'static str; 2],
+    faults: &mut Faults,
+) -> Option<Length<'a>> {
+    let um = parameters.get(in_um).map(|text| Length { name: in_um, text, unit: "micrometres", um: 1.0 });
+    let mm = parameters.get(in_mm).map(|text| Length { name: in_mm, text, unit: "millimetres", um: 1e3 });
+    if um.is_some() && mm.is_some() {
+        faults.push(RequestFault::parameter(in_mm, format!("must be absent if {in_um} is given")));
+    }
+    um.or(mm)
+}
+
+/// Parses a coordinate in units of `um` micrometres. The bound prevents overflows of squares.
+fn number(text: &str, um: f64) -> Option<f64> {
+    text.trim().parse().ok().map(|x: f64| x * um).filter(|x| x.abs() <= 1e12)
+}
+
+fn vector(text: &str, um: f64) -> Option<[f64; 3]> {
+    let parts = text.split(',').map(|part| number(part, um)).collect::<Option<Vec<f64>>>()?;
     parts.try_into().ok()
 }

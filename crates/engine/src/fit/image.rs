@@ -105,7 +105,7 @@ fn values(image: &SectionImage) -> Result<Vec<(String, f64)>, (&'static str, Str
     for name in &wanted {
         if let Some((member, detail)) = refused(&image.region, name) {
             let member = if member == "region" { "region" } else { "quantities" };
-            return Err((member, format!("`{name}` {detail}")));
+            return Err((member, detail));
         }
         if Quantity::named(name).is_none() {
             return Err(("quantities", format!("`{name}` needs more than one section")));
@@ -288,6 +288,11 @@ mod tests {
             let faults = read_images(&list).unwrap_err();
             assert_eq!(faults[0].pointer, pointer, "{faults:?}");
         }
+        let told = |list: &Value| read_images(list).unwrap_err()[0].detail.clone();
+        let region = told(&with("region", json!("ishtmus")));
+        assert!(region.starts_with("`ishtmus` is unknown") && region.contains("did you mean `isthmus`?"), "{region}");
+        assert!(!region.contains("tissue_area_mm2"), "{region}");
+        assert!(told(&with("quantities", json!(["islands"]))).contains("always 0 in simulated sections"));
         assert_eq!(read_images(&json!([])).unwrap(), []);
     }
 }

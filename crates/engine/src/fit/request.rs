@@ -419,7 +419,7 @@ mod tests {
             ("region,quantity,value\nampulla,fill,x", "row 1: value: `x` is no number"),
             ("region,quantity,value\nampulla,fill,inf", "is no number"),
             ("region,quantity,value\nampulla,fill", "row 1: CSV error"),
-            ("region,quantity,value\nampulla,fill,0.7\nampulla,fil,0.7", "row 2: quantity: is unknown"),
+            ("region,quantity,value\nampulla,fill,0.7\nampulla,fil,0.7", "row 2: quantity: `fil` is unknown"),
             ("region,quantity\nampulla,fill", "row 1: value: is needed"),
         ] {
             let faults = FitSpec::read(&json!({ "targets_csv": csv }), Vec::new(), &[]).unwrap_err();

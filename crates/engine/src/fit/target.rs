@@ -1,6 +1,7 @@
 //! Target of a fit: a quantity in a region, with the accepted range.
 
-use crate::measure::morphometry::{Morphometry, Quantity, Tube};
+use crate::measure::morphometry::{ISLANDS, Morphometry, Quantity, Tube};
+use crate::spec::{nearest, shorten};
 use serde::{Deserialize, Serialize};
 
 /// Half width of the accepted range if the request has none, as a fraction of the value.
@@ -98,21 +99,38 @@ pub(super) fn weight(deviation: f64) -> f64 {
 /// Reason why a quantity in a region cannot be a target, with the member at fault; `None` if it
 /// can.
 pub(super) fn refused(region: &str, quantity: &str) -> Option<(&'static str, String)> {
-    if region == "tube" {
-        let known = measures_of_tube();
-        return (!known.iter().any(|name| name == quantity))
-            .then(|| ("quantity", format!("is no measure of the tube; those are {}", known.join(", "))));
+    if region != "tube" && !REGIONS.contains(&region) {
+        let names = REGIONS.into_iter().chain(["tube"]);
+        let detail = format!("`{}` is unknown; the regions are {} and tube", shorten(region), REGIONS.join(", "));
+        return Some(("region", detail + &hint(region, names)));
     }
-    if !REGIONS.contains(&region) {
-        return Some(("region", format!("is unknown; the regions are {} and tube", REGIONS.join(", "))));
-    }
-    match quantity {
-        "least_gap_um" => {
-            Some(("quantity", "comes from the certificate of a surface, which a fit does not make".into()))
+    let name = shorten(quantity);
+    let detail = match quantity {
+        ISLANDS => format!(
+            "`{name}` is always 0 in simulated sections, so no parameter changes it; planar cuts of a finished model \
+             have islands (`cuts` in report.json)"
+        ),
+        _ if region == "tube" => {
+            let known = measures_of_tube();
+            if known.iter().any(|name| name == quantity) {
+                return None;
+            }
+            let hint = hint(quantity, known.iter().map(String::as_str));
+            format!("`{name}` is no measure of the tube; those are {}{hint}", known.join(", "))
         }
-        name if STEPS.contains(&name) || Quantity::named(name).is_some() => None,
-        _ => Some(("quantity", "is unknown; docs/morphometry.md lists the quantities".into())),
-    }
+        "least_gap_um" => format!("`{name}` comes from the certificate of a surface, which a fit does not make"),
+        _ if STEPS.contains(&quantity) || Quantity::named(quantity).is_some() => return None,
+        _ => {
+            let names = Quantity::of_simulated().map(|quantity| quantity.name).chain(STEPS);
+            format!("`{name}` is unknown; docs/morphometry.md lists the quantities{}", hint(quantity, names))
+        }
+    };
+    Some(("quantity", detail))
+}
+
+/// Question whether the most similar name was meant, if one is similar.
+fn hint<'a>(wrong: &str, names: impl Iterator<Item = &'a str>) -> String {
+    nearest(wrong, names).map_or_else(String::new, |name| format!("; did you mean `{name}`?"))
 }
 
 fn measures_of_tube() -> Vec<String> {
@@ -169,8 +187,25 @@ mod tests {
             ("ampulla", "length_mm", "quantity"),
             ("tube", "fill", "quantity"),
             ("whole", "least_gap_um", "quantity"),
+            ("ampulla", "islands", "quantity"),
+            ("tube", "islands", "quantity"),
         ] {
             assert_eq!(refused(region, quantity).map(|(member, _)| member), Some(member), "{region}/{quantity}");
         }
+    }
+    #[test]
+    fn refusals_name_what_was_probably_meant() {
+        let told = |region: &str, quantity: &str| refused(region, quantity).unwrap().1;
+        for (region, quantity, start, end) in [
+            ("ampula", "fill", "`ampula` is unknown; the regions are isthmus, ", "did you mean `ampulla`?"),
+            ("ampulla", "fold_on_ring", "`fold_on_ring` is unknown", "did you mean `folds_on_ring`?"),
+            ("tube", "lenght_mm", "`lenght_mm` is no measure of the tube", "did you mean `length_mm`?"),
+            ("whole", "island", "`island` is unknown", "lists the quantities"),
+            ("whole", "islands", "`islands` is always 0 in simulated sections", "(`cuts` in report.json)"),
+        ] {
+            let told = told(region, quantity);
+            assert!(told.starts_with(start) && told.ends_with(end), "{told}");
+        }
+        assert!(told("whole", &"x".repeat(10_000)).len() < 200);
     }
 }

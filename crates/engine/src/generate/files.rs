@@ -29,7 +29,7 @@ use std::path::Path;
 /// Name of the report.
 pub(super) const REPORT: &str = "report.json";
 /// Name of the file of the sections.
-const SECTIONS: &str = "sections.bin";
+pub(super) const SECTIONS: &str = "sections.bin";
 
 /// Contents of the files of a model.
 pub(super) struct Inputs<'a> {

@@ -1,6 +1,7 @@
 //! Manifest of a model: its files, how to check them, and their origin.
 
 use super::contraction;
+use super::files::{REPORT, SECTIONS};
 use super::outputs::{Kind, Outputs, kind_of};
 use super::types::FileOutput;
 use crate::export::CITATION;
@@ -10,6 +11,12 @@ use serde_json::Value;
 
 /// Name of the manifest among the files of a model.
 pub const MANIFEST: &str = "manifest.json";
+
+/// True if a model may have a file of this name.
+#[must_use]
+pub fn is_model_file(name: &str) -> bool {
+    [MANIFEST, REPORT, SECTIONS].contains(&name) || kind_of(name).is_some() || contraction::is_frames(name)
+}
 
 /// Files of a model with their origin.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -28,7 +28,7 @@ pub use cost::{Cost, Estimate};
 pub use files::Report;
 pub use files::write_surface;
 pub use limits::{CostLimits, OverLimit};
-pub use manifest::{Licence, MANIFEST, Manifest, ManifestFile, Origin};
+pub use manifest::{Licence, MANIFEST, Manifest, ManifestFile, Origin, is_model_file};
 pub use outputs::{Output, Outputs};
 pub use types::{
     Backend, Bending, CancelToken, CertificateFigures, ContractionReport, FileOutput, Findings, FrameReport,
@@ -292,6 +292,7 @@ impl Finishing<'_> {
             target: spec.particles.total.at(f64::from(last) / f64::from(spec.steps)).round() as u64,
             lean_scale: lean.map(|lean| lean.scale),
             lean_left_out: spec.asks_to_lean() && !spec.leans(),
+            units_unused: self.request.outputs.units_unused(),
             wave: contraction.map(|of| [of.contracted.least_factor, of.contracted.least_factor_at_mm]),
         });
         Summary {

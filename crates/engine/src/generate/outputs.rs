@@ -194,6 +194,16 @@ impl Outputs {
             .is_none_or(|Kind { output, body }| self.has(output) && body.is_none_or(|body| self.bodies.contains(&body)))
     }
 
+    /// The requested unit, if all formats have a fixed unit or none, so that it has no effect.
+    #[must_use]
+    pub fn units_unused(&self) -> Option<LengthUnit> {
+        let has_choice = |format: &Output| {
+            let units = LengthUnit::ALL.map(|unit| format.unit(Some(unit)));
+            units.iter().any(|unit| *unit != units[0])
+        };
+        self.units.filter(|_| !self.formats.iter().any(has_choice))
+    }
+
     /// Names of the files.
     #[must_use]
     pub fn files(&self) -> Vec<String> {
@@ -253,6 +263,18 @@ mod tests {
         for other in ["report.json", "sections.bin", "model", "lumen.", "other.glb", "model.glb.glb"] {
             assert_eq!(kind_of(other), None, "{other}");
             assert!(outputs(&[], &[], None).want(other));
+        }
+    }
+
+    #[test]
+    fn a_unit_is_unused_if_no_format_has_a_choice() {
+        let unused = |formats: &[Output], units| outputs(formats, &[BodyKind::Tissue], units).units_unused();
+        let mm = Some(LengthUnit::Millimetre);
+        assert_eq!(unused(&[Output::Glb, Output::Gltf, Output::Lod, Output::Labels], mm), mm);
+        assert_eq!(unused(&[], mm), mm);
+        assert_eq!(unused(&[Output::Glb], None), None);
+        for format in [Output::Obj, Output::Stl, Output::StlAscii, Output::Ply, Output::Vtp, Output::Centreline] {
+            assert_eq!(unused(&[Output::Glb, format], mm), None, "{format:?}");
         }
     }
 

@@ -1,6 +1,7 @@
-//! Warnings about a model that passes its certificate but grew poorly, so that it differs from its
-//! specification.
+//! Warnings about a model that passes its certificate but differs from its request, mostly because
+//! it grew poorly.
 
+use crate::model::LengthUnit;
 use serde::{Deserialize, Serialize};
 
 /// Minimum gap between walls without a warning, µm.
@@ -27,27 +28,30 @@ pub(super) struct Growth {
     pub(super) lean_scale: Option<f64>,
     /// True if a lean is requested for an even surface.
     pub(super) lean_left_out: bool,
+    /// Requested unit that no file has.
+    pub(super) units_unused: Option<LengthUnit>,
     /// Minimum factor on the wave of contraction, and its place, mm; `None` if the tube does not
     /// contract.
     pub(super) wave: Option<[f64; 2]>,
 }
 
-/// Warning about a finished model that grew poorly.
+/// Warning about a finished model that differs from its request.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema), schema(as = ModelWarning))]
 pub struct Warning {
-    /// `splits-missing`, `small-gap`, `particles-short`, `lean-reduced`, `lean-left-out` or
-    /// `contraction-reduced`. Later versions may add codes.
+    /// `splits-missing`, `small-gap`, `particles-short`, `lean-reduced`, `lean-left-out`,
+    /// `contraction-reduced` or `units-unused`. Later versions may add codes.
     pub code: String,
     /// A sentence with the measured values.
     pub detail: String,
 }
 
-/// All warnings, in the order of the codes; empty for a model that grew as specified.
+/// All warnings, in the order of the codes; empty for a model as requested.
 pub(super) fn warnings(growth: &Growth) -> Vec<Warning> {
     let mut warnings = Vec::new();
     let mut warn = |code: &str, detail| warnings.push(Warning { code: code.to_owned(), detail });
-    let Growth { splits_missing, min_gap_um, particles, target, lean_scale, lean_left_out, wave } = *growth;
+    let Growth { splits_missing, min_gap_um, particles, target, lean_scale, lean_left_out, units_unused, wave } =
+        *growth;
     if splits_missing > 0 {
         let are = if splits_missing == 1 { "split was" } else { "splits were" };
         warn(
@@ -95,6 +99,16 @@ pub(super) fn warnings(growth: &Growth) -> Vec<Warning> {
             ),
         );
     }
+    if let Some(unit) = units_unused {
+        warn(
+            "units-unused",
+            format!(
+                "The unit {} (/units) has no effect: glTF and levels of detail are always in m, and no requested format \
+                 has a choice (obj, stl, stl-ascii, ply, vtp and centreline have).",
+                unit.name()
+            ),
+        );
+    }
     warnings
 }
 
@@ -115,6 +129,7 @@ mod tests {
             target: 600,
             lean_scale: Some(0.95),
             lean_left_out: false,
+            units_unused: None,
             wave: Some([0.6, 3.0]),
         };
         assert_eq!(codes(&good()), [""; 0]);
@@ -124,6 +139,9 @@ mod tests {
         assert_eq!(codes(&Growth { lean_scale: Some(0.7), ..good() }), ["lean-reduced"]);
         assert_eq!(codes(&Growth { lean_scale: None, lean_left_out: true, ..good() }), ["lean-left-out"]);
         assert_eq!(codes(&Growth { wave: Some([0.4, 3.0]), ..good() }), ["contraction-reduced"]);
+        let unused = warnings(&Growth { units_unused: Some(LengthUnit::Millimetre), ..good() });
+        assert_eq!(unused[0].code, "units-unused");
+        assert!(unused[0].detail.starts_with("The unit mm (/units) has no effect"), "{unused:?}");
         let short = warnings(&Growth { particles: 588, ..good() });
         assert_eq!(short[0].code, "particles-short");
         assert!(short[0].detail.contains("588") && short[0].detail.contains("600"), "{short:?}");

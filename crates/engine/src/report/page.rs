@@ -3,7 +3,7 @@
 use super::plots::Plot;
 use super::stored::{Course, Stored};
 use crate::measure::comparison::{Compared, Comparison, Verdict};
-use crate::measure::morphometry::{Cuts, Morphometry, QUANTITIES};
+use crate::measure::morphometry::{Cuts, Morphometry, Quantity};
 use crate::spec::{DEFAULT_PRESET, ModelSpec, preset};
 use base64::Engine as _;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
@@ -103,7 +103,7 @@ fn optional(value: Option<f64>) -> String {
 }
 
 fn unit(quantity: &str) -> (&str, &str) {
-    let known = QUANTITIES.iter().find(|q| q.name == quantity);
+    let known = Quantity::named(quantity);
     known.map_or_else(
         || match quantity {
             "length_mm" => ("Length", "mm"),
@@ -211,7 +211,7 @@ fn regions(morphometry: &Morphometry) -> Markup {
         p.soft { "Mean ± standard deviation along the region." }
         div.scroll { table {
             thead { tr { th { "Measure" } @for (name, _) in names { th.n { (name) } } } }
-            tbody { @for quantity in QUANTITIES {
+            tbody { @for quantity in Quantity::of_simulated() {
                 tr {
                     td { (quantity.title) @if !quantity.unit.is_empty() { ", " (quantity.unit) } }
                     @for (_, region) in names {

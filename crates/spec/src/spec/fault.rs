@@ -49,7 +49,8 @@ pub(super) fn describe(value: &Value) -> String {
 }
 
 /// First characters of a text from a request.
-pub(super) fn shorten(text: &str) -> String {
+#[must_use]
+pub fn shorten(text: &str) -> String {
     const MAX_CHARS: usize = 40;
     match text.char_indices().nth(MAX_CHARS) {
         Some((end, _)) => format!("{}…", &text[..end]),
@@ -58,7 +59,8 @@ pub(super) fn shorten(text: &str) -> String {
 }
 
 /// The name most similar to `wrong`, if it is similar enough to be the intended one.
-pub(super) fn nearest<'a>(wrong: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+#[must_use]
+pub fn nearest<'a>(wrong: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     const MAX_BYTES: usize = 64;
     if wrong.len() > MAX_BYTES {
         return None;

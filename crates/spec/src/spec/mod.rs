@@ -53,7 +53,7 @@ mod tests;
 pub use batch_key::batch_key;
 pub use canonical::canonical_json;
 pub use course::{Across, Bent};
-pub use fault::Fault;
+pub use fault::{Fault, nearest, shorten};
 pub use lever::{End, Lever, Setting};
 pub use parameters::{
     Collision, Containment, Contortion, Contraction, Course, CourseShape, Folds, Histology, Integrator, Labels, Lean,

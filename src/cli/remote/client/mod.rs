@@ -5,10 +5,12 @@ mod wire;
 pub(in crate::cli) use wire::{Model, RemoteFile, Warning};
 
 use crate::cli::exit::Failure;
+use crate::cli::local::folder::{self, Folder};
 use crate::cli::remote::secret::Key;
 use crate::cli::remote::sse::{Event, Parser};
 use crate::cli::scratch::Scratch;
 use crate::clock::Stopwatch;
+use crate::generate::MANIFEST;
 use anyhow::{Context, anyhow};
 use reqwest::{Method, RequestBuilder, Response, StatusCode, header};
 use serde::Deserialize;
@@ -295,23 +297,37 @@ impl Client {
         }
     }
 
-    /// Saves all files of a model in `dir`, after comparing each with its SHA-256.
+    /// Saves all files of a model and its manifest in `dir`, after comparing each file with its
+    /// SHA-256. With `force`, the files of another model in `dir` are replaced.
     ///
     /// # Errors
-    /// [`Failure::Failed`] if a file cannot be downloaded or written, or differs from its SHA-256.
+    /// - [`Failure::Usage`] if `dir` has files of another model and `force` is false.
+    /// - [`Failure::Failed`] if a file cannot be downloaded or written, or differs from its SHA-256.
+    ///
     /// `dir` is then unchanged.
-    pub(in crate::cli) async fn download(&self, model: &Model, dir: &Path) -> Result<Vec<PathBuf>, Failure> {
+    pub(in crate::cli) async fn download(
+        &self,
+        model: &Model,
+        dir: &Path,
+        force: bool,
+    ) -> Result<Vec<PathBuf>, Failure> {
+        let manifest = self.get(&format!("/models/{}/{MANIFEST}", model.id)).await?.bytes().await?;
+        let digest = folder::parse(&manifest).context("the service's answer is not a manifest")?.digest;
+        let folder = Folder::open(dir, &digest, force)?;
         let scratch = Scratch::new(dir).with_context(|| format!("{}", dir.display()))?;
         for file in &model.files {
             self.fetch(file, scratch.dir()).await?;
         }
-        let publish = |file: &RemoteFile| scratch.publish(&file.name).with_context(|| file.name.clone());
-        Ok(model.files.iter().map(publish).collect::<anyhow::Result<_>>()?)
+        std::fs::write(scratch.dir().join(MANIFEST), &manifest).context(MANIFEST)?;
+        let names: Vec<&str> = model.files.iter().map(|file| file.name.as_str()).chain([MANIFEST]).collect();
+        folder.clear(&names)?;
+        let publish = |name: &&str| scratch.publish(name).with_context(|| (*name).to_owned());
+        Ok(names.iter().map(publish).collect::<anyhow::Result<_>>()?)
     }
 
     async fn fetch(&self, file: &RemoteFile, dir: &Path) -> Result<(), Failure> {
         let name = file.name.as_str();
-        if name.starts_with('.') || Path::new(name).file_name() != Some(name.as_ref()) {
+        if !folder::is_plain(name) {
             return Err(anyhow!("the service named a file `{name}`, which is not a valid file name").into());
         }
         let answer = self.http.get(&file.href).send().await;

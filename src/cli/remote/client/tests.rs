@@ -142,7 +142,9 @@ async fn faults_of_a_request_are_named() {
 
 #[tokio::test]
 async fn files_are_saved_only_if_they_match_their_hash() {
-    let client = serve(Router::new().route("/f", get(|| async { "abc" }))).await;
+    let manifest = || async { axum::Json(json!({ "preset": "pig", "seed": 7, "digest": "d", "files": [] })) };
+    let router = Router::new().route("/f", get(|| async { "abc" })).route("/models/x/manifest.json", get(manifest));
+    let client = serve(router).await;
     let right = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
     let file = |name: &str, bytes, sha256: &str| {
         json!({ "id": "x", "status": "succeeded",
@@ -157,10 +159,12 @@ async fn files_are_saved_only_if_they_match_their_hash() {
         (".hidden", 3, right, false),
     ] {
         let model: Model = serde_json::from_value(file(name, bytes, sha256)).expect("a model");
-        assert_eq!(client.download(&model, dir.path()).await.is_ok(), good, "{name}");
+        assert_eq!(client.download(&model, dir.path(), false).await.is_ok(), good, "{name}");
     }
-    let left: Vec<_> = std::fs::read_dir(dir.path()).expect("there").map(|e| e.expect("read").file_name()).collect();
-    assert_eq!(left, ["a.glb"]);
+    let mut left: Vec<_> =
+        std::fs::read_dir(dir.path()).expect("there").map(|e| e.expect("read").file_name()).collect();
+    left.sort();
+    assert_eq!(left, ["a.glb", "manifest.json"]);
 }
 
 #[tokio::test]

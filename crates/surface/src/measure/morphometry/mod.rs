@@ -35,7 +35,7 @@ mod walls;
 pub use around::Around;
 pub use cuts::{AmongCuts, Cuts, cuts};
 pub use fractal::Dimension;
-pub use quantity::{QUANTITIES, Quantity};
+pub use quantity::{ISLANDS, QUANTITIES, Quantity};
 pub use section::{Measures, measure};
 pub use shape::Shape;
 pub(in crate::measure) use shape::edges;

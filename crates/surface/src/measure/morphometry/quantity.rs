@@ -21,6 +21,11 @@ impl Quantity {
         (self.of)(measures).filter(|value| value.is_finite())
     }
 
+    /// Quantities of simulated sections: all except [`ISLANDS`].
+    pub fn of_simulated() -> impl Iterator<Item = &'static Self> {
+        QUANTITIES.iter().filter(|quantity| quantity.name != ISLANDS)
+    }
+
     /// Finds a quantity by name.
     #[must_use]
     pub fn named(name: &str) -> Option<&'static Self> {
@@ -28,8 +33,12 @@ impl Quantity {
     }
 }
 
+/// Name of the number of islands. The lumen of a simulated section is one ring, so it has none; images
+/// and planar cuts of the surface have islands.
+pub const ISLANDS: &str = "islands";
+
 macro_rules! quantities {
-    ($($name:literal, $title:literal, $unit:literal, $of:expr;)*) => {
+    ($($name:expr, $title:literal, $unit:literal, $of:expr;)*) => {
         /// All quantities of a section; `docs/morphometry.md` defines them.
         pub const QUANTITIES: &[Quantity] = &[$(Quantity { name: $name, title: $title, unit: $unit, of: $of }),*];
     };
@@ -47,7 +56,7 @@ quantities! {
     "lumen_perimeter_mm", "Lumen perimeter", "mm", |m| Some(m.lumen_perimeter_mm);
     "perimeter_ratio", "Perimeter ratio", "", |m| Some(m.perimeter_ratio);
     "hydraulic_diameter_um", "Hydraulic diameter", "µm", |m| Some(m.hydraulic_diameter_um);
-    "islands", "Islands", "", |m| Some(m.islands.into());
+    ISLANDS, "Islands", "", |m| Some(m.islands.into());
     "folds_on_ring", "Folds on the ring", "", |m| Some(m.folds_on_ring.into());
     "primary_folds", "Primary folds", "", |m| branches(m, 0);
     "secondary_folds", "Secondary folds", "", |m| branches(m, 1);

@@ -1,6 +1,6 @@
 //! Measures along the tube: of every section, by region, and of the whole tube.
 
-use super::quantity::QUANTITIES;
+use super::quantity::Quantity;
 use super::ring::{Marked, Step};
 use super::section::{Measures, PIXEL_UM, measure_with};
 use super::shape::Shape;
@@ -180,8 +180,7 @@ pub fn morphometry(sections: &[Section], gaps_um: &[Option<f64>], regions: &Regi
     let steps: Vec<Step> = measured.windows(2).map(|pair| pair[0].1.step(&pair[1].1)).collect();
     let measured: Vec<Measures> = measured.into_iter().map(|(measures, _)| measures).collect();
     let z_mm: Vec<f64> = recorded.iter().map(|(_, section)| section.z_um / 1e3).collect();
-    let mut along: BTreeMap<String, Vec<Option<f64>>> = QUANTITIES
-        .iter()
+    let mut along: BTreeMap<String, Vec<Option<f64>>> = Quantity::of_simulated()
         .map(|quantity| (quantity.name.to_owned(), measured.iter().map(|m| quantity.of(m)).collect()))
         .collect();
     let gaps = recorded.iter().map(|&(place, _)| gaps_um.get(place).copied().flatten());
