@@ -81,7 +81,7 @@ pub(super) fn positive_bytes(text: &str) -> Result<u64, String> {
 }
 
 /// Parses a length in metres, such as `12mm` or `-500um`. Zero needs no unit.
-fn length(text: &str) -> Result<f64, String> {
+pub(super) fn length(text: &str) -> Result<f64, String> {
     let text = text.trim();
     let (sign, digits) = text.strip_prefix('-').map_or((1.0, text), |rest| (-1.0, rest));
     let (number, unit) = number_and_unit(digits)?;

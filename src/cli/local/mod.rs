@@ -7,6 +7,7 @@ pub(super) mod cut;
 pub(super) mod fit;
 pub mod generate;
 pub(super) mod measure;
+mod measured;
 pub mod render;
 pub(super) mod report;
 pub(super) mod section;
