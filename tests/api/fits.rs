@@ -141,6 +141,9 @@ async fn invalid_requests_name_their_members() {
         (json!({ "targets": [target()], "outputs": [] }), "/outputs"),
         (json!({ "targets": [target()], "vary": [{ "parameter": "/nothing" }] }), "/vary/0/parameter"),
         (json!({ "images": [{ "region": "isthmus", "png": "R0lGODlh", "pixel_um": 2 }] }), "/images/0/png"),
+        (json!({ "images": [{ "region": "isthmus", "image": "R0lGODlh" }] }), "/images/0/image"),
+        (json!({ "images": [{ "region": "isthmus", "image": "R0lG", "png": "R0lG" }] }), "/images/0/png"),
+        (json!({ "images": [{ "region": "isthmus", "image": "R0lGODlh", "threshold": 0 }] }), "/images/0/threshold"),
         (json!({ "images": 3 }), "/images"),
     ] {
         for path in ["/fits", "/fits/validate"] {

@@ -69,7 +69,7 @@ fn images_without_a_section_are_refused() {
     assert_eq!(code(&measure("ring.png", &["--pixel-um", "10"])), 0);
     for (image, options, reason) in [
         ("missing.png", &["--pixel-um", "10"][..], "error: missing.png: No such file"),
-        ("text.png", &["--pixel-um", "10"], "error: text.png: not a PNG image\n"),
+        ("text.png", &["--pixel-um", "10"], "error: text.png: the file is no image that is read; PNG, TIFF"),
         ("huge.png", &["--pixel-um", "10"], "error: huge.png: larger than 64 MiB"),
         ("ring.png", &["--pixel-um", "10", "--tissue", "7"], "error: ring.png: no pixel is tissue"),
         ("ring.png", &["--pixel-um", "0.5"], "error: ring.png: the tissue has no lumen"),
@@ -78,11 +78,100 @@ fn images_without_a_section_are_refused() {
         assert_eq!((code(&output), output.stdout.len()), (1, 0), "{image} {options:?}");
         assert!(said(&output).starts_with(reason), "{}", said(&output));
     }
-    for options in [&[][..], &["--pixel-um", "0"], &["--pixel-um", "NaN"], &["--pixel-um", "1", "--tissue", "256"]] {
+    for options in [&[][..], &["--pixel-um", "0"], &["--pixel-um", "NaN"], &["--pixel-um", "1", "--tissue", "65536"]] {
         let output = measure("ring.png", options);
         assert_eq!((code(&output), output.stdout.len()), (2, 0), "{options:?}");
         assert!(said(&output).contains("--pixel-um") || said(&output).contains("--tissue"), "{}", said(&output));
     }
+}
+
+/// Path of an image of another program.
+fn case(name: &str) -> String {
+    format!("{}/tests/cases/image-forms/{name}", env!("CARGO_MANIFEST_DIR"))
+}
+
+#[test]
+fn forms_of_one_mask_measure_the_same() {
+    let at = folder();
+    let lumen = |image: &str, options: &[&str]| {
+        let found = json(&run(at.path(), &[&["measure", &case(image), "--json"], options].concat()));
+        (found["quantities"]["lumen_area_mm2"].as_f64().expect("a number"), found["settings"].clone())
+    };
+    let (expected, _) = lumen("mask-rgb.png", &["--pixel-um", "2"]);
+    assert!((expected - 1.419).abs() < 0.0005, "{expected}");
+    let (labels, settings) = lumen("labels16.png", &["--pixel", "2um", "--tissue", "2"]);
+    assert_eq!((labels, &settings["tissue"], &settings["pixel_um"]), (expected, &Value::from(vec![2]), &2.0.into()));
+    let (ome, settings) = lumen("mask.ome.tif", &[]);
+    assert_eq!((ome, &settings["pixel_um"], &settings["tissue"]), (expected, &2.0.into(), &Value::Null));
+    assert_eq!(lumen("mask.tif", &["--pixel-um", "2"]).0, expected);
+    // 5000 pixels per inch, as its tags state.
+    let (inch, settings) = lumen("mask.tif", &[]);
+    assert!((inch / expected - 2.54 * 2.54).abs() < 0.01, "{inch}");
+    assert!((settings["pixel_um"].as_f64().expect("a number") - 5.08).abs() < 1e-9);
+    let output = run(at.path(), &["measure", &case("labels16.png"), "--pixel-um", "2"]);
+    assert_eq!(code(&output), 1);
+    assert!(said(&output).contains("the values 0, 1 and 2") && said(&output).contains("--tissue"), "{}", said(&output));
+    let output = run(at.path(), &["measure", &case("mask.ome.tif"), "--pixel-um", "3"]);
+    assert_eq!(code(&output), 0);
+    assert!(said(&output).contains("the file states a pixel of 2 × 2 µm (OME-XML); 3 µm is used"), "{}", said(&output));
+}
+
+#[test]
+fn several_images_are_measured_in_one_call() {
+    let at = folder();
+    ring(&at.path().join("ring.png"));
+    std::fs::write(at.path().join("text.png"), "no picture").expect("written");
+    let images = ["measure", "ring.png", "text.png", &case("mask.tif"), "--pixel-um", "2"];
+    let with = |options: &[&str]| run(at.path(), &[&images[..], options].concat());
+    let output = with(&["--csv", "all.csv", "--outlines", "drawn"]);
+    assert_eq!(code(&output), 1, "{}", said(&output));
+    assert!(said(&output).contains("error: text.png: the file is no image that is read"), "{}", said(&output));
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(text.starts_with("ring.png\nLumen area  ") && text.contains("mask.tif\nLumen area  "), "{text}");
+    let rows = std::fs::read_to_string(at.path().join("all.csv")).expect("a table");
+    let rows: Vec<&str> = rows.lines().collect();
+    assert_eq!(rows.len(), 4);
+    assert!(rows[0].starts_with("image,pixel_um,lumen_area_mm2,tissue_area_mm2,") && rows[0].ends_with(",error"));
+    assert!(rows[1].starts_with("ring.png,2,0.00") && rows[1].ends_with(','), "{}", rows[1]);
+    assert!(rows[2].starts_with("text.png,,") && rows[2].contains("no image that is read"), "{}", rows[2]);
+    assert!(rows[3].contains("mask.tif,2,1.4"), "{}", rows[3]);
+    for (name, side) in [("ring.png.outlines.png", 40), ("mask.tif.outlines.png", 1100)] {
+        let picture = tiny_skia::Pixmap::load_png(at.path().join("drawn").join(name)).expect("a picture");
+        assert_eq!((picture.width(), picture.height()), (side, side));
+        let coloured = picture.pixels().iter().filter(|pixel| pixel.red() != pixel.blue()).count();
+        assert!(coloured > 100, "{name}: {coloured}");
+    }
+    assert!(!at.path().join("drawn/text.png.outlines.png").exists());
+    let output = with(&["--csv", "-"]);
+    let printed = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert_eq!(printed.lines().collect::<Vec<_>>(), rows);
+    let output = with(&["--json"]);
+    assert_eq!(code(&output), 1);
+    let found: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(found.as_array().map(Vec::len), Some(3));
+    assert_eq!((&found[0]["image"], &found[0]["error"]), (&"ring.png".into(), &Value::Null));
+    assert!(found[1]["error"].as_str().is_some_and(|why| why.contains("no image")) && found[1]["quantities"].is_null());
+    std::fs::create_dir(at.path().join("other")).expect("a folder");
+    ring(&at.path().join("other/ring.png"));
+    let output = run(at.path(), &["measure", "ring.png", "other/ring.png", "--pixel-um", "2", "--outlines", "drawn"]);
+    assert_eq!(code(&output), 2);
+    assert!(said(&output).contains("would both be drawn/ring.png.outlines.png"), "{}", said(&output));
+}
+
+#[test]
+fn sections_are_compared_with_published_values() {
+    let at = folder();
+    let measure = |options: &[&str]| run(at.path(), &[&["measure", &case("mask.ome.tif")], options].concat());
+    let output = measure(&["--compare", "human:ampulla"]);
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(text.contains("\nPublished values\nfolds_on_ring (ampulla) "), "{text}");
+    assert!(!text.contains("(isthmus)"), "{text}");
+    let found = json(&measure(&["--compare", "human", "--json"]));
+    let compared = found["comparison"].as_array().expect("an array");
+    assert!(compared.iter().any(|one| one["region"] == "isthmus" && one["quantity"] == "folds_on_ring"));
+    let output = measure(&["--compare", "dragon"]);
+    assert_eq!(code(&output), 2);
+    assert!(said(&output).contains("published for cow, human"), "{}", said(&output));
 }
 
 /// An image with a gigabyte of zeros in one chunk, and an image whose header claims 2^31 pixels per

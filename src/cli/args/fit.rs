@@ -1,6 +1,7 @@
 //! Options of `fit`.
 
 use crate::cli::units;
+use crate::measure::micrograph::Tissue;
 use clap::Args;
 use clap::builder::FalseyValueParser;
 use std::path::PathBuf;
@@ -15,19 +16,24 @@ pub(in crate::cli) struct FitArgs {
     /// Target, as REGION/QUANTITY=VALUE or REGION/QUANTITY=LOW..HIGH; may be repeated
     #[arg(long, value_name = "TARGET")]
     pub(in crate::cli) target: Vec<String>,
-    /// Image of a section, as REGION=FILE, whose measures become targets: a PNG, grey or with a
-    /// palette; may be repeated
-    #[arg(long, value_name = "REGION=FILE", requires = "side")]
+    /// Image of a section, as REGION=FILE, whose measures become targets; `oviduct measure` reads
+    /// the same files; may be repeated
+    #[arg(long, value_name = "REGION=FILE")]
     pub(in crate::cli) image: Vec<String>,
-    /// Side length of a pixel in all images, such as 2um
-    #[arg(long, value_name = "LENGTH", value_parser = units::positive_length_um, group = "side")]
+    /// Side length of a pixel in all images, such as 2um [default: the one that each file states]
+    #[arg(long, value_name = "LENGTH", value_parser = units::positive_length_um, conflicts_with = "pixel_um")]
     pub(in crate::cli) pixel: Option<f64>,
     /// --pixel in µm, without a unit
-    #[arg(long, value_name = "UM", group = "side")]
+    #[arg(long, value_name = "UM")]
     pub(in crate::cli) pixel_um: Option<f64>,
-    /// Pixel values that are tissue [default: all except 0]
-    #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "image")]
-    pub(in crate::cli) tissue: Vec<u8>,
+    /// Pixel values that are tissue, or nonzero or zero [default: nonzero, if an image has no more
+    /// than two values]
+    #[arg(long, value_name = "VALUES", value_parser = str::parse::<Tissue>, requires = "image")]
+    pub(in crate::cli) tissue: Option<Tissue>,
+    /// Least value of tissue; with `--tissue zero`, values below it are tissue [default: 128 for
+    /// JPEG, none for other formats]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..), requires = "image")]
+    pub(in crate::cli) threshold: Option<u16>,
     /// Preset to start from; see `oviduct presets`
     #[arg(long, value_name = "NAME", default_value = crate::spec::DEFAULT_PRESET)]
     pub(in crate::cli) preset: String,

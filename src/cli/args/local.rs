@@ -253,21 +253,3 @@ impl CutArgs {
         self.origin.or(self.origin_um)
     }
 }
-
-/// Options of `measure`.
-#[derive(Clone, Debug, Args)]
-pub(in crate::cli) struct MeasureArgs {
-    /// PNG of one whole section, grey or with a palette: a mask or a label image
-    #[arg(value_name = "IMAGE")]
-    pub(in crate::cli) image: PathBuf,
-    /// Side length of a pixel, 0.05 to 100 µm
-    #[arg(long, value_name = "UM")]
-    pub(in crate::cli) pixel_um: f64,
-    /// Pixel values that are tissue, separated by commas: grey values or palette indices [default:
-    /// all except 0]
-    #[arg(long, value_name = "LIST", value_delimiter = ',')]
-    pub(in crate::cli) tissue: Vec<u8>,
-    /// Print one JSON object with the settings and the value of each quantity
-    #[arg(long, value_parser = FalseyValueParser::new())]
-    pub(in crate::cli) json: bool,
-}

@@ -8,6 +8,7 @@ mod keys;
 mod limits;
 mod load;
 mod local;
+mod measure;
 mod process;
 mod remote;
 mod shared;
@@ -16,9 +17,9 @@ pub(super) use fit::FitArgs;
 pub(super) use keys::{Keys, KeysAddArgs, KeysRotateArgs};
 pub(super) use load::LoadArgs;
 pub(super) use local::{
-    CheckArgs, CompareArgs, ConvertArgs, CutArgs, GenerateArgs, LayerArgs, MeasureArgs, RenderArgs, ReportArgs,
-    SectionArgs,
+    CheckArgs, CompareArgs, ConvertArgs, CutArgs, GenerateArgs, LayerArgs, RenderArgs, ReportArgs, SectionArgs,
 };
+pub(super) use measure::MeasureArgs;
 pub use process::ServeArgs;
 pub(super) use process::{ProcessArgs, WorkerArgs};
 pub(super) use remote::{DemoArgs, SubmitArgs, WorkersAction, WorkersArgs};
@@ -106,7 +107,7 @@ pub(super) enum Command {
     /// Cut a surface with a plane into rings of tissue, lumen, islands and pockets; write them as
     /// JSON, a drawing or a stained picture
     Cut(CutArgs),
-    /// Measure the section in an image: a mask or a label image
+    /// Measure the sections in images: masks, label images or polygons
     Measure(MeasureArgs),
     /// Send many requests to a running service and report throughput, latencies and errors
     Load(LoadArgs),

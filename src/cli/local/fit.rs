@@ -120,15 +120,22 @@ fn images(args: &FitArgs) -> Result<Vec<Target>, Failure> {
     for text in &args.image {
         let failed = |detail: String| Failure::usage(format!("--image {text}: {detail}"));
         let (region, path) = text.split_once('=').ok_or_else(|| failed("must be written as REGION=FILE".into()))?;
-        let png = measure::read(Path::new(path)).map_err(|error| failed(format!("{error:#}")))?;
-        let tissue = (!args.tissue.is_empty()).then(|| args.tissue.clone());
-        let reading = Reading { pixel_um: args.pixel.or(args.pixel_um).unwrap_or_default(), tissue };
-        images.push(SectionImage { region: region.into(), png, reading, quantities: None, tolerance: IMAGE_TOLERANCE });
+        let file = measure::read(Path::new(path)).map_err(|error| failed(format!("{error:#}")))?;
+        let pixel_um = args.pixel.or(args.pixel_um);
+        let reading = Reading { pixel_um, tissue: args.tissue.clone(), threshold: args.threshold };
+        images.push(SectionImage {
+            region: region.into(),
+            file,
+            member: "image",
+            reading,
+            quantities: None,
+            tolerance: IMAGE_TOLERANCE,
+        });
     }
     image_targets(&images).map_err(|faults| {
         let line = |(i, member, detail): &(usize, &str, String)| match *member {
-            "pixel_um" => format!("--pixel-um: {detail}"),
-            "tissue" => format!("--tissue: {detail}"),
+            "pixel_um" => format!("--pixel-um: {}: {detail}", args.image[*i]),
+            "tissue" => format!("--tissue: {}: {detail}", args.image[*i]),
             _ => format!("--image {}: {detail}", args.image[*i]),
         };
         Failure::Usage(faults.iter().map(line).collect())

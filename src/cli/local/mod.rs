@@ -8,6 +8,7 @@ pub(super) mod fit;
 pub(super) mod folder;
 pub mod generate;
 pub(super) mod measure;
+mod measured;
 pub mod render;
 pub(super) mod report;
 pub(super) mod section;

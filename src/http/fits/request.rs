@@ -90,21 +90,54 @@ pub(super) struct FitTarget {
 pub(super) struct SectionImage {
     /// Region of the tube from which the section was taken.
     region: String,
-    /// The image: a PNG of 1 to 8 bits, grey or with a palette, without transparency, as base64.
-    png: String,
-    /// Side of a pixel, micrometres.
-    #[schema(minimum = 0.05, maximum = 100)]
-    pixel_um: f64,
-    /// Values of the pixels that show tissue (indices if the image has a palette); by default all
-    /// except 0.
+    /// The file of the image as base64: PNG, TIFF, OME-TIFF, BMP or JPEG, grey or with a palette, or
+    /// GeoJSON of QuPath. Required, unless `png` has it.
     #[schema(required = false)]
-    tissue: Option<Vec<u8>>,
+    image: String,
+    /// Former name of `image`.
+    #[schema(required = false)]
+    #[deprecated]
+    png: Option<String>,
+    /// Side of a pixel, micrometres; by default the one that the file states.
+    #[schema(required = false, minimum = 0.05, maximum = 100)]
+    pixel_um: Option<f64>,
+    /// Pixels that show tissue; by default all values except 0, if the image has no more than two
+    /// values.
+    #[schema(required = false)]
+    tissue: Option<TissueChoice>,
+    /// Least value of tissue; with `zero` as `tissue`, values below it are tissue. By default 128 in
+    /// a JPEG, and none in other formats.
+    #[schema(required = false, minimum = 1, maximum = 65535)]
+    threshold: Option<u16>,
     /// Quantities that become targets; by default those that a single section determines reliably.
     #[schema(required = false)]
     quantities: Option<Vec<String>>,
     /// Accepted deviation to both sides, as a fraction of the value; 0.1 by default.
     #[schema(required = false, minimum = 0.001, maximum = 1)]
     tolerance: Option<f64>,
+}
+
+/// Pixels that show tissue.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(untagged)]
+#[expect(dead_code, reason = "describes a member of the body")]
+pub(super) enum TissueChoice {
+    /// These values, which are indices if the image has a palette.
+    #[schema(min_items = 1, max_items = 256)]
+    Values(Vec<u16>),
+    /// All values except 0, or all values from the threshold on; or the value 0, or all values below
+    /// the threshold.
+    Name(TissueName),
+}
+
+/// Name of a choice of pixels.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum TissueName {
+    /// All values except 0, or all values from the threshold on.
+    Nonzero,
+    /// The value 0, or all values below the threshold.
+    Zero,
 }
 
 /// A parameter to search for.

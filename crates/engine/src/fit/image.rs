@@ -1,7 +1,7 @@
 //! Targets from images of sections.
 
 use super::target::{Target, refused};
-use crate::measure::micrograph::{MAX_BYTES, Micrograph, MicrographError, Reading};
+use crate::measure::micrograph::{MAX_BYTES, Micrograph, MicrographError, Reading, Setting, Tissue};
 use crate::measure::morphometry::Quantity;
 use crate::spec::{Fault, JsonReader};
 use base64::Engine;
@@ -15,6 +15,10 @@ pub const MOST_IMAGES: usize = 20;
 /// Half width of the accepted range if the request has none, as a fraction of the value. A single
 /// section differs from the mean over its region.
 pub const IMAGE_TOLERANCE: f64 = 0.1;
+/// Maximum number of values of tissue in a request.
+const MOST_VALUES: usize = 256;
+/// Members of an image in a request.
+const MEMBERS: [&str; 8] = ["region", "image", "png", "pixel_um", "tissue", "threshold", "quantities", "tolerance"];
 /// Quantities that become targets if the request names none: those that pixels change little and
 /// that a region has everywhere.
 pub const IMAGE_QUANTITIES: [&str; 7] = [
@@ -32,8 +36,10 @@ pub const IMAGE_QUANTITIES: [&str; 7] = [
 pub struct SectionImage {
     /// Region of the section.
     pub region: String,
-    /// PNG file.
-    pub png: Vec<u8>,
+    /// Bytes of the file.
+    pub file: Vec<u8>,
+    /// Member of the request that has the file, for messages.
+    pub member: &'static str,
     /// Size and meaning of its pixels.
     pub reading: Reading,
     /// Quantities that become targets. `None` means [`IMAGE_QUANTITIES`].
@@ -71,7 +77,7 @@ pub fn image_targets(images: &[SectionImage]) -> Result<Vec<Target>, Vec<ImageFa
                     let all = measured.entry((image.region.clone(), quantity)).or_default();
                     all.values.push(value);
                     all.tolerance = all.tolerance.max(image.tolerance);
-                    all.images.push(hex::encode(&Sha256::digest(&image.png)[..6]));
+                    all.images.push(hex::encode(&Sha256::digest(&image.file)[..6]));
                 }
             }
             Err((member, detail)) => faults.push((i, member, detail)),
@@ -111,13 +117,15 @@ fn values(image: &SectionImage) -> Result<Vec<(String, f64)>, (&'static str, Str
             return Err(("quantities", format!("`{name}` needs more than one section")));
         }
     }
-    let traced = Micrograph::read(&image.png, &image.reading).map_err(|error| {
-        let member = match error {
-            MicrographError::PixelSize(_) | MicrographError::Extent(_) => "pixel_um",
-            MicrographError::NoTissue if image.reading.tissue.is_some() => "tissue",
-            _ => "png",
-        };
-        (member, error.to_string())
+    let traced = Micrograph::read(&image.file, &image.reading).map_err(|error| {
+        let chosen = image.reading.tissue.is_some();
+        match error.setting() {
+            Some(Setting::PixelSize) => ("pixel_um", error.to_string()),
+            // Values, `nonzero` and `zero` are all choices of `tissue`.
+            Some(Setting::Tissue) => ("tissue", error.to_string()),
+            None if chosen && error == MicrographError::NoTissue => ("tissue", error.to_string()),
+            None => (image.member, error.to_string()),
+        }
     })?;
     let measures = traced.measure();
     let mut found = Vec::new();
@@ -133,8 +141,9 @@ fn values(image: &SectionImage) -> Result<Vec<(String, f64)>, (&'static str, Str
     Ok(found)
 }
 
-/// Measures the images of a request, `[{ "region", "png", "pixel_um", "tissue", "quantities",
-/// "tolerance" }]`, with `png` as base64.
+/// Measures the images of a request, `[{ "region", "image", "pixel_um", "tissue", "threshold",
+/// "quantities", "tolerance" }]`, with `image` as base64. The former name of `image`, `png`, is read
+/// too.
 ///
 /// # Errors
 /// Returns all faults, with pointers that start with `/images`.
@@ -152,7 +161,7 @@ pub fn read_images(list: &Value) -> Result<Vec<Target>, Vec<Fault>> {
 
 fn read_image(reader: &mut JsonReader, item: &Value, at: &str) -> Option<SectionImage> {
     let before = reader.count();
-    let members = reader.members(at, item, &["region", "png", "pixel_um", "tissue", "quantities", "tolerance"])?;
+    let members = reader.members(at, item, &MEMBERS)?;
     let mut wrong = |name: &str, detail: &str| {
         reader.fault::<()>(format!("{at}/{name}"), detail);
     };
@@ -161,24 +170,31 @@ fn read_image(reader: &mut JsonReader, item: &Value, at: &str) -> Option<Section
         wrong("region", "must be the name of a region");
         ""
     });
-    let png = given("png").and_then(Value::as_str).and_then(|text| BASE64_STANDARD.decode(text.trim()).ok());
-    if png.is_none() {
-        wrong("png", "must be a PNG image as base64");
-    } else if png.as_ref().is_some_and(|png| png.len() as u64 > MAX_BYTES) {
-        wrong("png", "is too large");
+    let member = if given("png").is_some() && given("image").is_none() { "png" } else { "image" };
+    if given("png").is_some() && given("image").is_some() {
+        wrong("png", "is the former name of `image`: state one of them");
     }
-    let pixel_um = given("pixel_um").and_then(Value::as_f64);
-    if pixel_um.is_none() {
+    let file = given(member).and_then(Value::as_str).and_then(|text| BASE64_STANDARD.decode(text.trim()).ok());
+    if file.is_none() {
+        wrong(member, "must be the file of an image as base64");
+    } else if file.as_ref().is_some_and(|file| file.len() as u64 > MAX_BYTES) {
+        wrong(member, "is too large");
+    }
+    let pixel_um = given("pixel_um").map(Value::as_f64);
+    if pixel_um == Some(None) {
         wrong("pixel_um", "must be the side of a pixel in micrometres");
     }
-    let tissue: Option<Vec<u8>> = given("tissue").map(|list| {
-        serde_json::from_value(list.clone()).unwrap_or_else(|_| {
-            wrong("tissue", "must be an array of integers from 0 to 255");
-            Vec::new()
-        })
-    });
-    if tissue.as_ref().is_some_and(|values| values.is_empty() || values.len() > 256) {
-        wrong("tissue", "must have 1 to 256 values");
+    let tissue = given("tissue").map(|choice| serde_json::from_value::<Tissue>(choice.clone()));
+    if matches!(tissue, Some(Err(_))) {
+        wrong("tissue", "must be an array of integers from 0 to 65535, `nonzero` or `zero`");
+    }
+    let tissue = tissue.and_then(Result::ok);
+    if matches!(&tissue, Some(Tissue::Values(values)) if values.is_empty() || values.len() > MOST_VALUES) {
+        wrong("tissue", &format!("must have 1 to {MOST_VALUES} values"));
+    }
+    let threshold = given("threshold").map(|value| value.as_u64().and_then(|n| u16::try_from(n).ok()).filter(|n| *n > 0));
+    if threshold == Some(None) {
+        wrong("threshold", "must be an integer from 1 to 65535");
     }
     let quantities: Option<Vec<String>> = given("quantities").map(|list| {
         serde_json::from_value(list.clone()).unwrap_or_else(|_| {
@@ -196,8 +212,15 @@ fn read_image(reader: &mut JsonReader, item: &Value, at: &str) -> Option<Section
     if reader.count() > before {
         return None;
     }
-    let reading = Reading { pixel_um: pixel_um?, tissue };
-    Some(SectionImage { region: region.to_owned(), png: png?, reading, quantities, tolerance: tolerance? })
+    let reading = Reading { pixel_um: pixel_um.flatten(), tissue, threshold: threshold.flatten() };
+    Some(SectionImage {
+        region: region.to_owned(),
+        file: file?,
+        member,
+        reading,
+        quantities,
+        tolerance: tolerance?,
+    })
 }
 
 #[cfg(test)]
@@ -224,7 +247,7 @@ mod tests {
     }
 
     fn image(png: &[u8]) -> Value {
-        json!({ "region": "isthmus", "png": BASE64_STANDARD.encode(png), "pixel_um": 5 })
+        json!({ "region": "isthmus", "image": BASE64_STANDARD.encode(png), "pixel_um": 5 })
     }
 
     #[test]
@@ -268,14 +291,22 @@ mod tests {
             (json!({}), "/images"),
             (json!(vec![good.clone(); 21]), "/images"),
             (json!([good.clone(), 3]), "/images/1"),
-            (with("png", json!("not base64!")), "/images/0/png"),
-            (with("png", json!(BASE64_STANDARD.encode(b"GIF89a"))), "/images/0/png"),
-            (with("png", json!(BASE64_STANDARD.encode(&whole[..whole.len() / 2]))), "/images/0/png"),
-            (with("png", Value::Null), "/images/0/png"),
+            (with("image", json!("not base64!")), "/images/0/image"),
+            (with("image", json!(BASE64_STANDARD.encode(b"GIF89a"))), "/images/0/image"),
+            (with("image", json!(BASE64_STANDARD.encode(&whole[..whole.len() / 2]))), "/images/0/image"),
+            (with("image", Value::Null), "/images/0/image"),
+            (with("png", json!(BASE64_STANDARD.encode(&whole))), "/images/0/png"),
+            (json!([{ "region": "isthmus", "png": "R0lGODlh", "pixel_um": 5 }]), "/images/0/png"),
+            (json!([{ "region": "isthmus", "image": BASE64_STANDARD.encode(&whole) }]), "/images/0/pixel_um"),
             (with("pixel_um", json!(0)), "/images/0/pixel_um"),
             (with("pixel_um", json!("5")), "/images/0/pixel_um"),
             (with("tissue", json!([7])), "/images/0/tissue"),
-            (with("tissue", json!([256])), "/images/0/tissue"),
+            (with("tissue", json!([65536])), "/images/0/tissue"),
+            (with("tissue", json!("grey")), "/images/0/tissue"),
+            (with("tissue", json!("zero")), "/images/0/image"),
+            (with("threshold", json!(0)), "/images/0/threshold"),
+            (with("threshold", json!(65536)), "/images/0/threshold"),
+            (with("threshold", json!("128")), "/images/0/threshold"),
             (with("tissue", json!([])), "/images/0/tissue"),
             (with("region", json!("ishtmus")), "/images/0/region"),
             (with("region", json!("tube")), "/images/0/region"),
@@ -294,5 +325,19 @@ mod tests {
         assert!(!region.contains("tissue_area_mm2"), "{region}");
         assert!(told(&with("quantities", json!(["islands"]))).contains("always 0 in simulated sections"));
         assert_eq!(read_images(&json!([])).unwrap(), []);
+    }
+
+    #[test]
+    fn the_former_name_a_threshold_and_a_choice_give_the_same_targets() {
+        let file = BASE64_STANDARD.encode(mask(150.0));
+        let expected = read_images(&json!([image(&mask(150.0))])).unwrap();
+        for image in [
+            json!({ "region": "isthmus", "png": file, "pixel_um": 5 }),
+            json!({ "region": "isthmus", "image": file, "pixel_um": 5, "threshold": 200 }),
+            json!({ "region": "isthmus", "image": file, "pixel_um": 5, "tissue": "nonzero" }),
+            json!({ "region": "isthmus", "image": file, "pixel_um": 5, "tissue": [255], "png": null }),
+        ] {
+            assert_eq!(read_images(&json!([image])).unwrap(), expected);
+        }
     }
 }

@@ -4,7 +4,7 @@
 //! source and the confidence in it. Column `measure` names the quantity of a model that the value
 //! can be compared with, and `model_region` the region.
 
-use super::morphometry::{Morphometry, Quantity};
+use super::morphometry::{Measures, Morphometry, Quantity};
 use serde::{Deserialize, Serialize};
 use std::sync::LazyLock;
 
@@ -128,7 +128,8 @@ pub struct Compared {
 #[must_use]
 pub fn compare(morphometry: &Morphometry, organ: &str, species: &str) -> Comparison {
     let own = references().iter().filter(|r| r.organ == organ && r.species == species && !r.measure.is_empty());
-    let compared: Vec<Compared> = own.map(|reference| beside(morphometry, reference)).collect();
+    let mean = |reference: &Reference| morphometry.mean(&reference.measure, &reference.model_region);
+    let compared: Vec<Compared> = own.map(|reference| beside(mean(reference), reference)).collect();
     let count = |verdict| compared.iter().filter(|c| c.verdict == verdict).count();
     let without = |quantity: &&'static Quantity| compared.iter().all(|c| c.quantity != quantity.name);
     Comparison {
@@ -141,11 +142,28 @@ pub fn compare(morphometry: &Morphometry, organ: &str, species: &str) -> Compari
     }
 }
 
-fn beside(morphometry: &Morphometry, reference: &Reference) -> Compared {
+/// Compares one section with the values published for its organ and species: those of a region and
+/// of the whole tube, or those of all regions if the region is not known. Measures of tubes are left
+/// out.
+#[must_use]
+pub fn compare_section(measures: &Measures, organ: &str, species: &str, region: Option<&str>) -> Vec<Compared> {
+    let in_region = |own: &str| own == "whole" || region.is_none_or(|region| region == own);
+    let of = |r: &&Reference| r.organ == organ && r.species == species && in_region(&r.model_region);
+    let with_quantity = |r: &'static Reference| Some((Quantity::named(&r.measure)?, r));
+    let pairs = references().iter().filter(of).filter_map(with_quantity);
+    pairs.map(|(quantity, reference)| beside(quantity.of(measures), reference)).collect()
+}
+
+/// Organs and species for which values of sections are published.
+pub fn compared_species() -> impl Iterator<Item = (&'static str, &'static str)> {
+    let with_quantity = references().iter().filter(|r| Quantity::named(&r.measure).is_some());
+    with_quantity.map(|r| (r.organ.as_str(), r.species.as_str())).collect::<std::collections::BTreeSet<_>>().into_iter()
+}
+
+fn beside(measured: Option<f64>, reference: &Reference) -> Compared {
     let factor = reference.factor.unwrap_or(1.0);
     let [value, low, high, sd] =
         [reference.value, reference.low, reference.high, reference.sd].map(|x| x.map(|x| x * factor));
-    let measured = morphometry.mean(&reference.measure, &reference.model_region);
     let verdict = match (measured, low, high) {
         (None, ..) => Verdict::NotMeasured,
         (Some(_), None, None) => Verdict::NoRange,
@@ -178,7 +196,7 @@ fn beside(morphometry: &Morphometry, reference: &Reference) -> Compared {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::measure::morphometry::{Along, Region, Tube};
+    use crate::measure::morphometry::{Along, Region, Shape, Tube, measure};
 
     #[test]
     fn every_row_is_consistent() {
@@ -208,6 +226,26 @@ mod tests {
             assert!(!found.compared.is_empty(), "{}", preset.name);
             assert!(found.compared.iter().all(|c| c.measured.is_none() || c.region == "tube"));
         }
+    }
+
+    #[test]
+    fn a_section_is_compared_with_its_region_and_the_whole_tube() {
+        let around = |radius: &dyn Fn(f64) -> f64| -> Vec<[f32; 2]> {
+            let turns = (0..6000).map(|i| f64::from(i) / 6000.0 * std::f64::consts::TAU);
+            turns.map(|turn| [radius(turn) * turn.cos(), radius(turn) * turn.sin()].map(|um| um as f32)).collect()
+        };
+        let (outer, lumen) = (around(&|_| 2000.0), around(&|turn| 1300.0 + 500.0 * (30.0 * turn).cos()));
+        let measures = measure(&Shape { outer: &outer, lumen: vec![&lumen] }, false);
+        let found = compare_section(&measures, "oviduct", "human", Some("ampulla"));
+        assert!(!found.is_empty() && found.iter().all(|c| ["ampulla", "whole"].contains(&c.region.as_str())));
+        let folds = found.iter().find(|c| c.quantity == "folds_on_ring").unwrap();
+        assert_eq!((folds.measured, folds.verdict), (Some(30.0), Verdict::Inside));
+        let all = compare_section(&measures, "oviduct", "human", None);
+        assert!(all.len() > found.len() && all.iter().any(|c| c.region == "isthmus" && c.verdict == Verdict::Outside));
+        assert!(all.iter().all(|c| c.region != "tube"));
+        assert_eq!(compare_section(&measures, "oviduct", "unicorn", None), []);
+        assert!(compared_species().any(|pair| pair == ("oviduct", "human")));
+        assert!(compared_species().all(|pair| pair != ("oviduct", "mouse")), "only lengths are published");
     }
 
     fn human(folds: f64) -> Comparison {

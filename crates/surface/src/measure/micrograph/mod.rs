@@ -8,10 +8,12 @@
 //! |---|---|
 //! | `error` | reasons to refuse an image |
 //! | `limits` | accepted images |
-//! | `read` | PNG to values, within limits |
+//! | `read` | files of several formats to values, within limits |
+//! | `reading` | side of a pixel, and which values are tissue |
 //! | `regions` | pixels of the outside, the tissue and the lumen |
 //! | `contour` | border of a region, smoothed |
 //! | `spacing` | points at equal distances |
+//! | `picture` | the image in grey, to draw the contours over it |
 
 mod contour;
 mod error;
@@ -19,27 +21,22 @@ mod error;
 #[doc(hidden)]
 pub mod fuzzing;
 mod limits;
+mod picture;
 mod read;
+mod reading;
 mod regions;
 mod spacing;
 
-pub use error::MicrographError;
+pub use error::{MicrographError, Setting};
 pub use limits::{EXTENT_MM, LEAST_AREA_UM2, MAX_BYTES, MAX_SIDE, PIXEL_UM};
+pub use picture::Picture;
+pub use reading::{Reading, Tissue};
 
 use super::morphometry::{Measures, Shape, measure};
 use contour::{Loop, trace};
 use limits::MAX_POINTS;
 use regions::{PixelRegions, Region};
 use spacing::spaced;
-
-/// Meaning of an image of a section.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Reading {
-    /// Side of a pixel, µm.
-    pub pixel_um: f64,
-    /// Values that are tissue; `None` for all values except 0.
-    pub tissue: Option<Vec<u8>>,
-}
 
 /// Contours of a section, traced in an image. Coordinates are micrometres from the centre of the
 /// image, x to the right and y up.
@@ -50,24 +47,31 @@ pub struct Micrograph {
     /// Contours of the lumen: counter-clockwise ones, the largest first, then clockwise ones of
     /// islands.
     lumen: Vec<Vec<[f32; 2]>>,
+    /// Side of a pixel of the file, µm.
+    pixel_um: f64,
+    /// Remarks on how the file was read.
+    notes: Vec<String>,
 }
 
 impl Micrograph {
-    /// Traces the section in a PNG image.
+    /// Traces the section in an image: PNG, TIFF, BMP, JPEG or QuPath's GeoJSON.
     ///
     /// # Errors
     /// Returns [`MicrographError`] if the file is not an accepted mask or the mask does not show
     /// one whole section.
-    pub fn read(png: &[u8], reading: &Reading) -> Result<Self, MicrographError> {
-        let pixel = reading.pixel_um;
-        if !PIXEL_UM.contains(&pixel) {
-            return Err(MicrographError::PixelSize(pixel));
-        }
-        let is_tissue: [bool; 256] = std::array::from_fn(|value| match &reading.tissue {
-            Some(values) => values.iter().any(|&tissue| usize::from(tissue) == value),
-            None => value != 0,
-        });
-        let mut field = PixelRegions::new(&read::read(png)?, &is_tissue);
+    pub fn read(file: &[u8], reading: &Reading) -> Result<Self, MicrographError> {
+        Self::read_within(file, reading, MAX_SIDE)
+    }
+
+    /// Traces the section in an image of at most `side` pixels a side.
+    fn read_within(file: &[u8], reading: &Reading, side: u32) -> Result<Self, MicrographError> {
+        let mut image = read::read(file, side)?;
+        let pixel_um = reading.side_um(&mut image)?;
+        let pixel = pixel_um * image.step;
+        let classes = reading.classes(&mut image)?;
+        let mut field = PixelRegions::new(&image, &classes);
+        let notes = image.notes;
+        drop(image.values);
         field.keep_the_largest_piece()?;
         let mut room = MAX_POINTS;
         let least = LEAST_AREA_UM2 / (pixel * pixel);
@@ -99,13 +103,25 @@ impl Micrograph {
         let mut kept = std::iter::once(true).chain(lumen.iter().map(|border| field.is(Region::Lumen, border.start)));
         contours.retain(|_| kept.next().unwrap_or(false));
         let mut contours = spaced(contours, pixel).into_iter();
-        Ok(Self { outer: contours.next().unwrap_or_default(), lumen: contours.collect() })
+        Ok(Self { outer: contours.next().unwrap_or_default(), lumen: contours.collect(), pixel_um, notes })
     }
 
     /// Returns the contours as the measures need them.
     #[must_use]
     pub fn shape(&self) -> Shape<'_> {
         Shape { outer: &self.outer, lumen: self.lumen.iter().map(Vec::as_slice).collect() }
+    }
+
+    /// Returns the side of a pixel, µm, as given or as the file states it.
+    #[must_use]
+    pub fn pixel_um(&self) -> f64 {
+        self.pixel_um
+    }
+
+    /// Returns remarks on how the file was read.
+    #[must_use]
+    pub fn notes(&self) -> &[String] {
+        &self.notes
     }
 
     /// Computes all measures, including the shape tree.

@@ -39,13 +39,14 @@ pub(super) struct PixelRegions {
 }
 
 impl PixelRegions {
-    pub(super) fn new(image: &Image, is_tissue: &[bool; 256]) -> Self {
+    /// `classes` has for each value whether it is tissue.
+    pub(super) fn new(image: &Image, classes: &[bool]) -> Self {
         let stride = image.width + 2;
-        let rows = image.rows();
+        let rows = image.values.chunks_exact(image.width);
         let mut pixels = vec![OPEN; stride * (rows.len() + 2)];
         for (row, out) in rows.zip(pixels.chunks_exact_mut(stride).skip(1)) {
-            for (value, out) in row.zip(&mut out[1..]) {
-                *out = if is_tissue[usize::from(value)] { TISSUE } else { OPEN };
+            for (value, out) in row.iter().zip(&mut out[1..]) {
+                *out = if classes[usize::from(*value)] { TISSUE } else { OPEN };
             }
         }
         Self { stride, pixels }

@@ -1,6 +1,8 @@
 //! Masks painted from known contours, and files that are refused.
 
 mod files;
+mod forms;
+mod polygons;
 mod models;
 mod shapes;
 
@@ -61,7 +63,7 @@ fn paint([width, height]: [usize; 2], pixel_um: f64, contours: &[&[[f32; 2]]]) -
 }
 
 fn read(png: &[u8], pixel_um: f64) -> Result<Micrograph, MicrographError> {
-    Micrograph::read(png, &Reading { pixel_um, tissue: None })
+    Micrograph::read(png, &Reading { pixel_um: Some(pixel_um), ..Reading::default() })
 }
 
 /// An image drawn with characters: `#` is tissue.

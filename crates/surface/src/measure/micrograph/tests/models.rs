@@ -76,8 +76,9 @@ fn images_of_the_sections_of_a_model_measure_what_the_model_does() {
 
             let slide = Slide { borders: section.borders(), layers: spec.histology.layers(), seed: 7, index: 0 };
             let labels = slide.labels(size).unwrap();
-            let tissue = Some(vec![2, 3, 4, 5, 6]);
-            let labels = Micrograph::read(&labels, &Reading { pixel_um, tissue }).unwrap();
+            let tissue = Some(Tissue::Values(vec![2, 3, 4, 5, 6]));
+            let reading = Reading { pixel_um: Some(pixel_um), tissue, threshold: None };
+            let labels = Micrograph::read(&labels, &reading).unwrap();
             let pixels = [grid.width, grid.height].map(|side| side as usize);
             let mask = paint(pixels, pixel_um, &[&inner, &outer]);
             let mask = read(&png(pixels[0], &mask, ColorType::Grayscale, BitDepth::One), pixel_um).unwrap();

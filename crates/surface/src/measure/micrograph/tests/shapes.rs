@@ -188,8 +188,8 @@ proptest! {
         let measures = traced.measure();
         prop_assert!(crate::measure::morphometry::QUANTITIES.iter().all(|q| q.of(&measures).is_none_or(f64::is_finite)));
 
-        let image = read::read(&grey(side, &pixels)).unwrap();
-        let mut field = PixelRegions::new(&image, &std::array::from_fn(|value| value != 0));
+        let image = read::read(&grey(side, &pixels), MAX_SIDE).unwrap();
+        let mut field = PixelRegions::new(&image, &std::array::from_fn::<bool, 65536, _>(|value| value != 0));
         field.keep_the_largest_piece().unwrap();
         field.find_the_lumen(0.0).unwrap();
         let mut room = MAX_POINTS;
