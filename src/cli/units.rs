@@ -97,6 +97,14 @@ fn length(text: &str) -> Result<f64, String> {
     Ok(sign * number * metres)
 }
 
+/// Parses a [`length`] above zero.
+pub(super) fn positive_length(text: &str) -> Result<f64, String> {
+    match length(text)? {
+        metres if metres > 0.0 && metres.is_finite() => Ok(metres),
+        _ => Err("must be more than 0".to_owned()),
+    }
+}
+
 /// Parses a plane and the side in front of it: `z=12mm` (greater z), `-z=12mm` (smaller z), or a
 /// direction and the distance from the origin along it, such as `1,1,0=2mm`.
 pub(super) fn plane(text: &str) -> Result<Plane, String> {

@@ -17,7 +17,7 @@ pub(super) use keys::{Keys, KeysAddArgs, KeysRotateArgs};
 pub(super) use load::LoadArgs;
 pub(super) use local::{
     CheckArgs, CompareArgs, ConvertArgs, CutArgs, GenerateArgs, LayerArgs, MeasureArgs, RenderArgs, ReportArgs,
-    SectionArgs,
+    SectionArgs, Side,
 };
 pub use process::ServeArgs;
 pub(super) use process::{ProcessArgs, WorkerArgs};
@@ -89,8 +89,8 @@ pub(super) enum Command {
     Submit(SubmitArgs),
     /// Certify the surface in a glb, gltf, obj, stl, ply or vtp file from any source
     Check(CheckArgs),
-    /// Convert the surface in a glb, gltf, obj, stl, ply or vtp file to another of these formats or
-    /// to another unit
+    /// Convert the surface in a glb, gltf, obj, stl, ply or vtp file to another of these formats,
+    /// to 3mf, or to another unit or size
     Convert(ConvertArgs),
     /// Draw the surfaces in glb, gltf, obj, stl, ply, vtp or sections.bin files as PNG pictures
     Render(RenderArgs),

@@ -10,3 +10,5 @@ pub(super) mod measure;
 pub mod render;
 pub(super) mod report;
 pub(super) mod section;
+mod solid;
+mod target;

@@ -9,6 +9,10 @@ use spade::{AngleLimit, ConstrainedDelaunayTriangulation, Point2, RefinementPara
 
 use super::predicates::{orient2d, widen2};
 
+mod region;
+
+pub use region::left_of;
+
 /// Reasons why a region could not be triangulated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TriangulateError {
