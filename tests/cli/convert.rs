@@ -94,11 +94,13 @@ fn impossible_conversions_fail_before_a_file_is_written() {
     let at = folder();
     std::fs::write(at.path().join("t.obj"), "v 0 0 0\n").unwrap();
     for (line, expected, part) in [
-        (&["convert", "t.obj", "t.step"][..], 2, "known are .glb, .gltf, .obj, .stl, .ascii.stl, .ply, .vtp"),
+        (&["convert", "t.obj", "t.step"][..], 2, "known are .glb, .gltf, .obj, .stl, .ascii.stl, .ply, .vtp, .3mf"),
         (&["convert", "t.obj", ".ply"], 2, "has no name"),
         (&["convert", "t.obj", "t.glb", "--units", "mm"], 2, "always in m"),
         (&["convert", "t.obj", "t.ply", "--ascii"], 2, "only STL"),
         (&["convert", "t.obj", "t.ply", "--units", "inch"], 2, "inch"),
+        (&["convert", "t.obj", "t.ply", "--scale", "0"], 2, "above 0"),
+        (&["convert", "t.obj", "t.ply", "--scale", "inf"], 2, "above 0"),
         (&["convert", "none.obj", "t.ply"], 1, "none.obj"),
         (&["convert", "t.obj", "t.glb"], 1, "no triangles"),
         (&["generate", "--out", "x", "--bodies", "air"], 2, "tissue"),
@@ -108,4 +110,44 @@ fn impossible_conversions_fail_before_a_file_is_written() {
         assert!(said(&done).contains(part), "{line:?}: {}", said(&done));
     }
     assert_eq!(names(at.path()), ["t.obj"]);
+}
+
+/// A cuboid as OBJ, 1 by 2 by 0.5 units, with a second one 0.25 units above it.
+const PLATES: &str = "\
+v 0 0 0\nv 1 0 0\nv 0 2 0\nv 1 2 0\nv 0 0 .5\nv 1 0 .5\nv 0 2 .5\nv 1 2 .5
+f 1 3 4\nf 1 4 2\nf 5 6 8\nf 5 8 7\nf 1 2 6\nf 1 6 5\nf 3 7 8\nf 3 8 4\nf 1 5 7\nf 1 7 3\nf 2 4 8\nf 2 8 6
+v 0 0 .75\nv 1 0 .75\nv 0 2 .75\nv 1 2 .75\nv 0 0 1.75\nv 1 0 1.75\nv 0 2 1.75\nv 1 2 1.75
+f 9 11 12\nf 9 12 10\nf 13 14 16\nf 13 16 15\nf 9 10 14\nf 9 14 13\nf 11 15 16\nf 11 16 12
+f 9 13 15\nf 9 15 11\nf 10 12 16\nf 10 16 14
+";
+
+#[test]
+fn a_scaled_surface_is_written_with_the_sizes_that_will_print() {
+    let at = folder();
+    std::fs::write(at.path().join("p.obj"), PLATES).unwrap();
+    let line = ["convert", "p.obj", "p.3mf", "--from-units", "mm", "--scale", "20"];
+    let done = run(at.path(), &line);
+    assert_eq!(code(&done), 0, "{}", said(&done));
+    let told = String::from_utf8_lossy(&done.stdout).into_owned();
+    assert!(told.contains("p.3mf: 16 vertices, 24 triangles, in mm; patches surface"), "{told}");
+    assert!(told.contains("size 20.0 x 40.0 x 35.0 mm;"), "{told}");
+    assert!(told.contains("walls from 10.0 mm (5 % below 10.0 mm); gaps from 5.00 mm (5 % below 5.00 mm)"), "{told}");
+    assert!(told.contains("sampled at 20000 places"), "{told}");
+    assert!(!said(&done).contains("closed"), "{}", said(&done));
+    // Other formats print the sizes only with --scale.
+    let scaled =
+        run(at.path(), &["convert", "p.obj", "p.ply", "--from-units", "mm", "--units", "mm", "--scale", "0.1"]);
+    assert!(String::from_utf8_lossy(&scaled.stdout).contains("size 0.100 x 0.200 x 0.175 mm"), "{}", said(&scaled));
+    let found = json(&run(at.path(), &["check", "--json", "p.ply"]));
+    let volume = found[0]["certificate"]["volume_mm3"].as_f64().unwrap();
+    assert!((volume / 3e-3 - 1.0).abs() < 1e-5, "{volume}");
+    let plain = run(at.path(), &["convert", "p.obj", "q.ply"]);
+    assert!(!String::from_utf8_lossy(&plain.stdout).contains("walls"));
+    // A coordinate beyond single precision, and an object that is not closed.
+    let beyond = run(at.path(), &["convert", "p.obj", "r.stl", "--scale", "1e300"]);
+    assert!(code(&beyond) == 1 && said(&beyond).contains("smaller --scale"), "{}", said(&beyond));
+    let open = PLATES.replace("\nf 10 16 14", "");
+    std::fs::write(at.path().join("open.obj"), open).unwrap();
+    let open = run(at.path(), &["convert", "open.obj", "open.3mf"]);
+    assert!(code(&open) == 0 && said(&open).contains("3MF requires"), "{}", said(&open));
 }

@@ -118,3 +118,93 @@ fn invalid_planes_and_options_are_named() {
     let told = run(at.path(), &["cut", "model.glb", "--z-um", "1"]);
     assert!(code(&told) == 1 && said(&told).contains("model.glb"), "{}", said(&told));
 }
+
+/// Volume of the surface in a file, which must pass the check.
+fn checked(at: &std::path::Path, file: &str) -> f64 {
+    let found = json(&run(at, &["check", "--json", file]));
+    assert_eq!(found[0]["certificate"]["passed"], true, "{found}");
+    found[0]["certificate"]["volume_mm3"].as_f64().unwrap()
+}
+
+#[test]
+fn a_part_of_a_model_is_a_closed_solid() {
+    let at = folder();
+    let generate = ["generate", "--seed", "3", "--json", "--outputs", "glb,vtp", "--out", "model"];
+    json(&run(at.path(), &[&generate, &TINY[..]].concat()));
+    let whole = checked(at.path(), "model/model.glb");
+    let solid = |line: &[&str]| {
+        let told = run(at.path(), &[&["cut", "model/model.glb"], line].concat());
+        assert_eq!(code(&told), 0, "{line:?}: {}", said(&told));
+        String::from_utf8_lossy(&told.stdout).into_owned()
+    };
+    let along = ["--origin-um", "0,0,0", "--normal", "0,1,0"];
+    let across = ["--z-um", "30000"];
+    let tilted = ["--origin-um", "0,0,20000", "--normal", "0.2,1,0.1"];
+    for place in [&across[..], &along, &tilted] {
+        let told = solid(&[place, &["--solid", "front.glb"]].concat());
+        assert!(told.contains("inner_wall") && told.contains(", cut\n") && told.contains("passed: closed"), "{told}");
+        solid(&[place, &["--solid", "back.glb", "--side", "back"]].concat());
+        let [front, back] = ["front.glb", "back.glb"].map(|file| checked(at.path(), file));
+        assert!(front > 0.0 && back > 0.0);
+        assert!(((front + back) / whole - 1.0).abs() < 1e-6, "{place:?}: {front} + {back}, not {whole}");
+    }
+    // A slab, in every format that is read.
+    let mut volumes = Vec::new();
+    for file in ["slab.stl", "slab.obj", "slab.ply", "slab.vtp", "slab.glb"] {
+        let told = solid(&[&across[..], &["--thick", "1.5mm", "--solid", file]].concat());
+        assert!(told.contains(", cut_back"), "{told}");
+        volumes.push(checked(at.path(), file));
+    }
+    let behind = solid(&[&across[..], &["--side", "back", "--thick", "1500um", "--solid", "slab.3mf"]].concat());
+    assert!(behind.contains("slab.3mf") && behind.contains(", in mm; patches inner_wall"), "{behind}");
+    // The tube is 60 mm long and its section varies little: 1.5 mm of it are about a fortieth.
+    assert!(volumes.iter().all(|v| (v / volumes[0] - 1.0).abs() < 1e-5), "{volumes:?}");
+    assert!((0.5..2.0).contains(&(volumes[0] / (whole / 40.0))), "{volumes:?} of {whole}");
+    // A cut part can be cut again; both faces keep names of their own.
+    let again =
+        run(at.path(), &["cut", "slab.vtp", "--origin-um", "0,0,0", "--normal", "1,0,0", "--solid", "again.vtp"]);
+    assert!(code(&again) == 0 && String::from_utf8_lossy(&again.stdout).contains("cut_2"), "{}", said(&again));
+    checked(at.path(), "again.vtp");
+
+    for (line, status, part) in [
+        (&["--z-um", "70000", "--solid", "x.stl"][..], 1, "reaches from 0.0 to 60000.0 µm"),
+        (&["--z-um", "-1", "--solid", "x.stl"], 1, "in front of it"),
+        (&["--z-um", "1", "--solid", "x.step"], 2, "known are"),
+        (&["--z-um", "1", "--solid", "x.stl", "--thick", "5"], 2, "unit of length is missing"),
+        (&["--z-um", "1", "--solid", "x.stl", "--thick", "0"], 2, "more than 0"),
+        (&["--z-um", "1", "--thick", "5mm"], 2, "--solid"),
+    ] {
+        let told = run(at.path(), &[&["cut", "model/model.glb"], line].concat());
+        assert!(code(&told) == status && said(&told).contains(part), "{line:?}: {}", said(&told));
+    }
+    assert!(!at.path().join("x.stl").exists());
+}
+
+#[test]
+fn solids_of_other_programs_files_are_cut_through_faces_and_corners() {
+    let at = folder();
+    let cases = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/cases");
+    // Cubes of side 2 m from 0 to 2.
+    for case in ["obj-mixed/cube.obj", "ply-big-endian-extras/cube.ply", "vtp-modelfaceid/cube.vtp"] {
+        let file = format!("{cases}/{case}");
+        for (origin, normal, expected) in [
+            ("0,0,0", "0,0,1", 8.0),
+            ("0,0,500000", "0,0,1", 6.0),
+            ("1000000,1000000,0", "1,1,0", 4.0),
+            ("1000000,1000000,1000000", "1,1,1", 4.0),
+        ] {
+            let line = ["cut", &file, "--origin-um", origin, "--normal", normal, "--solid", "part.glb"];
+            let told = run(at.path(), &line);
+            assert_eq!(code(&told), 0, "{line:?}: {}", said(&told));
+            let volume = checked(at.path(), "part.glb") / 1e9;
+            assert!((volume / expected - 1.0).abs() < 1e-5, "{line:?}: {volume}, not {expected}");
+        }
+        let missed = run(at.path(), &["cut", &file, "--z-um", "2000000", "--solid", "part.glb"]);
+        assert!(code(&missed) == 1 && said(&missed).contains("from 0.0 to 2000000.0"), "{}", said(&missed));
+    }
+    // What is no closed surface has no closed part.
+    std::fs::write(at.path().join("open.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\n")
+        .unwrap();
+    let open = run(at.path(), &["cut", "open.obj", "--z-um", "500000", "--solid", "part.stl"]);
+    assert!(code(&open) == 1 && said(&open).contains("not a sound closed surface"), "{}", said(&open));
+}

@@ -5,17 +5,18 @@ Usage: formats.py FOLDER
 FOLDER contains model.* in every format, and likewise lumen.* and regions.*; other .vtp files
 contain a line.
 
-At least two programs read each file. The result must have the vertices of the OBJ file, its
-triangles with the same order of triangles and corners, and the patch of each triangle. Coordinates
-in the unit of the OBJ file must be equal. In other units they may differ by the rounding of a
-32-bit float.
+Other programs read each file. The result must have the vertices of the OBJ file, its triangles with
+the same order of triangles and corners, and the patch of each triangle. Coordinates in the unit of
+the OBJ file must be equal. In other units they may differ by the rounding of a 32-bit float.
 """
 
 import os
 import re
 import sys
 import warnings
+import zipfile
 from dataclasses import dataclass, field
+from xml.etree import ElementTree
 
 import gmsh
 import meshio
@@ -24,7 +25,7 @@ import trimesh
 import vtk
 from vtk.util.numpy_support import vtk_to_numpy
 
-METRES = {"m": 1.0, "metres": 1.0, "mm": 1e-3, "um": 1e-6}
+METRES = {"m": 1.0, "metres": 1.0, "meter": 1.0, "mm": 1e-3, "millimeter": 1e-3, "um": 1e-6, "micron": 1e-6}
 # Maximum relative difference of coordinates in different units: two roundings of a 32-bit float.
 ROUNDING = 2.0**-22
 
@@ -212,7 +213,46 @@ def vtp_vtk(path, _):
     for name in ("name", "generator", "citation"):
         if len(strings(data, name)) != 1:
             surface.faults.append(f"the field data {name} are {strings(data, name)}")
+    # The faces of SimVascular.
+    patches, faces = (vtk_to_numpy(data.GetCellData().GetArray(name)) for name in ("patch", "ModelFaceID"))
+    if strings(data, "ModelFaceName") != names or not np.array_equal(faces, patches + 1):
+        surface.faults.append("ModelFaceID and ModelFaceName are not those of the patches")
     return surface
+
+
+def threemf_model(path):
+    """Returns the XML of a 3MF file, without its namespace."""
+    with zipfile.ZipFile(path) as package:
+        assert package.testzip() is None, f"{path}: a part is damaged"
+        text = package.read("3D/3dmodel.model")
+    return ElementTree.fromstring(text.replace(b' xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02"', b""))
+
+
+def threemf_trimesh(path, _):
+    """Reads a 3MF file with trimesh, and the patches from the materials itself.
+
+    `regions` has two closed objects: the second one, the lumen, begins with the reversed inner wall.
+    """
+    scene = trimesh.load(path, process=False)
+    model = threemf_model(path)
+    names = [base.get("name") for base in model.find("resources/basematerials")]
+    parts, faults = [], []
+    for stored in model.iter("object"):
+        part = scene.geometry[stored.get("name")]
+        patches = [names[int(t.get("p1"))] for t in stored.iter("triangle")]
+        parts.append(indexed(part.vertices, part.faces, patches))
+        if not part.is_watertight or not part.is_winding_consistent or part.volume <= 0:
+            faults.append(f"trimesh finds that {stored.get('name')} is not a closed object")
+    if len(parts) == 2:
+        tissue, lumen = parts
+        wall = np.array([patch == "inner_wall" for patch in lumen.patches])
+        own = lumen.corners[wall][:, [0, 2, 1]]
+        if not np.array_equal(own, tissue.corners[[patch == "inner_wall" for patch in tissue.patches]]):
+            faults.append("the wall of the lumen is not the inner wall of the tissue")
+        lids = [patch for patch, is_wall in zip(lumen.patches, wall) if not is_wall]
+        parts = [tissue, Surface(lumen.corners[~wall], lids, lumen.vertices)]
+    return Surface(np.concatenate([part.corners for part in parts]), sum((part.patches for part in parts), []),
+                   np.concatenate([part.vertices for part in parts]), faults)
 
 
 READERS = {
@@ -223,6 +263,7 @@ READERS = {
     "ascii.stl": [("trimesh", ascii_trimesh), ("meshio", stl_meshio), ("vtk", ascii_vtk), ("gmsh", by_gmsh)],
     "ply": [("trimesh", ply_trimesh), ("meshio", ply_meshio), ("vtk", ply_vtk), ("gmsh", by_gmsh)],
     "vtp": [("vtk", vtp_vtk)],
+    "3mf": [("trimesh", threemf_trimesh)],
 }
 
 
@@ -249,6 +290,8 @@ def unit_of(stem, extension):
             return 1.0
         case "ascii.stl":
             return unit_of(stem, "stl") if os.path.exists(f"{stem}.stl") else 1.0
+        case "3mf":
+            return METRES[threemf_model(path).get("unit")]
         case "vtp":
             return METRES[strings(output(vtk.vtkXMLPolyDataReader(), path), "units")[0]]
         case _:

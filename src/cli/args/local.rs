@@ -4,8 +4,8 @@ use super::shared::{GpuArgs, ModelArgs, UnitArgs};
 use crate::cli::units;
 use crate::model::LengthUnit;
 use crate::render::{MAX_SIZE, NamedView, Plane};
-use clap::Args;
 use clap::builder::FalseyValueParser;
+use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 
 /// Options of `generate`.
@@ -69,14 +69,19 @@ pub(in crate::cli) struct ConvertArgs {
     #[arg(value_name = "FILE")]
     pub(in crate::cli) file: PathBuf,
     /// File to write; its ending selects the format: .glb, .gltf (with a .bin next to it), .obj,
-    /// .stl, .ascii.stl, .ply or .vtp
+    /// .stl, .ascii.stl, .ply, .vtp or .3mf
     #[arg(value_name = "OUT")]
     pub(in crate::cli) out: PathBuf,
-    /// Unit to write: m, mm or um [default: m in OBJ and glTF, mm in STL, PLY and VTP]
+    /// Unit to write: m, mm or um [default: m in OBJ and glTF, mm in STL, PLY, VTP
+    /// and 3MF]
     #[arg(long, value_name = "UNIT", value_parser = units::named::<LengthUnit>)]
     pub(in crate::cli) units: Option<LengthUnit>,
     #[command(flatten)]
     pub(in crate::cli) unit: UnitArgs,
+    /// Factor by which the surface is enlarged, such as 20 to print it. Also prints its size, and
+    /// the least thickness of its walls and width of its gaps, as does every .3mf
+    #[arg(long, value_name = "FACTOR", value_parser = factor)]
+    pub(in crate::cli) scale: Option<f64>,
     /// Write STL as text, with one solid per patch
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(in crate::cli) ascii: bool,
@@ -227,6 +232,18 @@ pub(in crate::cli) struct CutArgs {
     /// tissue labels with --labels) [default: none; areas and islands are printed]
     #[arg(long, value_name = "PATH")]
     pub(in crate::cli) out: Option<PathBuf>,
+    /// File for the part on one side of the plane as a closed surface, certified: .stl, .3mf, .glb,
+    /// .obj, .ply or .vtp. The face of the cut is the patch cut. The plane has no limits, so it also
+    /// cuts other parts of a bent tube
+    #[arg(long, value_name = "PATH")]
+    pub(in crate::cli) solid: Option<PathBuf>,
+    /// Part that --solid keeps: front, to which the normal points (greater z), or back
+    #[arg(long, value_name = "SIDE", value_enum, default_value_t = Side::Front, requires = "solid")]
+    pub(in crate::cli) side: Side,
+    /// Thickness of the slab that --solid keeps, such as 500um. Its other face is the patch cut_back
+    /// [default: all on this side]
+    #[arg(long, value_name = "LENGTH", value_parser = units::positive_length_um, requires = "solid")]
+    pub(in crate::cli) thick: Option<f64>,
     /// Longer side of a .png, pixels
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(32..=i64::from(MAX_SIZE)), default_value_t = 1024)]
     pub(in crate::cli) size: u32,
@@ -251,5 +268,31 @@ impl CutArgs {
     /// Point on the plane, µm.
     pub(in crate::cli) fn point_um(&self) -> Option<[f64; 3]> {
         self.origin.or(self.origin_um)
+    }
+}
+
+/// Side of a plane.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(in crate::cli) enum Side {
+    /// The side to which the normal points.
+    Front,
+    /// The other side.
+    Back,
+}
+
+impl Side {
+    /// Word for what lies on this side of a plane.
+    pub(in crate::cli) fn name(self) -> &'static str {
+        match self {
+            Self::Front => "in front of",
+            Self::Back => "behind",
+        }
+    }
+}
+
+fn factor(text: &str) -> Result<f64, String> {
+    match text.trim().parse::<f64>() {
+        Ok(factor) if factor.is_finite() && factor > 0.0 => Ok(factor),
+        _ => Err("must be a number above 0".into()),
     }
 }

@@ -17,7 +17,7 @@ pub(super) use fit::FitArgs;
 pub(super) use keys::{Keys, KeysAddArgs, KeysRotateArgs};
 pub(super) use load::LoadArgs;
 pub(super) use local::{
-    CheckArgs, CompareArgs, ConvertArgs, CutArgs, GenerateArgs, LayerArgs, RenderArgs, ReportArgs, SectionArgs,
+    CheckArgs, CompareArgs, ConvertArgs, CutArgs, GenerateArgs, LayerArgs, RenderArgs, ReportArgs, SectionArgs, Side,
 };
 pub(super) use measure::MeasureArgs;
 pub use process::ServeArgs;
@@ -90,8 +90,8 @@ pub(super) enum Command {
     Submit(SubmitArgs),
     /// Certify the surface in a glb, gltf, obj, stl, ply or vtp file from any source
     Check(CheckArgs),
-    /// Convert the surface in a glb, gltf, obj, stl, ply or vtp file to another of these formats or
-    /// to another unit
+    /// Convert the surface in a glb, gltf, obj, stl, ply or vtp file to another of these formats,
+    /// to 3mf, or to another unit or size
     Convert(ConvertArgs),
     /// Draw the surfaces in glb, gltf, obj, stl, ply, vtp or sections.bin files as PNG pictures
     Render(RenderArgs),

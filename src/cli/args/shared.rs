@@ -34,7 +34,7 @@ pub(in crate::cli) struct ModelArgs {
     /// Backend that computes the model: auto, gpu, cpu or cpu-single
     #[arg(long, value_parser = units::named::<Backend>, default_value = "auto")]
     pub(in crate::cli) backend: Backend,
-    /// Formats of the model, separated by commas: glb, gltf, obj, stl, stl-ascii, ply, vtp,
+    /// Formats of the model, separated by commas: glb, gltf, obj, stl, stl-ascii, ply, vtp, 3mf,
     /// centreline, lod, labels. sections.bin, report.json and manifest.json are always written
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = units::named::<Output>, default_value = "glb,lod")]
     outputs: Vec<Output>,
@@ -43,7 +43,7 @@ pub(in crate::cli) struct ModelArgs {
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = units::named::<BodyKind>, default_value = "tissue")]
     bodies: Vec<BodyKind>,
     /// Unit of coordinates: m, mm or um; glTF always uses metres [default: m in OBJ, mm in STL,
-    /// PLY, VTP and the centre line]
+    /// PLY, VTP, 3MF and the centre line]
     #[arg(long, value_name = "UNIT", value_parser = units::named::<LengthUnit>)]
     units: Option<LengthUnit>,
 }

@@ -1,109 +1,48 @@
 //! `oviduct convert`: converts a surface to another format or unit.
 
 use super::surface;
+use super::target::Target;
 use crate::cli::args::ConvertArgs;
-use crate::cli::exit::{Ended, Failure};
+use crate::cli::exit::Ended;
 use crate::cli::interrupt::Signals;
-use crate::cli::scratch::{Scratch, split};
 use crate::cli::term;
 use crate::export::convert::Converted;
-use crate::export::glb::GlbOptions;
-use crate::generate::{Output, write_surface};
-use crate::model::LengthUnit;
+use crate::export::read::Unit;
+use crate::export::{Shape, threemf};
+use crate::generate::Output;
+use crate::measure::printable::{Least, printable};
+use crate::measure::{CheckOptions, check_surface};
 use anyhow::Context;
-use std::fs::File;
-use std::io::{BufWriter, Write};
-use std::path::{Path, PathBuf};
 
 pub(in crate::cli) async fn run(args: ConvertArgs) -> Ended {
-    let target = Target::of(&args)?;
+    let target = Target::of(&args.out, args.units, args.ascii)?;
     // If it is interrupted, the name of its scratch directory shows that the files are incomplete.
     let lines = Signals::listen().run("the conversion", move || convert(&args, &target)).await??;
     lines.iter().try_for_each(|line| term::print(line))?;
     Ok(())
 }
 
-/// Target of a conversion.
-struct Target {
-    output: Output,
-    dir: PathBuf,
-    /// Name of the file without its ending.
-    stem: String,
-    /// Endings of the files: as in the table of formats, and as given.
-    endings: Vec<(&'static str, String)>,
-    unit: LengthUnit,
-}
-
-impl Target {
-    fn of(args: &ConvertArgs) -> Result<Self, Failure> {
-        let shown = args.out.display();
-        let name = args.out.file_name().and_then(|name| name.to_str()).unwrap_or_default();
-        let lower = name.to_ascii_lowercase();
-        // The longest ending: `.ascii.stl` also ends in `.stl`.
-        let known = Output::ALL.into_iter().filter_map(|output| Some((output, output.endings().first()?.0)));
-        let found = known.filter(|(_, ending)| lower.ends_with(&format!(".{ending}"))).max_by_key(|(_, e)| e.len());
-        let Some((output, ending)) = found else {
-            let endings: Vec<&str> =
-                Output::ALL.iter().filter_map(|output| Some(output.endings().first()?.0)).collect();
-            return Err(Failure::usage(format!(
-                "{shown}: the format is not known; known are .{}",
-                endings.join(", .")
-            )));
-        };
-        let output = if args.ascii { ascii(output, name)? } else { output };
-        let unit = output.unit(args.units).unwrap_or(LengthUnit::Metre);
-        if args.units.is_some_and(|asked| asked != unit) {
-            return Err(Failure::usage(format!("--units: {} is always in {}", output.name(), unit.name())));
-        }
-        let (stem, given) = name.split_at(name.len() - ending.len() - 1);
-        if stem.is_empty() {
-            return Err(Failure::usage(format!("{shown}: has no name before its ending")));
-        }
-        let mut endings = vec![(output.endings()[0].0, given[1..].to_owned())];
-        endings.extend(output.endings().iter().skip(1).map(|(ending, _)| (*ending, (*ending).to_owned())));
-        let dir = split(&args.out).map_or(Path::new("."), |(dir, _)| dir);
-        Ok(Self { output, dir: dir.to_owned(), stem: stem.to_owned(), endings, unit })
-    }
-}
-
-/// Returns the text variant of a format.
-fn ascii(output: Output, name: &str) -> Result<Output, Failure> {
-    match output {
-        Output::Stl | Output::StlAscii => Ok(Output::StlAscii),
-        _ => Err(Failure::usage(format!("--ascii: {name}: only STL can be binary or text"))),
-    }
-}
-
 fn convert(args: &ConvertArgs, target: &Target) -> anyhow::Result<Vec<String>> {
     let from = args.file.display();
-    let surface = surface::read_aloud(&args.file, args.unit).with_context(|| from.to_string())?;
-    let mut lines = Vec::new();
+    let mut surface = surface::read_aloud(&args.file, args.unit).with_context(|| from.to_string())?;
+    if let Some(factor) = args.scale {
+        // With the unit, so that each coordinate is rounded once.
+        surface.unit = Unit::Stated(surface.unit.metres() * factor);
+    }
     let converted = Converted::new(&surface, target.unit, &target.stem);
     drop(surface);
     let shape = converted.shape();
-    let scratch = Scratch::new(&target.dir).with_context(|| target.dir.display().to_string())?;
-    let mut names = Vec::new();
-    for (ending, given) in &target.endings {
-        let name = format!("{}.{given}", target.stem);
-        let write = || -> std::io::Result<()> {
-            let mut file = BufWriter::with_capacity(1 << 18, File::create(scratch.dir().join(&name))?);
-            write_surface(target.output, ending, &shape, GlbOptions::default(), &target.stem, &mut file)?;
-            file.flush()
-        };
-        write().with_context(|| name.clone())?;
-        names.push(name);
+    let mut used = shape.triangles.as_flattened().iter().flat_map(|&v| shape.positions[v as usize]);
+    if let Some(coordinate) = used.find(|x| !x.is_finite()) {
+        let unit = target.unit.name();
+        anyhow::bail!("{from}: a coordinate would be {coordinate} {unit} in single precision; use a smaller --scale");
     }
-    let patches: Vec<&str> = shape.patches.iter().map(|patch| patch.name).collect();
-    for name in &names {
-        let path = scratch.publish(name).with_context(|| name.clone())?;
-        lines.push(format!(
-            "{}: {} vertices, {} triangles, in {}; patches {}",
-            path.display(),
-            shape.positions.len(),
-            shape.triangles.len(),
-            target.unit.name(),
-            patches.join(", ")
-        ));
+    let mut lines = target.write(&shape)?;
+    if args.scale.is_some() || target.output == Output::ThreeMf {
+        lines.push(printed_sizes(&shape));
+    }
+    if target.output == Output::ThreeMf {
+        closed_objects(&shape).iter().for_each(|note| term::note(note));
     }
     if converted.rounded > 0.0 {
         let (by, unit) = (converted.rounded, target.unit.name());
@@ -113,4 +52,64 @@ fn convert(args: &ConvertArgs, target: &Target) -> anyhow::Result<Vec<String>> {
         term::note(&format!("{} triangles with a corner twice were left out", converted.collapsed));
     }
     Ok(lines)
+}
+
+/// Line about the sizes that a printer must resolve.
+fn printed_sizes(shape: &Shape<'_>) -> String {
+    let found = printable(shape.positions, shape.triangles);
+    let unit = shape.unit.name();
+    let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    for p in shape.triangles.as_flattened().iter().map(|&v| shape.positions[v as usize]) {
+        (0..3).for_each(|axis| (low[axis], high[axis]) = (low[axis].min(p[axis]), high[axis].max(p[axis])));
+    }
+    let [x, y, z] = [0, 1, 2].map(|axis| high[axis] - low[axis]);
+    let shown = |what: &str, found: Option<Least>| match found {
+        Some(Least { least, fifth_percentile }) => {
+            format!("{what} from {} {unit} (5 % below {} {unit})", digits(least), digits(fifth_percentile))
+        }
+        None => format!("no {what}"),
+    };
+    format!(
+        "size {} x {} x {} {unit}; {}; {}; sampled at {} places, so a thinner place may lie between them",
+        digits(x.into()),
+        digits(y.into()),
+        digits(z.into()),
+        shown("walls", found.wall),
+        shown("gaps", found.gap),
+        found.places
+    )
+}
+
+/// A number with three significant digits.
+fn digits(x: f64) -> String {
+    if x == 0.0 || !x.is_finite() {
+        return x.to_string();
+    }
+    let places = (2 - x.abs().log10().floor() as i32).max(0) as usize;
+    format!("{x:.places$}")
+}
+
+/// Notes about objects of a 3MF file that are not closed surfaces as the format requires.
+fn closed_objects(shape: &Shape<'_>) -> Vec<String> {
+    let positions: Vec<[f64; 3]> = shape.positions.iter().map(|p| p.map(f64::from)).collect();
+    let options = CheckOptions { euler: None, unit_metres: shape.unit.metres() };
+    let note = |solid: threemf::Solid<'_>| {
+        let triangles: Vec<[u32; 3]> = solid.triangles(shape).map(|(triangle, _)| triangle).collect();
+        let failure = check_surface(&positions, &triangles, &options).first_failure()?;
+        let name = solid.name;
+        Some(format!(
+            "{name} is not a sound closed surface, which 3MF requires, so a slicer may refuse or mend it: {failure}"
+        ))
+    };
+    threemf::solids(shape).into_iter().filter_map(note).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_three_digits() {
+        assert_eq!([0.0, 0.012_345, 0.5, 12.345, 1234.6].map(digits), ["0", "0.0123", "0.500", "12.3", "1235"]);
+    }
 }

@@ -1,7 +1,8 @@
 //! `oviduct cut`: cuts a surface with a plane.
 
 use super::section::layers;
-use super::{folder, surface};
+use super::target::Target;
+use super::{folder, solid, surface};
 use crate::cli::args::CutArgs;
 use crate::cli::exit::{Ended, Failure};
 use crate::cli::interrupt::Signals;
@@ -25,6 +26,15 @@ pub(in crate::cli) async fn run(args: CutArgs) -> Ended {
     }
     if !presets().iter().any(|preset| preset.name == args.preset) {
         return Err(Failure::usage(format!("--preset: there is no preset {}", args.preset)));
+    }
+    if let Some(path) = &args.solid {
+        let target = Target::of(path, None, false)?;
+        let of = args.clone();
+        let lines = Signals::listen().run("cutting", move || solid::make(&of, &plane, &target)).await??;
+        lines.iter().try_for_each(|line| term::print(line))?;
+        if args.out.is_none() {
+            return Ok(());
+        }
     }
     let out = args.out.clone();
     let (summary, file) = Signals::listen().run("cutting", move || make(&args, &plane, kind)).await??;

@@ -12,4 +12,6 @@ mod measured;
 pub mod render;
 pub(super) mod report;
 pub(super) mod section;
+mod solid;
 mod surface;
+mod target;

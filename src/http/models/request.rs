@@ -88,8 +88,9 @@ impl ModelRequest {
                     "description": "Bodies whose surfaces are written in each surface format: `tissue` as `model.*`, \
                         `lumen` as `lumen.*`, `regions` (both, with their common wall once) as `regions.*`." },
                 "units": { "anyOf": [{ "$ref": "#/components/schemas/LengthUnit" }, { "type": "null" }],
-                    "description": "Unit of coordinates in `obj`, `stl`, `stl-ascii`, `ply`, `vtp` and `centreline`. \
-                        By default `obj` is in metres and the others in millimetres. glTF is always in metres." },
+                    "description": "Unit of coordinates in `obj`, `stl`, `stl-ascii`, `ply`, `vtp`, `3mf` and \
+                        `centreline`. By default `obj` is in metres and the others in millimetres. glTF is \
+                        always in metres." },
                 "backend": { "$ref": "#/components/schemas/Backend" },
                 "labels": { "type": "object", "maxProperties": MAX_LABELS,
                     "description": "Labels by which clients can find the model: names and values.",

@@ -40,7 +40,7 @@ fn model(preset: &'static str, name: &str, change: &Value) -> Model {
 }
 
 /// Formats of one body that need only a portion of the surface at a time.
-const STREAMED: [Output; 9] = [
+const STREAMED: [Output; 10] = [
     Output::Glb,
     Output::Gltf,
     Output::Obj,
@@ -48,12 +48,13 @@ const STREAMED: [Output; 9] = [
     Output::StlAscii,
     Output::Ply,
     Output::Vtp,
+    Output::ThreeMf,
     Output::Centreline,
     Output::Lod,
 ];
 /// Formats with a choice of units.
-const IN_UNITS: [Output; 6] =
-    [Output::Obj, Output::Stl, Output::StlAscii, Output::Ply, Output::Vtp, Output::Centreline];
+const IN_UNITS: [Output; 7] =
+    [Output::Obj, Output::Stl, Output::StlAscii, Output::Ply, Output::Vtp, Output::ThreeMf, Output::Centreline];
 
 pub(super) fn models() -> Vec<Model> {
     let mut models = vec![

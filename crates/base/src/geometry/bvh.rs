@@ -2,8 +2,8 @@
 //!
 //! Eight items in their given order form a block, eight blocks a block of the next level. The order
 //! must be spatially coherent. The strips of a lofted surface are; for other surfaces the caller
-//! sorts first (see [`morton`]). A volume is bounded along five directions: x, y, z, x + y and x −
-//! y.
+//! sorts first (see [`curve`](super::curve)). A volume is bounded along five directions: x, y, z, x
+//! + y and x − y.
 //!
 //! Invariant: the bounds of two items with a common point overlap. Bounds are f32, rounded to
 //! nearest. Rounding is monotone, so overlapping bounds still overlap and no outward rounding is
@@ -13,6 +13,10 @@ use super::descent::{self, lanes, not_negative, pairs_below};
 use crate::vectorize::Vectors;
 use rayon::prelude::*;
 use std::ops::Range;
+
+mod ray;
+
+pub use ray::Ray;
 
 const AXES: usize = 5;
 
@@ -462,20 +466,6 @@ impl Bvh {
     }
 }
 
-/// Position on the Morton curve, 10 bits per axis, of a point given as fractions (0 to 1) of a box.
-#[must_use]
-#[inline]
-pub fn morton(fraction: [f32; 3]) -> u32 {
-    let spread = |f: f32| {
-        let mut v = (f.clamp(0.0, 1.0) * 1023.0) as u32;
-        v = (v | (v << 16)) & 0x0300_00FF;
-        v = (v | (v << 8)) & 0x0300_F00F;
-        v = (v | (v << 4)) & 0x030C_30C3;
-        (v | (v << 2)) & 0x0924_9249
-    };
-    spread(fraction[0]) | (spread(fraction[1]) << 1) | (spread(fraction[2]) << 2)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -534,12 +524,5 @@ mod tests {
                 assert!(a == b);
             }
         }
-    }
-
-    #[test]
-    fn the_curve_of_morton_interleaves() {
-        assert_eq!(morton([1.0, 1.0, 1.0]), (1 << 30) - 1);
-        assert_eq!(morton([0.0, 0.0, 1.0]), 0x2492_4924);
-        assert_eq!(morton([0.0; 3]), 0);
     }
 }

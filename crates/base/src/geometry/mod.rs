@@ -7,9 +7,9 @@
 //! | [`polygon`] | closed contours: area, simplicity, containment, nesting |
 //! | [`triangulate`] | constrained Delaunay triangulation between contours |
 //! | [`tri_tri`] | exact intersection of two triangles |
-//! | [`blocks`], [`bvh`], [`coarse`] | hierarchies that find overlapping pairs |
+//! | [`blocks`], [`bvh`], [`coarse`], [`curve`] | hierarchies that find overlapping pairs; the order of their items |
 //! | [`distance`] | distances between points and triangles |
-//! | [`cut`] | planar cuts of a body |
+//! | [`cut`] | planar cuts of a body, and its half beyond a plane |
 //! | [`course`] | centre lines, and the map that bends a tube |
 //! | [`star`] | star-shaped outlines |
 //! | [`patch`], [`strips`] | patches with normals, triangle strips |
@@ -35,6 +35,7 @@ pub mod blocks;
 pub mod bvh;
 pub mod coarse;
 pub mod course;
+pub mod curve;
 pub mod cut;
 mod descent;
 pub mod distance;

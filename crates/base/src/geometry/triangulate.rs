@@ -10,8 +10,10 @@ use spade::{AngleLimit, ConstrainedDelaunayTriangulation, Point2, RefinementPara
 use super::predicates::{orient2d, widen2};
 
 mod polygon;
+mod region;
 
 pub use polygon::{PolygonError, polygon};
+pub use region::left_of;
 
 /// Reasons why a region could not be triangulated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]

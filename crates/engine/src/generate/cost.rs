@@ -239,7 +239,8 @@ impl Output {
             Self::Stl => surface(84.0, 0.0, 50.0),
             Self::StlAscii => surface(512.0, 0.0, 195.0),
             Self::Ply => surface(1024.0, 12.0, 13.0),
-            Self::Vtp => surface(4096.0, 24.0, 20.0),
+            Self::Vtp => surface(4096.0, 24.0, 24.0),
+            Self::ThreeMf => surface(1024.0, 12.0, 7.0),
             Self::Centreline => CENTRELINE_FIXED + CENTRELINE_SECTION_BYTES * f64::from(counts.sections),
             Self::Lod => {
                 let simplified: f64 = LEVEL_TRIANGLES.iter().map(|&most| triangles.min(most as f64)).sum();

@@ -12,6 +12,7 @@ use crate::export::lod::{LevelReport, levels};
 use crate::export::obj::write_obj;
 use crate::export::ply::write_ply;
 use crate::export::stl::{write_ascii_stl, write_stl};
+use crate::export::threemf::write_3mf;
 use crate::export::vtp::write_vtp;
 use crate::export::{Metadata, Shape, glb, labels, lod, sections_bin};
 use crate::measure::Certificate;
@@ -216,6 +217,7 @@ pub fn write_surface(
         (Output::StlAscii, _) => write_ascii_stl(surface, out),
         (Output::Ply, _) => write_ply(surface, out),
         (Output::Vtp, _) => write_vtp(surface, out),
+        (Output::ThreeMf, _) => write_3mf(surface, out),
         (Output::Centreline | Output::Lod | Output::Labels, _) => Ok(()),
     }
 }

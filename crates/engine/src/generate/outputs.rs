@@ -1,6 +1,6 @@
 //! Files of a model: formats and, for formats that contain a surface, bodies and units.
 
-use crate::export::{centreline, glb, labels, lod, obj, ply, stl, vtp};
+use crate::export::{centreline, glb, labels, lod, obj, ply, stl, threemf, vtp};
 use crate::model::{BodyKind, LengthUnit};
 use serde::{Deserialize, Serialize};
 
@@ -23,6 +23,9 @@ pub enum Output {
     Ply,
     /// VTK XML `PolyData`, for VTK, `ParaView` and `PyVista`.
     Vtp,
+    /// 3MF for printing. `regions` is two closed objects, tissue and lumen.
+    #[serde(rename = "3mf")]
+    ThreeMf,
     /// The centre line with arc length and radii, as VTK XML and as CSV.
     Centreline,
     /// Levels of detail for viewers: three binary glTF files of the tissue with all, about 300,000
@@ -35,7 +38,7 @@ pub enum Output {
 
 impl Output {
     /// All formats.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Glb,
         Self::Gltf,
         Self::Obj,
@@ -43,6 +46,7 @@ impl Output {
         Self::StlAscii,
         Self::Ply,
         Self::Vtp,
+        Self::ThreeMf,
         Self::Centreline,
         Self::Lod,
         Self::Labels,
@@ -61,6 +65,7 @@ impl Output {
             Self::StlAscii => "stl-ascii",
             Self::Ply => "ply",
             Self::Vtp => "vtp",
+            Self::ThreeMf => "3mf",
             Self::Centreline => "centreline",
             Self::Lod => "lod",
             Self::Labels => "labels",
@@ -79,6 +84,7 @@ impl Output {
             Self::StlAscii => &[("ascii.stl", stl::MEDIA_TYPE)],
             Self::Ply => &[("ply", ply::MEDIA_TYPE)],
             Self::Vtp => &[("vtp", vtp::MEDIA_TYPE)],
+            Self::ThreeMf => &[("3mf", threemf::MEDIA_TYPE)],
             Self::Centreline | Self::Lod | Self::Labels => &[],
         }
     }
@@ -101,7 +107,7 @@ impl Output {
         match self {
             Self::Glb | Self::Gltf | Self::Lod => Some(LengthUnit::Metre),
             Self::Obj => Some(asked.unwrap_or(LengthUnit::Metre)),
-            Self::Stl | Self::StlAscii | Self::Ply | Self::Vtp | Self::Centreline => {
+            Self::Stl | Self::StlAscii | Self::Ply | Self::Vtp | Self::ThreeMf | Self::Centreline => {
                 Some(asked.unwrap_or(LengthUnit::Millimetre))
             }
             Self::Labels => None,
@@ -252,7 +258,7 @@ mod tests {
         let all = outputs(&Output::ALL, &BodyKind::ALL, None);
         let names = all.files();
         let distinct: std::collections::BTreeSet<&String> = names.iter().collect();
-        assert_eq!((names.len(), distinct.len()), (3 * 8 + 2 + 3 + 2, names.len()));
+        assert_eq!((names.len(), distinct.len()), (3 * 9 + 2 + 3 + 2, names.len()));
         for name in &names {
             let kind = kind_of(name).unwrap();
             let one = outputs(&[kind.output], &[kind.body.unwrap_or(BodyKind::Tissue)], None);

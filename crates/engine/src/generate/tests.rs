@@ -43,8 +43,8 @@ fn hashes(spec: ModelSpec, backend: Backend, threads: usize) -> BTreeMap<String,
 #[test]
 fn bytes_do_not_depend_on_threads_or_backend() {
     let one = hashes(small(&json!({})), Backend::CpuSingle, 1);
-    let kinds = "three bodies in eight files, centre line, levels, labels, sections.bin, report.json";
-    assert_eq!(one.len(), 3 * 8 + 2 + 3 + 2 + 2, "{kinds}: {one:?}");
+    let kinds = "three bodies in nine files, centre line, levels, labels, sections.bin, report.json";
+    assert_eq!(one.len(), 3 * 9 + 2 + 3 + 2 + 2, "{kinds}: {one:?}");
     assert_eq!(one, hashes(small(&json!({})), Backend::Cpu, 1));
     assert_eq!(one, hashes(small(&json!({})), Backend::Auto, 2));
     assert_eq!(one, hashes(small(&json!({})), Backend::Cpu, 5));
@@ -551,6 +551,7 @@ fn files_have_about_the_predicted_size() {
         Output::StlAscii,
         Output::Ply,
         Output::Vtp,
+        Output::ThreeMf,
         Output::Centreline,
     ] {
         let one = Outputs { formats: vec![output], ..request.outputs.clone() };

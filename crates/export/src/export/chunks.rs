@@ -31,6 +31,21 @@ pub(super) fn write_if_full(text: &mut Vec<u8>, out: &mut impl Write) -> io::Res
     Ok(())
 }
 
+/// Appends decimal digits, several times faster than `write!`. Most of a text file consists of faces.
+pub(super) fn push_number(text: &mut Vec<u8>, mut number: u64) {
+    let mut digits = [0; 20];
+    let mut start = digits.len();
+    loop {
+        start -= 1;
+        digits[start] = b'0' + (number % 10) as u8;
+        number /= 10;
+        if number == 0 {
+            break;
+        }
+    }
+    text.extend_from_slice(&digits[start..]);
+}
+
 /// Three numbers in little-endian order.
 pub(super) fn vec3([x, y, z]: [f32; 3]) -> [u8; 12] {
     join([x.to_le_bytes(), y.to_le_bytes(), z.to_le_bytes()])

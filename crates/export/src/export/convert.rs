@@ -2,7 +2,7 @@
 
 use super::read::Surface;
 use super::shape::{NamedPatch, Shape};
-use crate::geometry::cut::Body;
+use crate::geometry::cut::{Body, HalfError, HalfSpace, half};
 use crate::model::{BodyKind, LengthUnit, PatchKind};
 use std::collections::HashMap;
 use std::ops::Range;
@@ -86,6 +86,32 @@ impl Converted {
         let patches: Vec<(PatchKind, Range<usize>)> =
             self.patches.into_iter().filter_map(|(name, range)| Some((PatchKind::named(&name)?, range))).collect();
         Body::new(self.positions, self.triangles, &patches, 1e6 * self.unit.metres())
+    }
+
+    /// The part beyond a plane, whose position is in the unit of the surface. The face of the cut
+    /// becomes the patch `cap`, or `cap_2` and so on if the surface already has a patch of this
+    /// name. The surface must be closed.
+    ///
+    /// # Errors
+    /// See [`HalfError`].
+    pub fn half(&self, space: &HalfSpace, cap: &str) -> Result<Self, HalfError> {
+        let ranges: Vec<Range<usize>> = self.patches.iter().map(|(_, triangles)| triangles.clone()).collect();
+        let found = half(&self.positions, &self.triangles, &ranges, space)?;
+        let names = std::iter::once(cap.to_owned()).chain((2..).map(|number| format!("{cap}_{number}")));
+        let is_new = |name: &String| self.patches.iter().all(|(patch, _)| patch != name);
+        let caps = names.into_iter().find(is_new).map(|name| (name, found.cap));
+        let mut patches: Vec<(String, Range<usize>)> =
+            self.patches.iter().map(|(name, _)| name.clone()).zip(found.patches).chain(caps).collect();
+        patches.retain(|(_, triangles)| !triangles.is_empty());
+        Ok(Self {
+            positions: found.positions,
+            triangles: found.triangles,
+            patches,
+            name: self.name.clone(),
+            unit: self.unit,
+            rounded: self.rounded,
+            collapsed: self.collapsed,
+        })
     }
 
     /// Shape for the writers.
@@ -185,6 +211,20 @@ mod tests {
         }
         let inches = Converted::new(&surface(Unit::Stated(0.0254), &[]), LengthUnit::Millimetre, "x");
         assert_eq!(inches.positions[1], [25.4, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn a_half_keeps_patches_and_names_its_cap() {
+        let names = [("cut", 0..1), ("side", 1..4)];
+        let mut whole = surface(Unit::Assumed, &names);
+        whole.triangles.pop();
+        let whole = Converted::new(&whole, LengthUnit::Millimetre, "x");
+        let space = |offset| HalfSpace { normal: [0.0, 0.0, 1.0], offset };
+        let half = whole.half(&space(500.0), "cut").unwrap();
+        let patches: Vec<_> = half.patches.iter().map(|(name, triangles)| (name.as_str(), triangles.len())).collect();
+        assert_eq!(patches, [("side", 3), ("cut_2", 1)]);
+        assert_eq!((half.unit, half.name.as_str(), half.positions.len()), (LengthUnit::Millimetre, "x", 4));
+        assert_eq!(whole.half(&space(1000.0), "cut"), Err(HalfError::Nothing));
     }
 
     #[test]

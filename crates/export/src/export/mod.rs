@@ -6,6 +6,7 @@
 pub mod animation;
 pub mod centreline;
 mod chunks;
+mod colours;
 pub mod convert;
 pub mod course;
 pub mod cut;
@@ -25,6 +26,7 @@ pub mod sections_bin;
 pub mod shape;
 pub mod stl;
 pub mod svg;
+pub mod threemf;
 pub mod vtp;
 
 pub use shape::{AXES, NamedPatch, Shape};

@@ -5,7 +5,7 @@
 //! as labels; there is no material library.
 
 use super::CITATION;
-use super::chunks::{CHUNK, one_line, write_if_full};
+use super::chunks::{CHUNK, one_line, push_number, write_if_full};
 use super::shape::{AXES, Shape};
 use crate::model::LengthUnit;
 use std::io::{self, Write};
@@ -57,21 +57,6 @@ pub fn write_obj(surface: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
         }
     }
     out.write_all(&text)
-}
-
-/// Appends decimal digits, several times faster than `write!`. Most of the file consists of faces.
-fn push_number(text: &mut Vec<u8>, mut number: u64) {
-    let mut digits = [0; 20];
-    let mut start = digits.len();
-    loop {
-        start -= 1;
-        digits[start] = b'0' + (number % 10) as u8;
-        number /= 10;
-        if number == 0 {
-            break;
-        }
-    }
-    text.extend_from_slice(&digits[start..]);
 }
 
 /// Joins the words of a name by underscores, because most readers end a name at the first space.

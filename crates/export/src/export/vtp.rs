@@ -11,6 +11,7 @@ use super::shape::{Shape, engine};
 use super::{CITATION, Metadata};
 use crate::model::LengthUnit;
 use quick_xml::escape::escape;
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::io::{self, Write};
 
@@ -20,9 +21,13 @@ pub const MEDIA_TYPE: &str = "application/octet-stream";
 /// Writes a surface as VTP.
 ///
 /// - Point data: `Normals`.
-/// - Cell data: `patch`, the number of the patch of each triangle.
-/// - Field data: `name`, `units`, `patch_names` in the order of the numbers, `generator`,
-///   `citation`, and the origin of a model.
+/// - Cell data: `patch`, the number of the patch of each triangle, and `ModelFaceID`, the number of
+///   the face as `SimVascular` reads it.
+/// - Field data: `name`, `units`, `patch_names` in the order of the numbers, `ModelFaceName` in the
+///   order of the patches, `generator`, `citation`, and the origin of a model.
+///
+/// Faces are numbered from 1 in the order of the patches. If all patches are called `face N`, as
+/// those of a file of `SimVascular`, the faces keep these numbers.
 ///
 /// # Errors
 /// Returns any error of writing to `out`.
@@ -31,21 +36,25 @@ pub const MEDIA_TYPE: &str = "application/octet-stream";
 /// If the triangles or patches of a shape are out of bounds.
 pub fn write_vtp(surface: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
     let (points, triangles) = (surface.positions.len() as u64, surface.triangles.len() as u64);
-    let mut document = Document::new(surface.unit, surface.meta);
     let names: Vec<&str> = surface.patches.iter().map(|patch| patch.name).collect();
+    let (numbers, faces): (Vec<i32>, Vec<i32>) = ((0..).take(names.len()).collect(), face_numbers(&names));
+    let of_triangles = |numbers: &[i32], out: &mut dyn Write| {
+        let patches = surface.patches.iter().zip(numbers);
+        let each = patches.flat_map(|(patch, &number)| std::iter::repeat_n(number, patch.triangles.len()));
+        write_items(each, out, i32::to_le_bytes)
+    };
+    let mut document = Document::new(surface.unit, surface.meta);
     document.strings("name", &[surface.name]);
     document.strings("patch_names", &names);
+    document.strings("ModelFaceName", &names);
     document.piece(points, 0, triangles);
 
     document.open("PointData Normals=\"Normals\"");
     document.array("Float32", "Normals", 3, 12 * points, |out| normals::write_of_vertices(surface, out));
     document.close();
     document.open("CellData Scalars=\"patch\"");
-    document.array("Int32", "patch", 1, 4 * triangles, |out| {
-        let patches = surface.patches.iter().zip(0_i32..);
-        let each = patches.flat_map(|(patch, number)| std::iter::repeat_n(number, patch.triangles.len()));
-        write_items(each, out, i32::to_le_bytes)
-    });
+    document.array("Int32", "patch", 1, 4 * triangles, |out| of_triangles(&numbers, out));
+    document.array("Int32", "ModelFaceID", 1, 4 * triangles, |out| of_triangles(&faces, out));
     document.close();
     document.open("Points");
     document.array("Float32", "Points", 3, 12 * points, |out| write_items(surface.positions, out, |&p| vec3(p)));
@@ -67,6 +76,14 @@ pub fn write_vtp(surface: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
     }
     document.close();
     document.write(out)
+}
+
+/// Numbers of the faces of `SimVascular`, which are positive and distinct.
+fn face_numbers(names: &[&str]) -> Vec<i32> {
+    let stated = |name: &&str| name.strip_prefix("face ")?.parse().ok().filter(|number: &i32| *number > 0);
+    let numbers: Option<Vec<i32>> = names.iter().map(stated).collect();
+    let is_distinct = |numbers: &Vec<i32>| numbers.iter().collect::<BTreeSet<_>>().len() == numbers.len();
+    numbers.filter(is_distinct).unwrap_or_else(|| (1..).take(names.len()).collect())
 }
 
 /// Writes a line through `points`, for example the centre line of a tube. `arrays` are named values
@@ -269,26 +286,55 @@ mod tests {
       <Array type="String" Name="engine" NumberOfTuples="1" format="appended" offset="235"/>
       <Array type="String" Name="name" NumberOfTuples="1" format="appended" offset="249"/>
       <Array type="String" Name="patch_names" NumberOfTuples="4" format="appended" offset="264"/>
+      <Array type="String" Name="ModelFaceName" NumberOfTuples="4" format="appended" offset="318"/>
     </FieldData>
     <Piece NumberOfPoints="5" NumberOfVerts="0" NumberOfLines="0" NumberOfStrips="0" NumberOfPolys="3">
       <PointData Normals="Normals">
-        <DataArray type="Float32" Name="Normals" NumberOfComponents="3" format="appended" offset="318"/>
+        <DataArray type="Float32" Name="Normals" NumberOfComponents="3" format="appended" offset="372"/>
       </PointData>
       <CellData Scalars="patch">
-        <DataArray type="Int32" Name="patch" NumberOfComponents="1" format="appended" offset="386"/>
+        <DataArray type="Int32" Name="patch" NumberOfComponents="1" format="appended" offset="440"/>
+        <DataArray type="Int32" Name="ModelFaceID" NumberOfComponents="1" format="appended" offset="460"/>
       </CellData>
       <Points>
-        <DataArray type="Float32" Name="Points" NumberOfComponents="3" format="appended" offset="406"/>
+        <DataArray type="Float32" Name="Points" NumberOfComponents="3" format="appended" offset="480"/>
       </Points>
       <Polys>
-        <DataArray type="Int32" Name="connectivity" NumberOfComponents="1" format="appended" offset="474"/>
-        <DataArray type="Int32" Name="offsets" NumberOfComponents="1" format="appended" offset="518"/>
+        <DataArray type="Int32" Name="connectivity" NumberOfComponents="1" format="appended" offset="548"/>
+        <DataArray type="Int32" Name="offsets" NumberOfComponents="1" format="appended" offset="592"/>
       </Polys>
     </Piece>
   </PolyData>
   <AppendedData encoding="raw">"#;
         assert_eq!(document(&vtp(&Sample::new(3))), expected);
         assert!(!document(&vtp(&Sample { meta: None, ..Sample::new(3) })).contains("digest"));
+    }
+
+    #[test]
+    fn faces_are_numbered_from_one_or_keep_their_numbers() {
+        assert_eq!(face_numbers(&["inner_wall", "outer_wall"]), [1, 2]);
+        assert_eq!(face_numbers(&["face 7", "face 2"]), [7, 2]);
+        for names in [["face 7", "face 7"], ["face 7", "cut"], ["face 0", "face 1"], ["face", "face 1"]] {
+            assert_eq!(face_numbers(&names), [1, 2], "{names:?}");
+        }
+        let mut sample = Sample::new(3);
+        for (patch, number) in sample.patches.iter_mut().zip([9, 4, 5, 6]) {
+            patch.0 = format!("face {number}");
+        }
+        let file = vtp(&sample);
+        // Of the three triangles, the first is in the first patch and the others are in the last.
+        let after = |name: &str| {
+            let text = document(&file);
+            let at = text.find(&format!("Name=\"{name}\"")).unwrap();
+            let offset =
+                text[at..].split_once("offset=\"").unwrap().1.split_once('"').unwrap().0.parse::<usize>().unwrap();
+            file[text.len() + 2 + offset + 8..][..12]
+                .chunks(4)
+                .map(|n| i32::from_le_bytes(n.try_into().unwrap()))
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(after("ModelFaceID"), [9, 6, 6]);
+        assert_eq!(after("patch"), [0, 3, 3]);
     }
 
     #[test]

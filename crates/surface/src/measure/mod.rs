@@ -1,10 +1,12 @@
 //! Measures of a finished surface: its certificate (see [`certify`]), and the [`morphometry`] of
-//! sections, including sections in images ([`micrograph`]).
+//! sections, including sections in images ([`micrograph`]); walls and gaps of any surface
+//! ([`printable`]).
 
 mod certificate;
 pub mod comparison;
 pub mod micrograph;
 pub mod morphometry;
+pub mod printable;
 
 pub use certificate::{
     BothCertificate, Certificate, CheckOptions, Component, Failure, FailureKind, Place, RegionsCertificate,

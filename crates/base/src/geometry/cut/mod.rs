@@ -6,9 +6,11 @@
 //! the plane is to the left of a line.
 
 mod body;
+mod half;
 mod rings;
 
 pub use body::Body;
+pub use half::{Half, HalfError, HalfSpace, half};
 pub use rings::nested_rings;
 
 /// An edge as its two corners, lower index first.

@@ -1,9 +1,10 @@
 //! Document and container of all binary glTF files that oviduct writes: a node for the body, and
 //! for each patch a child with a mesh and a material.
 
+use crate::export::colours::of_patch;
 use crate::export::shape::AXES;
 use crate::export::{CITATION, Metadata};
-use crate::model::{BodyKind, PatchKind};
+use crate::model::BodyKind;
 use gltf_json as json;
 use json::accessor::ComponentType;
 use json::validation::{Checked, USize64};
@@ -229,17 +230,11 @@ fn extras(value: &Value) -> io::Result<json::Extras> {
     Ok(Some(RawValue::from_string(value.to_string())?))
 }
 
-/// Material of a patch, with linear colours. The inner wall of the tissue faces the lumen, so a
+/// Material of a patch. The inner wall of the tissue faces the lumen, so a
 /// view from inside shows the tube without back faces. Other bodies face outwards and are therefore
 /// double-sided.
 fn material(patch: &str, body: &str) -> json::Material {
-    let [r, g, b] = match PatchKind::named(patch) {
-        Some(PatchKind::InnerWall | PatchKind::Wall) => [0.694, 0.254, 0.352],
-        Some(PatchKind::OuterWall) => [0.839, 0.578, 0.491],
-        Some(PatchKind::CapIsthmus | PatchKind::CapAmpulla) => [0.730, 0.301, 0.397],
-        Some(PatchKind::Inlet | PatchKind::Outlet) => [0.888, 0.791, 0.687],
-        None => [0.8, 0.8, 0.8],
-    };
+    let [r, g, b] = of_patch(patch);
     json::Material {
         name: Some(patch.into()),
         double_sided: body != BodyKind::Tissue.name(),

@@ -12,11 +12,12 @@
 //! vertices are counted separately and searched once. The search stops after [`MAX_INTERSECTIONS`]
 //! intersections, which bounds its time for surfaces with very many faults.
 
-use super::surface::{Coordinate, Corners, Surface, Tally, few, sort_along_curve};
+use super::surface::{Coordinate, Corners, Surface, Tally, few};
 use super::topology::{Copies, Topology};
 use super::types::{FailureKind, Failures, PLACES};
 use crate::geometry::bvh::{Bounds, Bvh, WIDTH};
 use crate::geometry::coarse::{Coarse, Window};
+use crate::geometry::curve::sort_along_curve;
 use crate::geometry::tri_tri::{Triangle, meet, meet_in_mesh};
 use rayon::prelude::*;
 use std::ops::Range;

@@ -4,10 +4,11 @@
 //! otherwise it is inside out. A component of positive volume must not lie in the material of
 //! another, because their common volume would count twice.
 
-use super::surface::{Coordinate, Surface, few, sort_along_curve};
+use super::surface::{Coordinate, Surface, few};
 use super::topology::Topology;
 use super::types::{FailureKind, Failures};
 use crate::geometry::bvh::{Bounds, Bvh};
+use crate::geometry::curve::sort_along_curve;
 use crate::geometry::vector::{cross, dot, norm, sub};
 use rayon::prelude::*;
 

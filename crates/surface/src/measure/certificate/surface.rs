@@ -1,8 +1,7 @@
 //! The surface under test, and places of faults on it.
 
 use super::types::{FailureKind, Failures, PLACES, Place};
-use crate::geometry::bvh::{Points, WIDTH, morton, points};
-use rayon::prelude::*;
+use crate::geometry::bvh::{Points, WIDTH, points};
 
 /// Coordinate type of a surface: f32 or f64.
 pub(super) trait Coordinate: Copy + Send + Sync + Into<f64> {}
@@ -65,22 +64,6 @@ pub(super) fn beyond_range<C: Coordinate>(positions: &[[C; 3]]) -> (u64, usize) 
     let is_beyond = |p: &&[C; 3]| !p.iter().all(is_within);
     let first = positions.iter().position(|p| is_beyond(&p)).unwrap_or(0);
     (positions.iter().filter(is_beyond).count() as u64, first)
-}
-
-/// Sorts items along a space-filling curve through their centres.
-pub(super) fn sort_along_curve(items: &mut [u32], centre: impl Fn(u32) -> [f64; 3] + Sync) {
-    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-    for c in items.iter().map(|&item| centre(item)) {
-        for axis in 0..3 {
-            low[axis] = low[axis].min(c[axis]);
-            high[axis] = high[axis].max(c[axis]);
-        }
-    }
-    let size = (0..3).map(|axis| high[axis] - low[axis]).fold(f64::MIN_POSITIVE, f64::max);
-    items.par_sort_by_cached_key(|&item| {
-        let c = centre(item);
-        (morton([0, 1, 2].map(|axis| ((c[axis] - low[axis]) / size) as f32)), item)
-    });
 }
 
 /// Places of the first [`PLACES`] items.

@@ -6,7 +6,7 @@ use super::row::{resampled, stitched};
 use super::sheet::Sheet;
 use super::weave::Weave;
 use super::web::Web;
-use crate::geometry::bvh::morton;
+use crate::geometry::curve::morton;
 use crate::model::Ring;
 
 /// Minimum distance between the initial rows, as a fraction of the mean edge length.
