@@ -17,9 +17,6 @@ mod grid;
 mod mend;
 mod simplify;
 
-pub(in crate::export) use encode::{COMPRESSION, Compression, Mode, VECTOR_BYTES};
-pub(in crate::export) use grid::Grid;
-
 use super::Metadata;
 use crate::geometry::distance::Triangles;
 use crate::model::{Mesh, Patch};

@@ -14,34 +14,33 @@ use crate::model::{self, BodyKind, PatchKind};
 use gltf_json as json;
 use json::accessor::{ComponentType, Type};
 use json::buffer::{Stride, Target};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use serde_json::{Map, Value, json};
 use std::io::{self, Write};
 
 /// Name of the extension that compresses buffer views.
-pub(in crate::export) const COMPRESSION: &str = "EXT_meshopt_compression";
+const COMPRESSION: &str = "EXT_meshopt_compression";
 const QUANTIZATION: &str = "KHR_mesh_quantization";
 
 /// Bytes of a position or normal: three components of 16 bits, padded to a multiple of four.
-pub(in crate::export) const VECTOR_BYTES: usize = 8;
+const VECTOR_BYTES: usize = 8;
 
 /// Object of the extension in a buffer view: location and form of the compressed data.
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Serialize)]
 #[serde(rename_all = "camelCase")]
-pub(in crate::export) struct Compression {
-    pub(in crate::export) buffer: usize,
-    #[serde(default)]
-    pub(in crate::export) byte_offset: usize,
-    pub(in crate::export) byte_length: usize,
-    pub(in crate::export) byte_stride: usize,
-    pub(in crate::export) count: usize,
-    pub(in crate::export) mode: Mode,
+struct Compression {
+    buffer: usize,
+    byte_offset: usize,
+    byte_length: usize,
+    byte_stride: usize,
+    count: usize,
+    mode: Mode,
 }
 
 /// Contents of a compressed view.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "UPPERCASE")]
-pub(in crate::export) enum Mode {
+enum Mode {
     /// Attributes of vertices.
     Attributes,
     /// Indices of triangles.

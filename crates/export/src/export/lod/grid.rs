@@ -8,13 +8,13 @@ use rayon::prelude::*;
 use std::collections::HashSet;
 
 /// Position of a vertex on the grid, in steps.
-pub(in crate::export) type Cell = [u16; 3];
+pub(super) type Cell = [u16; 3];
 
 /// The grid: cell `c` lies at `origin + c * step`, in metres. Both are f32, as in the file.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::export) struct Grid {
-    pub(in crate::export) origin: [f32; 3],
-    pub(in crate::export) step: [f32; 3],
+pub(super) struct Grid {
+    pub(super) origin: [f32; 3],
+    pub(super) step: [f32; 3],
 }
 
 impl Grid {
@@ -33,11 +33,11 @@ impl Grid {
     }
 
     /// Position of a cell in metres.
-    pub(in crate::export) fn position(&self, cell: Cell) -> [f32; 3] {
+    pub(super) fn position(&self, cell: Cell) -> [f32; 3] {
         std::array::from_fn(|a| (f64::from(self.origin[a]) + f64::from(cell[a]) * f64::from(self.step[a])) as f32)
     }
 
-    fn nearest(&self, position: [f32; 3]) -> Cell {
+    pub(super) fn nearest(&self, position: [f32; 3]) -> Cell {
         std::array::from_fn(|a| {
             let steps = (f64::from(position[a]) - f64::from(self.origin[a])) / f64::from(self.step[a]);
             steps.round() as u16

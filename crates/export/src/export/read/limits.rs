@@ -15,6 +15,8 @@ pub(super) const VERTICES: u64 = 3 * TRIANGLES;
 /// JSON objects of a glTF document, or XML elements of a VTP file. An object has at least two bytes
 /// in the file and takes a few hundred bytes of memory.
 pub(super) const OBJECTS: u64 = 2_000_000;
+/// Items of glTF accessors that have no data, so that they are zeros.
+pub(super) const ZEROS: u64 = 1 << 22;
 /// Bytes of an array of strings.
 pub(super) const TEXT: u64 = 1 << 24;
 

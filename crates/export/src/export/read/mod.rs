@@ -1,6 +1,5 @@
 //! Readers of surfaces in common formats: glTF (binary or JSON), OBJ, STL, PLY and VTP, from
-//! oviduct or other programs. Compressed glTF is read only if it is a level of detail written by
-//! oviduct.
+//! oviduct or other programs.
 //!
 //! Invariants:
 //!
@@ -9,13 +8,9 @@
 //!   within `limits`.
 //! - All vertex indices of a [`Surface`] are in range.
 
-mod accessor;
-mod buffers;
-mod document;
 mod error;
 mod file;
 mod gltf;
-mod level;
 mod limits;
 mod obj;
 mod patches;
@@ -28,8 +23,6 @@ mod text;
 mod vtp;
 
 pub use error::ReadError;
-#[cfg(test)]
-pub(crate) use level::read_level;
 pub use surface::{Group, Surface, Unit};
 
 use std::path::Path;
