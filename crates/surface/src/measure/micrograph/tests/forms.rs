@@ -136,14 +136,8 @@ fn tiffs_of_all_kinds_are_the_same() {
     same(&plain::<RGBA8>(&four), None, None);
     same(&plain::<Gray32>(&flat.iter().map(|v| u32::from(*v) * 40_000).collect::<Vec<_>>()), None, None);
     same(&plain::<Gray32Float>(&flat.iter().map(|v| f32::from(*v)).collect::<Vec<_>>()), None, None);
-<<<<<<< ours
-    // One bit: 1 is white, or 1 is black and the tissue black, or the pixels are a mask.
-    let packed: Vec<u8> = flat.chunks(8).map(|bits| bits.iter().fold(0, |byte, bit| byte << 1 | bit)).collect();
-=======
     // One bit: 1 is white, or 1 is black as tifffile writes it, or the pixels are a mask.
-    let packed: Vec<u8> =
-        flat.chunks(8).map(|bits| bits.iter().fold(0, |byte, bit| byte << 1 | bit)).collect();
->>>>>>> theirs
+    let packed: Vec<u8> = flat.chunks(8).map(|bits| bits.iter().fold(0, |byte, bit| byte << 1 | bit)).collect();
     let inverted: Vec<u8> = packed.iter().map(|byte| !byte).collect();
     same(&raw(&tags(1, 1, 1), &packed), None, None);
     let stored = same(&raw(&tags(1, 0, 1), &packed), None, None);
