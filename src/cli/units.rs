@@ -80,8 +80,8 @@ pub(super) fn positive_bytes(text: &str) -> Result<u64, String> {
     }
 }
 
-/// Units of length by name, with micrometres per unit. These factors are whole, so `42mm` is exactly
-/// 42,000 µm.
+/// Units of length by name, with micrometres per unit. These factors are whole, so `42mm` is
+/// exactly 42,000 µm.
 const LENGTHS: [(&str, f64); 6] = [("um", 1.0), ("µm", 1.0), ("μm", 1.0), ("mm", 1e3), ("cm", 1e4), ("m", 1e6)];
 
 /// Parses a length in micrometres, such as `12mm`, `-500um` or `4.2e-2m`. Zero needs no unit.

@@ -55,6 +55,7 @@ CASES_NOT_BY_TRIMESH = {
 
 def own_files(rng):
     """Kind, extension, content and volume of files from our own writers."""
+
     def triangulated():
         while True:
             solid = any_solid(rng)
@@ -69,8 +70,22 @@ def own_files(rng):
     for trait in ("plain", "solid", "nan", "trailing", "solid-trailing"):
         solid = triangulated()
         yield f"stl_binary-{trait}", "stl", writers.stl_binary(solid, trait), solid.volume
-    for trait in ("plain", "negative", "mixed", "normals", "colours", "w", "continued", "materials", "faces-first", "nan", "elements",
-                  "cr", "crlf", "bom"):
+    for trait in (
+        "plain",
+        "negative",
+        "mixed",
+        "normals",
+        "colours",
+        "w",
+        "continued",
+        "materials",
+        "faces-first",
+        "nan",
+        "elements",
+        "cr",
+        "crlf",
+        "bom",
+    ):
         solid = any_solid(rng)
         yield f"obj-{trait}", "obj", writers.obj(solid, trait), solid.volume
     for encoding in ("ascii", "binary_little_endian", "binary_big_endian"):
@@ -122,7 +137,11 @@ def volume_by_vtk(path):
     for array, strips in ((data.GetPolys(), False), (data.GetStrips(), True)):
         corners, ends = vtk_to_numpy(array.GetConnectivityArray()), vtk_to_numpy(array.GetOffsetsArray())
         for cell in (corners[a:b] for a, b in zip(ends, ends[1:])):
-            cells += [cell[k : k + 3] if k % 2 == 0 else cell[[k + 1, k, k + 2]] for k in range(len(cell) - 2)] if strips else [cell]
+            cells += (
+                [cell[k : k + 3] if k % 2 == 0 else cell[[k + 1, k, k + 2]] for k in range(len(cell) - 2)]
+                if strips
+                else [cell]
+            )
     return signed_volume(vtk_to_numpy(data.GetPoints().GetData()).astype(float), cells)
 
 
@@ -177,8 +196,12 @@ def generated(binary, folder):
 
 def cases(binary):
     """Checks the files of tests/cases that pass."""
-    paths = [os.path.join(folder, name) for folder, _, names in os.walk(CASES) for name in names
-             if name.endswith((".stl", ".obj", ".ply", ".vtp", ".glb", ".gltf"))]
+    paths = [
+        os.path.join(folder, name)
+        for folder, _, names in os.walk(CASES)
+        for name in names
+        if name.endswith((".stl", ".obj", ".ply", ".vtp", ".glb", ".gltf"))
+    ]
     wrong, compared = [], 0
     for path, told in zip(sorted(paths), checked(binary, sorted(paths))):
         name = os.path.relpath(path, CASES)

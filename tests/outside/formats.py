@@ -225,7 +225,8 @@ def threemf_model(path):
     with zipfile.ZipFile(path) as package:
         assert package.testzip() is None, f"{path}: a part is damaged"
         text = package.read("3D/3dmodel.model")
-    return ElementTree.fromstring(text.replace(b' xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02"', b""))
+    namespace = b' xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02"'
+    return ElementTree.fromstring(text.replace(namespace, b""))
 
 
 def threemf_trimesh(path, _):

@@ -19,8 +19,7 @@ from service import ENDLESS
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 JUDGES = os.path.join(HERE, "..", "..", "target", "judges")
-SURFACES = {"glb": "glb", "gltf": "gltf", "obj": "obj", "stl": "stl", "stl-ascii": "ascii.stl", "ply": "ply", "vtp": "vtp",
-            "3mf": "3mf"}
+SURFACES = {name: name for name in ("glb", "gltf", "obj", "stl", "ply", "vtp", "3mf")} | {"stl-ascii": "ascii.stl"}
 STEMS = ["model", "lumen", "regions"]
 SMALL = ["--set", "steps=200", "--set", 'particles.total={"keys":[[0,400],[1,900]]}']
 

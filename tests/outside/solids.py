@@ -100,7 +100,9 @@ def torus(rng):
             points.append((r * math.cos(u), r * math.sin(u), tube * math.sin(v)))
     for i in range(around):
         for j in range(across):
-            a, b, c, d = (((i + di) % around) * across + (j + dj) % across for di, dj in ((0, 0), (1, 0), (1, 1), (0, 1)))
+            a, b, c, d = (
+                ((i + di) % around) * across + (j + dj) % across for di, dj in ((0, 0), (1, 0), (1, 1), (0, 1))
+            )
             faces.append([a, b, c, d])
     # A wedge between two sections has the area of a section times the mean height. The section is
     # a regular polygon, and the height is proportional to the distance from the axis.
@@ -125,6 +127,13 @@ def together(rng):
 
 
 def any_solid(rng, parts=True):
-    kinds = [box, lambda r: prism("star", star(r), r.uniform(1, 3), r), lambda r: prism("comb", comb(r), r.uniform(1, 3), r),
-             frame, torus, sphere, *([together] if parts else [])]
+    kinds = [
+        box,
+        lambda r: prism("star", star(r), r.uniform(1, 3), r),
+        lambda r: prism("comb", comb(r), r.uniform(1, 3), r),
+        frame,
+        torus,
+        sphere,
+        *([together] if parts else []),
+    ]
     return kinds[int(rng.integers(len(kinds)))](rng)

@@ -31,7 +31,11 @@ def stl_text(solid, trait):
     text = "\n".join(lines) + "\n"
     if trait == "upper":
         text = text.upper()
-    text = {"cr": text.replace("\n", "\r"), "crlf": text.replace("\n", "\r\n"), "one-line": text.replace("\n", " ")}.get(trait, text)
+    text = {
+        "cr": text.replace("\n", "\r"),
+        "crlf": text.replace("\n", "\r\n"),
+        "one-line": text.replace("\n", " "),
+    }.get(trait, text)
     return (b"\xef\xbb\xbf" if trait == "bom" else b"") + text.encode() + (b"\0" * 7 if trait == "padded" else b"")
 
 
@@ -92,24 +96,41 @@ def ply(solid, encoding, trait):
     strips = trait == "strips"
     vertex = b"".join(row("Bddd" if wide else "fff", [*([9] if wide else []), *p]) for p in solid.points)
     kind = "double" if wide else "float"
-    of_vertex = [f"element vertex {len(solid.points)}", *(["property uchar flags"] if wide else []),
-                 f"property {kind} x", f"property {kind} y", f"property {kind} z"]
+    of_vertex = [
+        f"element vertex {len(solid.points)}",
+        *(["property uchar flags"] if wide else []),
+        f"property {kind} x",
+        f"property {kind} y",
+        f"property {kind} z",
+    ]
     if strips:
         list_ = [v for t in solid.triangles() for v in [*t, -1]]
         face = row("i" + "i" * len(list_), [len(list_), *list_])
         of_face = ["element tristrips 1", "property list int int vertex_indices"]
     else:
-        face = b"".join(row(("Bff" if wide else "") + "B" + index[1] * len(f), [*([2, 0.5, 0.5] if wide else []), len(f), *f])
-                        for f in solid.faces)
-        of_face = [f"element face {len(solid.faces)}", *(["property list uchar float texcoord"] if wide else []),
-                   f"property list uchar {index[0]} {'vertex_index' if trait == 'faces-first' else 'vertex_indices'}"]
+        face = b"".join(
+            row(("Bff" if wide else "") + "B" + index[1] * len(f), [*([2, 0.5, 0.5] if wide else []), len(f), *f])
+            for f in solid.faces
+        )
+        of_face = [
+            f"element face {len(solid.faces)}",
+            *(["property list uchar float texcoord"] if wide else []),
+            f"property list uchar {index[0]} {'vertex_index' if trait == 'faces-first' else 'vertex_indices'}",
+        ]
     parts = [(of_vertex, vertex), (of_face, face)]
     if wide:
         parts.insert(1, (["element edge 1", "property int vertex1", "property int vertex2"], row("ii", [0, 1])))
     if trait == "faces-first":
         parts.reverse()
-    head = ["ply", f"format {encoding} 1.0", "obj_info scanned", "comment by hand", *(line for part, _ in parts for line in part),
-            "comment last", "end_header"]
+    head = [
+        "ply",
+        f"format {encoding} 1.0",
+        "obj_info scanned",
+        "comment by hand",
+        *(line for part, _ in parts for line in part),
+        "comment last",
+        "end_header",
+    ]
     end = {"crlf": "\r\n", "cr": "\r"}.get(trait, "\n")
     body = b"".join(data for _, data in parts)
     if order is None:
@@ -153,13 +174,17 @@ def vtp(solid, form, trait):
     faces = solid.triangles() if trait == "strips" else solid.faces
     tag, lines = ("Strips" if trait == "strips" else "Polys"), ([[0, 1]] if trait == "lines" else [])
     count = len(faces) + len(lines)
-    data = {"faces": lambda: array("Int32", "ModelFaceID", np.arange(count) // 3 + 1), "patch": lambda: array("Float32", "patch", np.full(count, 0.5))}
+    data = {
+        "faces": lambda: array("Int32", "ModelFaceID", np.arange(count) // 3 + 1),
+        "patch": lambda: array("Float32", "patch", np.full(count, 0.5)),
+    }
     piece = f'<Piece NumberOfPoints="{len(solid.points)}" NumberOfLines="{len(lines)}" NumberOf{tag}="{len(faces)}">'
     piece += f"<CellData>{data[trait]()}</CellData>" if trait in data else ""
     piece += f"<Points>{array('Float32', 'Points', solid.points, 3)}</Points>"
     piece += (cells("Lines", lines) if lines else "") + cells(tag, faces) + "</Piece>"
     zlib_ = ' compressor="vtkZLibDataCompressor"' if compressed else ""
-    text = f'<?xml version="1.0"?>\n<VTKFile type="PolyData" version="0.1" byte_order="LittleEndian"{zlib_}><PolyData>{piece}</PolyData>'
+    text = f'<?xml version="1.0"?>\n<VTKFile type="PolyData" version="0.1"'
+    text += f' byte_order="LittleEndian"{zlib_}><PolyData>{piece}</PolyData>'
     data = text.encode()
     if appended:
         encoding = "raw" if place == "raw" else "base64"
@@ -203,8 +228,15 @@ def glb(solid, trait):
         moved = points.astype("<f4").copy()
         moved[0] += 9
         position = accessor(moved, 5126, "VEC3", bounds=True)
-        where, what = accessor(np.array([0], dtype="<u2"), 5123, "SCALAR"), accessor(points[:1].astype("<f4"), 5126, "VEC3")
-        accessors[position]["sparse"] = {"count": 1, "indices": {"bufferView": where, "componentType": 5123}, "values": {"bufferView": what}}
+        where, what = (
+            accessor(np.array([0], dtype="<u2"), 5123, "SCALAR"),
+            accessor(points[:1].astype("<f4"), 5126, "VEC3"),
+        )
+        accessors[position]["sparse"] = {
+            "count": 1,
+            "indices": {"bufferView": where, "componentType": 5123},
+            "values": {"bufferView": what},
+        }
         accessors[position] |= {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
     else:
         position = accessor(points.astype("<f4"), 5126, "VEC3", bounds=True)
@@ -216,9 +248,16 @@ def glb(solid, trait):
         extensions = ["EXT_mesh_gpu_instancing"]
     if trait == "mirrored":
         node["scale"] = [-1, 1, 1]
-    document = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [node],
-                "meshes": [{"primitives": [{"attributes": {"POSITION": position}, "indices": indices}]}],
-                "buffers": [{"byteLength": len(data)}], "bufferViews": views, "accessors": accessors}
+    document = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [node],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": position}, "indices": indices}]}],
+        "buffers": [{"byteLength": len(data)}],
+        "bufferViews": views,
+        "accessors": accessors,
+    }
     if extensions:
         document |= {"extensionsUsed": extensions, "extensionsRequired": extensions}
     text = json.dumps(document).encode()

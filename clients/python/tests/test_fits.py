@@ -47,7 +47,7 @@ def test_fits_are_validated(fitted, client, grown):
     valid = client.validate_fit(**FIT)
     assert valid.digest == fit.digest and valid.request == fit.request and valid.seconds > 0
     # The tissue labels of a section, as the bytes of an image.
-    image = {"region": "ampulla", "png": client.section_png(grown, 0, labels=True), "pixel_um": 5}
+    image = {"region": "ampulla", "image": client.section_png(grown, 0, labels=True), "pixel_um": 5}
     image |= {"tissue": [2, 3, 4, 5, 6], "quantities": ["lumen_perimeter_mm"]}
     (target,) = client.validate_fit(spec=FIT["spec"], images=[image]).request["targets"]
     assert target["quantity"] == "lumen_perimeter_mm" and target["value"] > 0 and target["source"]

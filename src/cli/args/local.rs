@@ -224,7 +224,14 @@ pub(in crate::cli) struct CutArgs {
     #[arg(long, value_name = "X,Y,Z", value_parser = units::triple, allow_hyphen_values = true, requires = "normal")]
     origin_um: Option<[f64; 3]>,
     /// Normal of the plane, of any length
-    #[arg(long, value_name = "X,Y,Z", value_parser = units::triple, allow_hyphen_values = true, requires = "through", conflicts_with = "across")]
+    #[arg(
+        long,
+        value_name = "X,Y,Z",
+        value_parser = units::triple,
+        allow_hyphen_values = true,
+        requires = "through",
+        conflicts_with = "across"
+    )]
     pub(in crate::cli) normal: Option<[f64; 3]>,
     #[command(flatten)]
     pub(in crate::cli) unit: UnitArgs,
@@ -233,15 +240,15 @@ pub(in crate::cli) struct CutArgs {
     #[arg(long, value_name = "PATH")]
     pub(in crate::cli) out: Option<PathBuf>,
     /// File for the part on one side of the plane as a closed surface, certified: .stl, .3mf, .glb,
-    /// .obj, .ply or .vtp. The face of the cut is the patch cut. The plane has no limits, so it also
-    /// cuts other parts of a bent tube
+    /// .obj, .ply or .vtp. The face of the cut is the patch cut. The plane has no limits, so it
+    /// also cuts other parts of a bent tube
     #[arg(long, value_name = "PATH")]
     pub(in crate::cli) solid: Option<PathBuf>,
     /// Part that --solid keeps: front, to which the normal points (greater z), or back
     #[arg(long, value_name = "SIDE", value_enum, default_value_t = Side::Front, requires = "solid")]
     pub(in crate::cli) side: Side,
-    /// Thickness of the slab that --solid keeps, such as 500um. Its other face is the patch cut_back
-    /// [default: all on this side]
+    /// Thickness of the slab that --solid keeps, such as 500um. Its other face is the patch
+    /// cut_back [default: all on this side]
     #[arg(long, value_name = "LENGTH", value_parser = units::positive_length_um, requires = "solid")]
     pub(in crate::cli) thick: Option<f64>,
     /// Longer side of a .png, pixels

@@ -19,8 +19,8 @@ pub(in crate::cli) struct MeasureArgs {
     /// --pixel in µm, without a unit
     #[arg(long, value_name = "UM")]
     pub(in crate::cli) pixel_um: Option<f64>,
-    /// Pixel values that are tissue, separated by commas: grey values or palette indices; or nonzero
-    /// (all except 0), or zero [default: nonzero, if the image has no more than two values]
+    /// Pixel values that are tissue, separated by commas: grey values or palette indices; or
+    /// nonzero (all except 0), or zero [default: nonzero, if the image has no more than two values]
     #[arg(long, value_name = "VALUES", value_parser = str::parse::<Tissue>)]
     pub(in crate::cli) tissue: Option<Tissue>,
     /// Least value of tissue; with `--tissue zero`, values below it are tissue [default: 128 for
@@ -31,8 +31,8 @@ pub(in crate::cli) struct MeasureArgs {
     /// tables
     #[arg(long, value_name = "FILE", conflicts_with = "json")]
     pub(in crate::cli) csv: Option<PathBuf>,
-    /// Directory for pictures of the images with the traced outlines, IMAGE.outlines.png; created if
-    /// it does not exist
+    /// Directory for pictures of the images with the traced outlines, IMAGE.outlines.png; created
+    /// if it does not exist
     #[arg(long, value_name = "DIR")]
     pub(in crate::cli) outlines: Option<PathBuf>,
     /// Also compare with published values of a species and, if given, of one region: isthmus,

@@ -126,8 +126,8 @@ pub(in crate::cli) fn parse(bytes: &[u8]) -> serde_json::Result<Stored> {
     serde_json::from_slice(bytes)
 }
 
-/// Compares a file with the manifest next to it. A file that no manifest names passes. The data of a
-/// glTF file as text are a second file, which is compared too.
+/// Compares a file with the manifest next to it. A file that no manifest names passes. The data of
+/// a glTF file as text are a second file, which is compared too.
 ///
 /// # Errors
 /// If the file differs from the manifest.

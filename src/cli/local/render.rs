@@ -84,8 +84,8 @@ fn draw(file: &Path, args: &RenderArgs) -> anyhow::Result<Vec<u8>> {
     Ok(mesh_png(&mesh, &view)?)
 }
 
-/// Checks that a plane has parts of a mesh on both sides. A picture of all or nothing would not tell
-/// that the plane is in the wrong place or unit.
+/// Checks that a plane has parts of a mesh on both sides. A picture of all or nothing would not
+/// tell that the plane is in the wrong place or unit.
 fn meets(plane: &Plane, mesh: &Mesh) -> anyhow::Result<()> {
     let along = |corner: &u32| -> Option<f64> {
         let point = mesh.positions.get(*corner as usize)?;

@@ -29,8 +29,8 @@ pub(super) fn read_aloud(path: &Path, unit: UnitArgs) -> Result<Surface, ReadErr
     Ok(surface)
 }
 
-/// Replaces the unit of a file by the given one. Returns a note if a unit is assumed, or if the given
-/// one contradicts the file.
+/// Replaces the unit of a file by the given one. Returns a note if a unit is assumed, or if the
+/// given one contradicts the file.
 fn choose(unit: &mut Unit, given: UnitArgs) -> Option<String> {
     let stated = *unit;
     let Some(given) = given.from_units else {

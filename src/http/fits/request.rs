@@ -90,8 +90,8 @@ pub(super) struct FitTarget {
 pub(super) struct SectionImage {
     /// Region of the tube from which the section was taken.
     region: String,
-    /// The file of the image as base64: PNG, TIFF, OME-TIFF, BMP or JPEG, grey or with a palette, or
-    /// GeoJSON of QuPath. Required, unless `png` has it.
+    /// The file of the image as base64: PNG, TIFF, OME-TIFF, BMP or JPEG, grey or with a palette,
+    /// or GeoJSON of QuPath. Required, unless `png` has it.
     #[schema(required = false)]
     image: String,
     /// Former name of `image`.
@@ -104,8 +104,8 @@ pub(super) struct SectionImage {
     /// values.
     #[schema(required = false)]
     tissue: Option<TissueChoice>,
-    /// Least value of tissue; with `zero` as `tissue`, values below it are tissue. By default 128 in
-    /// a JPEG, and none in other formats.
+    /// Least value of tissue; with `zero` as `tissue`, values below it are tissue. By default 128
+    /// in a JPEG, and none in other formats.
     #[schema(required = false, minimum = 1, maximum = 65535)]
     threshold: Option<u16>,
     /// Quantities that become targets; by default those that a single section determines reliably.
@@ -123,8 +123,8 @@ pub(super) struct SectionImage {
 pub(super) enum TissueChoice {
     /// These values, which are indices if the image has a palette.
     Values(Vec<u16>),
-    /// All values except 0, or all values from the threshold on; or the value 0, or all values below
-    /// the threshold.
+    /// All values except 0, or all values from the threshold on; or the value 0, or all values
+    /// below the threshold.
     Name(TissueName),
 }
 

@@ -42,12 +42,12 @@ pub(super) struct CutAnswer {
 /// Cut a finished model with a plane.
 ///
 /// The service cuts the stored surface of the tissue exactly, across the tube (`z_um` or `z_mm`) or
-/// along any plane (`normal`, and `origin_um` or `origin_mm`). The rings of the cut are nested, and each has a kind:
-/// `tissue`; `lumen`, its largest hole; `island`, tissue that is not connected to the wall in this
-/// plane; `pocket`, lumen that is not connected to the rest in this plane. A plane across a bent
-/// tube cuts only the part around the centre line at this place. In contrast, the sections of
-/// `/models/{id}/sections/{k}` come from the simulation, before the surface leans, and have no
-/// islands.
+/// along any plane (`normal`, and `origin_um` or `origin_mm`). The rings of the cut are nested, and
+/// each has a kind: `tissue`; `lumen`, its largest hole; `island`, tissue that is not connected to
+/// the wall in this plane; `pocket`, lumen that is not connected to the rest in this plane. A plane
+/// across a bent tube cuts only the part around the centre line at this place. In contrast, the
+/// sections of `/models/{id}/sections/{k}` come from the simulation, before the surface leans, and
+/// have no islands.
 ///
 /// Pictures show the same tissues as pictures of sections. A longer picture of a plane along the
 /// tube has larger pixels.

@@ -26,6 +26,7 @@ const FORMATS: Record<string, string> = {
   "ascii.stl": "STL as text",
   ply: "PLY",
   vtp: "VTK",
+  "3mf": "3MF",
 };
 
 /** Content of a file; undefined for an unknown name. */

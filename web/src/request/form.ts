@@ -25,6 +25,7 @@ export const OUTPUTS: Record<Output, string> = {
   "stl-ascii": "STL as text, one solid a patch (.ascii.stl)",
   ply: "PLY (.ply)",
   vtp: "VTK, ParaView (.vtp)",
+  "3mf": "3MF, for 3D printers (.3mf)",
   centreline: "Centre line with radii (.vtp, .csv)",
   labels: "Tissue of every voxel (.ome.tif, .nii.gz)",
 };

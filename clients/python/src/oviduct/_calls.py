@@ -373,8 +373,8 @@ def archive(ref: BatchRef, files: Sequence[str] | None, form: str) -> Request:
 
 
 def _image(image: types.SectionImage) -> Json:
-    png = image.get("png")
-    return {**image, "png": base64.b64encode(png).decode()} if isinstance(png, bytes) else {**image}
+    encoded = {name: base64.b64encode(value).decode() for name, value in image.items() if isinstance(value, bytes)}
+    return {**image, **encoded}
 
 
 def _fit_body(options: FitOptions) -> Json:

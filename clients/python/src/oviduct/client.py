@@ -114,7 +114,7 @@ class Client(Driver):
             preset: Name of a preset; `pig` by default.
             spec: Changes of the preset, as a merge patch: `{"collision": {"gap_um": 30}}`.
             outputs: `glb` and `lod` (the default), `gltf`, `obj`, `stl`, `stl-ascii`, `ply`, `vtp`,
-                `centreline`, `labels`.
+                `3mf`, `centreline`, `labels`.
             bodies: The surfaces in these files: `tissue` (the default), `lumen`, `regions` (both,
                 with one shared wall).
             units: `m`, `mm` or `um`; by default metres in OBJ and glTF, millimetres in other
@@ -482,7 +482,7 @@ class Client(Driver):
                 sides. Regions are `isthmus`, `junction`, `ampulla`, `whole` and `tube`.
             targets_csv: Targets as CSV with the columns `region`, `quantity`, `value`, `low`,
                 `high`.
-            images: Sections to measure as targets: `[{"region": "isthmus", "png": bytes,
+            images: Sections to measure as targets: `[{"region": "isthmus", "image": bytes,
                 "pixel_um": 2}]`.
             vary: Parameters to search: `[{"parameter": "/collision/gap_um", "from": 20, "to":
                 60}]`. By default the parameters that affect the targets.

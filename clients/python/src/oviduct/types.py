@@ -605,9 +605,9 @@ class ModelOptions(TypedDict, total=False):
     outputs: Sequence[str]
     """Formats: `glb` and `lod` by default.
 
-    The others are `gltf`, `obj`, `stl`, `stl-ascii`, `ply`, `vtp`, `centreline` and `labels`.
-    `sections.bin` and `report.json` are always written. A spec with `contraction.frames` also gives
-    `frames.xdmf`, `frames.bin` and `animation.glb`.
+    The others are `gltf`, `obj`, `stl`, `stl-ascii`, `ply`, `vtp`, `3mf`, `centreline` and
+    `labels`. `sections.bin` and `report.json` are always written. A spec with `contraction.frames`
+    also gives `frames.xdmf`, `frames.bin` and `animation.glb`.
     """
     bodies: Sequence[str]
     """The surfaces: `tissue` (the default), `lumen`, `regions` (both, with one shared wall)."""
@@ -662,12 +662,19 @@ class SectionImage(TypedDict, total=False):
     """An image of a section to measure."""
 
     region: str
+    image: bytes | str
+    """Bytes of a PNG, TIFF, BMP, JPEG or GeoJSON file, or these in base64."""
     png: bytes | str
-    """Bytes of a PNG file, or these in base64."""
+    """Former name of `image`."""
     pixel_um: float
-    """Side of a pixel, micrometres."""
-    tissue: Sequence[int]
-    """Pixel values that mean tissue; by default all values except 0."""
+    """Side of a pixel, micrometres; by default the one that the file states."""
+    tissue: Sequence[int] | Literal["nonzero", "zero"]
+    """Pixel values that mean tissue.
+
+    By default all values except 0, if the image has no more than two values.
+    """
+    threshold: int
+    """Least value of tissue, for grey images."""
     quantities: Sequence[str]
     """Quantities that become targets."""
     tolerance: float

@@ -142,8 +142,8 @@ fn values(image: &SectionImage) -> Result<Vec<(String, f64)>, (&'static str, Str
 }
 
 /// Measures the images of a request, `[{ "region", "image", "pixel_um", "tissue", "threshold",
-/// "quantities", "tolerance" }]`, with `image` as base64. The former name of `image`, `png`, is read
-/// too.
+/// "quantities", "tolerance" }]`, with `image` as base64. The former name of `image`, `png`, is
+/// read too.
 ///
 /// # Errors
 /// Returns all faults, with pointers that start with `/images`.

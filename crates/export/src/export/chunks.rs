@@ -31,7 +31,8 @@ pub(super) fn write_if_full(text: &mut Vec<u8>, out: &mut impl Write) -> io::Res
     Ok(())
 }
 
-/// Appends decimal digits, several times faster than `write!`. Most of a text file consists of faces.
+/// Appends decimal digits, several times faster than `write!`. Most of a text file consists of
+/// faces.
 pub(super) fn push_number(text: &mut Vec<u8>, mut number: u64) {
     let mut digits = [0; 20];
     let mut start = digits.len();

@@ -143,8 +143,8 @@ pub fn compare(morphometry: &Morphometry, organ: &str, species: &str) -> Compari
 }
 
 /// Compares one section with the values published for its organ and species: those of a region and
-/// of the whole tube, or those of all regions if the region is not known. Measures of tubes are left
-/// out.
+/// of the whole tube, or those of all regions if the region is not known. Measures of tubes are
+/// left out.
 #[must_use]
 pub fn compare_section(measures: &Measures, organ: &str, species: &str, region: Option<&str>) -> Vec<Compared> {
     let in_region = |own: &str| own == "whole" || region.is_none_or(|region| region == own);

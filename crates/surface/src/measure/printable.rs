@@ -1,11 +1,11 @@
 //! Thickness of walls and width of gaps of any closed surface, sampled along rays: what a printer
 //! must resolve.
 //!
-//! From places spread evenly over the area, one ray follows the normal inwards and one outwards. Its
-//! length to the surface that it meets first is the thickness of the wall or the width of the gap,
-//! provided that this surface faces the place: its normal is within 60° of the opposite direction.
-//! The places do not depend on chance or on the number of threads. A thinner place may lie between
-//! them.
+//! From places spread evenly over the area, one ray follows the normal inwards and one outwards.
+//! Its length to the surface that it meets first is the thickness of the wall or the width of the
+//! gap, provided that this surface faces the place: its normal is within 60° of the opposite
+//! direction. The places do not depend on chance or on the number of threads. A thinner place may
+//! lie between them.
 
 use crate::geometry::bvh::{Bounds, Bvh, Ray, WIDTH};
 use crate::geometry::curve::sort_along_curve;

@@ -302,7 +302,8 @@ impl Client {
     ///
     /// # Errors
     /// - [`Failure::Usage`] if `dir` has files of another model and `force` is false.
-    /// - [`Failure::Failed`] if a file cannot be downloaded or written, or differs from its SHA-256.
+    /// - [`Failure::Failed`] if a file cannot be downloaded or written, or differs from its
+    ///   SHA-256.
     ///
     /// `dir` is then unchanged.
     pub(in crate::cli) async fn download(

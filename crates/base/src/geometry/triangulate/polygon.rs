@@ -119,7 +119,8 @@ impl Ring {
     }
 }
 
-/// For each undirected edge, how often the polygon runs along it from its lower to its higher point.
+/// For each undirected edge, how often the polygon runs along it from its lower to its higher
+/// point.
 fn turns(cdt: &Cdt, edges: &[Edge]) -> Result<Vec<i32>, PolygonError> {
     let handle = FixedVertexHandle::from_index;
     let mut turns = vec![0; cdt.num_undirected_edges()];

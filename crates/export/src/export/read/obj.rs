@@ -58,8 +58,8 @@ fn has_name(line: &str) -> bool {
     line.split_ascii_whitespace().next().is_some_and(|word| NAMED.contains(&word))
 }
 
-/// The line without its comment, and the comment without the `#`. A `#` may belong to a name, or to a
-/// number such as `1.#QNAN`.
+/// The line without its comment, and the comment without the `#`. A `#` may belong to a name, or to
+/// a number such as `1.#QNAN`.
 fn without_comment(line: &str) -> (&str, &str) {
     let belongs_to_word = |before: &str| match has_name(line) {
         true => !before.ends_with(|c: char| c.is_ascii_whitespace()),

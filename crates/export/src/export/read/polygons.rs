@@ -65,8 +65,8 @@ struct Replacement {
 }
 
 impl Polygons {
-    /// Adds a face of any number of corners to the surface. `place` stands for its place in the file.
-    /// A face with fewer than three different corners adds nothing.
+    /// Adds a face of any number of corners to the surface. `place` stands for its place in the
+    /// file. A face with fewer than three different corners adds nothing.
     ///
     /// # Errors
     /// [`ReadError::TooLarge`].

@@ -1,7 +1,7 @@
 //! STL, text or binary. The format has no shared vertices: each triangle has its own three.
 //!
-//! Coordinates are 32-bit floats in both forms. Normals are not used. Each solid of a text file is a
-//! group. Only binary files written by oviduct have groups: the attributes of their triangles are
+//! Coordinates are 32-bit floats in both forms. Normals are not used. Each solid of a text file is
+//! a group. Only binary files written by oviduct have groups: the attributes of their triangles are
 //! patch numbers.
 
 mod words;
@@ -92,8 +92,8 @@ fn binary(bytes: &[u8]) -> Result<Surface, ReadError> {
 /// Lines that some programs add, and that do not change the surface.
 const PASSED_OVER: [&str; 5] = ["color", "colour", "attribute", "attributes", "material"];
 
-/// Reads a sequence of words in any case. Line ends matter only for names, which extend to the end of
-/// the line.
+/// Reads a sequence of words in any case. Line ends matter only for names, which extend to the end
+/// of the line.
 fn text(bytes: &[u8]) -> Result<Surface, ReadError> {
     let mut reader = TextReader {
         words: Words::new(bytes),

@@ -83,8 +83,8 @@ impl Surface {
         Ok(())
     }
 
-    /// Removes vertices that no triangle uses and of which a coordinate is not finite: the triangles
-    /// are sound without them. A note states their number.
+    /// Removes vertices that no triangle uses and of which a coordinate is not finite: the
+    /// triangles are sound without them. A note states their number.
     pub(super) fn drop_unused_not_finite(&mut self) {
         let finite = |p: &[f64; 3]| p.iter().all(|x| x.is_finite());
         if self.positions.iter().all(finite) {

@@ -70,8 +70,8 @@ pub(super) fn line_ends(bytes: &[u8]) -> usize {
     ends - bytes.windows(2).filter(|pair| pair == b"\r\n").count()
 }
 
-/// A word of the file for a message, in quotes and cut to 40 characters. Bytes that are not text are
-/// not shown.
+/// A word of the file for a message, in quotes and cut to 40 characters. Bytes that are not text
+/// are not shown.
 pub(super) fn quoted(word: &str) -> String {
     if word.contains(|c: char| c.is_control() && !c.is_whitespace() || c == char::REPLACEMENT_CHARACTER) {
         return "a word that is not text in UTF-8".to_owned();

@@ -1,9 +1,9 @@
-//! PolyData of VTK in XML, as VTK, ParaView, SimVascular and oviduct write it: polygons and triangle
-//! strips of all pieces. Vertices and lines are skipped.
+//! PolyData of VTK in XML, as VTK, ParaView, SimVascular and oviduct write it: polygons and
+//! triangle strips of all pieces. Vertices and lines are skipped.
 //!
 //! The cell data `patch` define groups, the field data `patch_names` their names, and the field
-//! data `units` the unit. Without patches, the cell data `ModelFaceID` define groups. Arrays of these
-//! names that other programs use for something else are skipped.
+//! data `units` the unit. Without patches, the cell data `ModelFaceID` define groups. Arrays of
+//! these names that other programs use for something else are skipped.
 
 mod array;
 mod document;

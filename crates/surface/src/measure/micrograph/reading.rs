@@ -12,7 +12,8 @@ pub struct Reading {
     pub pixel_um: Option<f64>,
     /// Pixels that are tissue; `None` for all values except 0, if the image has no more than two.
     pub tissue: Option<Tissue>,
-    /// Least value that is not zero in the sense of [`Tissue`]; `None` for 1, and for 128 in a JPEG.
+    /// Least value that is not zero in the sense of [`Tissue`]; `None` for 1, and for 128 in a
+    /// JPEG.
     pub threshold: Option<u16>,
 }
 

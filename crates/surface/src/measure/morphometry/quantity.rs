@@ -33,8 +33,8 @@ impl Quantity {
     }
 }
 
-/// Name of the number of islands. The lumen of a simulated section is one ring, so it has none; images
-/// and planar cuts of the surface have islands.
+/// Name of the number of islands. The lumen of a simulated section is one ring, so it has none;
+/// images and planar cuts of the surface have islands.
 pub const ISLANDS: &str = "islands";
 
 macro_rules! quantities {

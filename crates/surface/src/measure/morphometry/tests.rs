@@ -285,7 +285,8 @@ fn a_turning_tube() {
     assert_eq!(found_there.ampulla_length_mm, 0.0);
     assert!(found.along.values().all(|values| values.len() == 11));
     assert_eq!(found.along["least_gap_um"][4], Some(5.0));
-    // Sections of a simulation cannot have islands, so a report does not claim that the tube has none.
+    // Sections of a simulation cannot have islands, so a report does not claim that the tube has
+    // none.
     assert!(!found.along.contains_key("islands") && !found.regions["whole"].quantities.contains_key("islands"));
     assert_eq!(found.along["twist_deg_per_mm"][10], None);
 }

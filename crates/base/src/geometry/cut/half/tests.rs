@@ -102,7 +102,8 @@ fn patches_keep_their_triangles() {
     let space = HalfSpace { normal: [0.0, 0.0, 1.0], offset: 2e-3 };
     let half = half(&mesh.positions, &mesh.triangles, &patches, &space).unwrap();
     let lengths: Vec<usize> = half.patches.iter().map(std::iter::ExactSizeIterator::len).collect();
-    // Half of the three slabs: a whole one, and one and a half times as many triangles in the other.
+    // Half of the three slabs: a whole one, and one and a half times as many triangles in the
+    // other.
     assert_eq!(lengths, [24 + 36, 24 + 36, 0, 24]);
     assert_eq!((half.patches[1].start, half.cap.end), (60, half.triangles.len()));
 }

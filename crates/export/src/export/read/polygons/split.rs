@@ -2,8 +2,8 @@
 //!
 //! A fan around the first corner is kept wherever it covers the face. Other faces are triangulated
 //! with their edges as constraints. All decisions use exact predicates on the coordinates of the
-//! file, of which the axis nearest to the normal is dropped. A face that is not flat is projected on
-//! its best plane instead, which rounds.
+//! file, of which the axis nearest to the normal is dropped. A face that is not flat is projected
+//! on its best plane instead, which rounds.
 
 use crate::geometry::predicates::orient2d;
 use crate::geometry::triangulate::{PolygonError, polygon};
@@ -116,14 +116,15 @@ fn without_tiny(x: f64) -> f64 {
     if x.abs() < TINY { 0.0 } else { x }
 }
 
-/// True if the fan around a corner covers the polygon: all triangles have more than the `least` area,
-/// and together they turn less than once around the corner.
+/// True if the fan around a corner covers the polygon: all triangles have more than the `least`
+/// area, and together they turn less than once around the corner.
 fn fan_covers(points: &[[f64; 2]], start: usize, least: f64) -> bool {
     let point = |k: usize| points[(start + k) % points.len()];
     let (centre, second) = (point(0), point(1));
     let mut beyond_half = false;
     (2..points.len()).all(|k| {
-        // The directions turn counter-clockwise. Beyond a half turn they must not reach the first one again.
+        // The directions turn counter-clockwise. Beyond a half turn they must not reach the first
+        // one again.
         let side = orient2d(centre, second, point(k));
         let once = side < 0.0 || !beyond_half;
         beyond_half |= side < 0.0;

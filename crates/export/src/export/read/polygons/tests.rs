@@ -81,7 +81,8 @@ fn a_fan_that_leaves_the_face_is_replaced() {
 
 #[test]
 fn a_spiral_around_its_first_corner_is_no_fan() {
-    // Every triangle of the fan is counter-clockwise, but together they turn by more than a full turn.
+    // Every triangle of the fan is counter-clockwise, but together they turn by more than a full
+    // turn.
     let at = |angle: f64, r: f64| [r * angle.cos(), r * angle.sin()];
     let mut spiral: Vec<[f64; 2]> = (0..12).map(|k| at(0.6 * f64::from(k), 1.0 + 0.3 * f64::from(k))).collect();
     spiral.insert(0, [0.0, 0.0]);

@@ -313,7 +313,8 @@ fn ply_strips_end_with_minus_one() {
         let words: Vec<String> = list.iter().map(i32::to_string).collect();
         format!(
             "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
-             element tristrips 1\nproperty list int int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n{} {}\n",
+             element tristrips 1\nproperty list int int vertex_indices\nend_header\n\
+             0 0 0\n1 0 0\n0 1 0\n0 0 1\n{} {}\n",
             list.len(),
             words.join(" ")
         )

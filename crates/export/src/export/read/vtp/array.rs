@@ -104,8 +104,8 @@ impl<'a> File<'a> {
         }
     }
 
-    /// Numbers of cells, one per cell, if the array has them. `fractions` permits whole numbers that
-    /// are stored as floats. The array may be one of another program that has the same name.
+    /// Numbers of cells, one per cell, if the array has them. `fractions` permits whole numbers
+    /// that are stored as floats. The array may be one of another program that has the same name.
     pub(super) fn cell_numbers<'f>(
         &'f self,
         array: &'f Array<'a>,
