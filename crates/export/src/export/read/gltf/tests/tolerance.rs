@@ -186,7 +186,10 @@ proptest! {
     #[test]
     fn spoilt_files_are_refused_or_sound(
         which in any::<Index>(),
-        spoils in prop::collection::vec((any::<Index>(), prop::sample::select(b"0123456789,.:-[]{}\"e\x00\xff".to_vec())), 1..6),
+        spoils in prop::collection::vec(
+            (any::<Index>(), prop::sample::select(b"0123456789,.:-[]{}\"e\x00\xff".to_vec())),
+            1..6,
+        ),
         cut in prop::option::weighted(0.1, any::<Index>()),
     ) {
         let mut bytes = which.get(&traits()).clone();
