@@ -37,6 +37,7 @@ use placement::Placement;
 use pose::{Skin, morph};
 use scene::{MeshNode, Scene};
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::path::Path;
 use std::sync::Arc;
 use views::Views;
@@ -62,8 +63,8 @@ fn read<'a>(document: &'a Document<'a>, accessors: &'a Accessors<'_>) -> Result<
     let mut names = MaterialNames::new(document);
     let mut meshes = HashMap::new();
     for node in &scene.meshes {
-        if !meshes.contains_key(&node.mesh) {
-            meshes.insert(node.mesh, TriangleMesh::find(document, accessors, &mut names, node.mesh)?);
+        if let Entry::Vacant(new) = meshes.entry(node.mesh) {
+            new.insert(TriangleMesh::find(document, accessors, &mut names, node.mesh)?);
         }
     }
     let placed: Vec<Placed<'_>> = (scene.meshes.iter())
@@ -129,10 +130,11 @@ impl SceneReader<'_, '_> {
         let mut known = HashMap::new();
         for part in &placed.mesh.primitives {
             let key = (part.vertices, part.pose.as_ref().map(|pose| pose.path.as_str()));
-            if !known.contains_key(&key) {
-                known.insert(key, self.read_vertices(part, placed)?);
-            }
-            self.read_triangles(part, placed, &known[&key])?;
+            let vertices = match known.entry(key) {
+                Entry::Occupied(known) => known.into_mut(),
+                Entry::Vacant(new) => new.insert(self.read_vertices(part, placed)?),
+            };
+            self.read_triangles(part, placed, vertices)?;
         }
         Ok(())
     }
@@ -149,10 +151,8 @@ impl SceneReader<'_, '_> {
             morph(self.document, self.accessors, primitive, placed.weights(), points)?;
             if let Some(index) = placed.node.skin {
                 let skin = match self.skins.entry(index) {
-                    std::collections::hash_map::Entry::Occupied(known) => known.into_mut(),
-                    std::collections::hash_map::Entry::Vacant(new) => {
-                        new.insert(Skin::read(self.document, self.accessors, self.scene, index)?)
-                    }
+                    Entry::Occupied(known) => known.into_mut(),
+                    Entry::Vacant(new) => new.insert(Skin::read(self.document, self.accessors, self.scene, index)?),
                 };
                 if skin.apply(self.document, self.accessors, primitive, points)? {
                     own = Placement(None);

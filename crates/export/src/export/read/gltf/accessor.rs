@@ -153,7 +153,7 @@ impl<'a> Accessor<'a> {
         match self.component {
             Component::U8 => self.each(&mut list, |item| u32::from(item[0]))?,
             Component::U16 => self.each(&mut list, |item| u32::from(u16::from_le_bytes([item[0], item[1]])))?,
-            _ => self.each(&mut list, |item| u32::from_le_bytes([item[0], item[1], item[2], item[3]]))?,
+            _ => self.each(&mut list, |item| item.first_chunk().map_or(0, |word| u32::from_le_bytes(*word)))?,
         }
         Ok(list)
     }

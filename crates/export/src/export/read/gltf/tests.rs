@@ -117,8 +117,11 @@ impl Model {
     }
 }
 
+/// Type and data of a chunk.
+pub(super) type Chunk<'a> = (&'a [u8; 4], &'a [u8]);
+
 /// Binary glTF of these chunks.
-pub(super) fn file(chunks: &[(&[u8; 4], &[u8])]) -> Vec<u8> {
+pub(super) fn file(chunks: &[Chunk<'_>]) -> Vec<u8> {
     let length = 12 + chunks.iter().map(|(_, data)| 8 + data.len()).sum::<usize>();
     let mut bytes = [&b"glTF"[..], &2u32.to_le_bytes(), &(length as u32).to_le_bytes()].concat();
     for (kind, data) in chunks {

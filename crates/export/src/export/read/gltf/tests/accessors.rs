@@ -13,7 +13,7 @@ fn quantized(component: u32, normalized: bool, low: &[u8], high: &[u8]) -> Model
         data.resize(data.len().next_multiple_of(stride), 0xee);
     }
     let accessor = model.add("VEC3", component, &data, 8);
-    model.set(&format!("/bufferViews/{}/byteStride", accessor), json!(stride));
+    model.set(&format!("/bufferViews/{accessor}/byteStride"), json!(stride));
     model.set("/meshes/0/primitives/0/attributes/POSITION", json!(accessor));
     model.set(&format!("/accessors/{accessor}/normalized"), json!(normalized));
     model
@@ -125,5 +125,5 @@ fn missing_bounds_of_positions_are_noted_once() {
     let mut model = Model::cube().with("/accessors/0/max", json!(null));
     let primitive = model.json["meshes"][0]["primitives"][0].clone();
     model.set("/meshes/0/primitives", json!([primitive, primitive]));
-    assert_note(&model.read(), "accessors[0] and 1 more: min and max of the positions are missing");
+    assert_note(&model.read(), "accessors[0]: min and max of the positions are missing");
 }

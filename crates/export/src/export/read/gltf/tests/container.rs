@@ -19,8 +19,8 @@ fn cube_of(bytes: &[u8]) -> Surface {
 #[test]
 fn unknown_chunks_are_passed_over_anywhere() {
     let (text, data) = parts();
-    let (json, bin): ((&[u8; 4], &[u8]), (&[u8; 4], &[u8])) = ((b"JSON", &text), (b"BIN\0", &data));
-    let (other, empty): ((&[u8; 4], &[u8]), (&[u8; 4], &[u8])) = ((b"XTRA", b"abcd"), (b"\xff\0\0\0", b""));
+    let (json, bin): (Chunk<'_>, Chunk<'_>) = ((b"JSON", &text), (b"BIN\0", &data));
+    let (other, empty): (Chunk<'_>, Chunk<'_>) = ((b"XTRA", b"abcd"), (b"\xff\0\0\0", b""));
     for chunks in [[other, json, bin], [json, other, bin], [json, empty, bin]] {
         assert_note(&cube_of(&file(&chunks)), "a chunk of unknown type");
     }

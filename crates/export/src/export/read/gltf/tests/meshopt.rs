@@ -23,7 +23,7 @@ fn positions<const N: usize>() -> Vec<[f32; N]> {
 }
 
 /// A cube whose positions have `N` words each.
-fn attributes<const N: usize>(name: &str, version: i32) -> Model {
+pub(super) fn attributes<const N: usize>(name: &str, version: i32) -> Model {
     let mut model = Model::cube();
     let data = ::meshopt::encode_vertex_buffer_level(&positions::<N>(), 2, Some(version)).unwrap();
     compress(&mut model, 0, name, &data, json!({ "byteStride": 4 * N, "count": 8, "mode": "ATTRIBUTES" }));
@@ -133,7 +133,7 @@ fn damaged_or_impossible_data_are_refused_with_the_extension() {
     for (member, value, refusal) in [
         ("count", json!(4_000_000_000_u64), ".count: 4000000000 items cannot come from"),
         ("count", json!(7_000), ": its"),
-        ("count", json!(7), ": its"),
+        ("count", json!(7), "accessors[0]: its 8 items reach to byte 96 of bufferViews[0], which has 84"),
         ("byteStride", json!(14), ".byteStride: 14 is no stride"),
         ("byteStride", json!(260), ".byteStride: 260 is no stride"),
         ("byteStride", json!(0), ".byteStride: 0 is no stride"),
@@ -146,7 +146,7 @@ fn damaged_or_impossible_data_are_refused_with_the_extension() {
     ] {
         let refused =
             model.with(&format!("/bufferViews/0/extensions/EXT_meshopt_compression/{member}"), value).refusal();
-        let path = if refusal.starts_with("buffers") { "" } else { at };
+        let path = if refusal.starts_with(['a', 'b']) { "" } else { at };
         assert!(refused.starts_with(&format!("{path}{refusal}")), "{member}: {refused}");
     }
 }

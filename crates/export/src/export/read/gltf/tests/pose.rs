@@ -8,7 +8,7 @@ fn deltas(of: impl Fn([f32; 3]) -> [f32; 3]) -> Vec<u8> {
 }
 
 /// A cube with targets that make it 1 longer in x and 2 longer in z.
-fn morphed() -> Model {
+pub(super) fn morphed() -> Model {
     let mut model = Model::cube();
     let x = model.add("VEC3", 5126, &deltas(|p| [p[0], 0.0, 0.0]), 8);
     let z = model.add("VEC3", 5126, &deltas(|p| [0.0, 0.0, 2.0 * p[2]]), 8);
@@ -68,7 +68,7 @@ fn primitives_with_shared_positions_have_their_own_targets() {
 }
 
 /// A cube of node 0 whose lower corners belong to joint 1 and whose upper corners to joint 2.
-fn skinned(weights: [f32; 4]) -> Model {
+pub(super) fn skinned(weights: [f32; 4]) -> Model {
     let mut model = Model::cube();
     let joints: Vec<u8> =
         CORNERS.iter().flat_map(|p| if p[2] == 0.0 { [0, 9, 0, 0] } else { [1, 200, 0, 0] }).collect();
@@ -82,7 +82,7 @@ fn skinned(weights: [f32; 4]) -> Model {
     model
 }
 
-const WHOLE: [f32; 4] = [1.0, 0.0, 0.0, 0.0];
+pub(super) const WHOLE: [f32; 4] = [1.0, 0.0, 0.0, 0.0];
 
 #[test]
 fn joints_move_the_vertices_and_the_node_does_not() {

@@ -1,6 +1,8 @@
 //! What does not matter is no obstacle, and what matters is refused with its path.
 
 use super::*;
+use proptest::prelude::*;
+use proptest::sample::Index;
 
 #[test]
 fn parts_that_do_not_matter_may_hold_anything() {
@@ -163,5 +165,48 @@ fn malformed_members_that_matter_are_refused_with_their_path() {
     ] {
         let refused = cube.with(pointer, value).refusal();
         assert!(refused.starts_with(refusal), "{pointer}: {refused}");
+    }
+}
+
+/// Cubes with a morph target, a skin, a sparse accessor, instances and compressed views, as files.
+fn traits() -> Vec<Vec<u8>> {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/cases");
+    let folders = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let of_gltf = folders.filter(|path| path.file_name().unwrap().to_str().unwrap().starts_with("gl"));
+    let files = of_gltf.flat_map(|path| std::fs::read_dir(path).unwrap()).map(|file| file.unwrap().path());
+    let mut files: Vec<_> = files.collect();
+    files.sort();
+    let mut all: Vec<Vec<u8>> = files.iter().map(|file| std::fs::read(file).unwrap()).collect();
+    all.extend([super::pose::skinned(super::pose::WHOLE), super::pose::morphed()].map(|model| model.glb()));
+    all.push(super::meshopt::attributes::<4>("KHR_meshopt_compression", 1).glb());
+    all
+}
+
+proptest! {
+    #[test]
+    fn spoilt_files_are_refused_or_sound(
+        which in any::<Index>(),
+        spoils in prop::collection::vec(
+            (any::<Index>(), prop::sample::select(b"0123456789,.:-[]{}\"e\x00\xff".to_vec())),
+            1..6,
+        ),
+        cut in prop::option::weighted(0.1, any::<Index>()),
+    ) {
+        let mut bytes = which.get(&traits()).clone();
+        for (at, value) in spoils {
+            let at = at.index(bytes.len());
+            bytes[at] = value;
+        }
+        if let Some(cut) = cut {
+            bytes.truncate(cut.index(bytes.len()));
+        }
+        match parse(&bytes, None) {
+            Ok(surface) => {
+                let count = surface.positions.len();
+                prop_assert!(surface.triangles.as_flattened().iter().all(|&v| (v as usize) < count));
+                prop_assert!(surface.groups.iter().all(|group| group.triangles.end <= surface.triangles.len()));
+            }
+            Err(error) => prop_assert!((1..=1000).contains(&error.to_string().chars().count()), "{error}"),
+        }
     }
 }
