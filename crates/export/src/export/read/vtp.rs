@@ -13,7 +13,7 @@ use super::error::ReadError;
 use super::limits;
 use super::patches::{Numbered, Patches};
 use super::polygons::Polygons;
-use super::surface::{Surface, Unit, strip_triangles};
+use super::surface::{Surface, strip_triangles};
 use super::text::{quoted, unit};
 use array::{Array, File, Kind, Values};
 use document::Piece;

@@ -1,6 +1,6 @@
 //! Tests of VTP files in every encoding, as other programs write them, and of damaged files.
 
-use super::super::surface::Group;
+use super::super::surface::{Group, Unit};
 use super::super::tests::assert_sound;
 use super::*;
 use base64::Engine;
