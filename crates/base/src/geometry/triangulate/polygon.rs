@@ -33,6 +33,9 @@ type Cdt = ConstrainedDelaunayTriangulation<Point2<f64>>;
 /// point, of which triangles name the first corner. The polygon may therefore run along an edge in
 /// both directions, as polygons do whose holes are joined to their outline.
 ///
+/// The time grows faster than the number of corners, most where many corners lie on one circle:
+/// 100,000 take two seconds, a million a minute.
+///
 /// # Errors
 /// Returns an error if edges cross, a corner lies on an edge, or the polygon is clockwise.
 pub fn polygon(corners: &[[f64; 2]]) -> Result<Vec<[u32; 3]>, PolygonError> {

@@ -13,6 +13,8 @@ use crate::geometry::vector::{cross, dot, norm, sub};
 const FLAT: f64 = 1e-3;
 /// Areas below this fraction of a square over the extent of a face may be due to rounding.
 const NO_AREA: f64 = 1e-12;
+/// Most corners of a face that is triangulated, which takes seconds. A fan may have more.
+const MOST: usize = 100_000;
 /// Magnitudes for which orientations are exact. The triangulation takes no smaller ones but zero.
 const EXACT: f64 = 1e60;
 const TINY: f64 = 1e-42;
@@ -56,14 +58,20 @@ impl Splitter {
             is_flat = plane.off(&self.points) <= FLAT * plane.extent;
             self.flat.clear();
             self.flat.extend(self.points.iter().map(|&p| plane.project(p, is_flat).map(without_tiny)));
-            let least = NO_AREA * plane.extent * plane.extent;
+            let many = self.points.len() > MOST;
+            // Triangles of a fan with many corners are small.
+            let least = if many { 0.0 } else { NO_AREA * plane.extent * plane.extent };
             // A quadrilateral has one other fan; longer faces are left to the triangulation.
             let fans = if self.points.len() == 4 { 2 } else { 1 };
             if let Some(start) = (0..fans).find(|&start| fan_covers(&self.flat, start, least)) {
                 self.fan(start);
                 return Ok((&self.triangles, is_flat));
             }
-            match polygon(&self.flat) {
+            if many && is_flat {
+                let what = "exceeds the 100000 corners up to which concave faces are read; it begins";
+                return Err(Fault { at: self.points[0], what });
+            }
+            match if many { Err(PolygonError::Coordinate) } else { polygon(&self.flat) } {
                 Ok(found) => {
                     self.triangles.extend(found.into_iter().map(|t| t.map(|k| self.corners[k as usize])));
                     return Ok((&self.triangles, is_flat));
