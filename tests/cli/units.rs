@@ -14,7 +14,7 @@ fn cube(path: &Path, comment: &str) {
     let faces =
         ["1 3 4", "1 4 2", "5 6 8", "5 8 7", "1 2 6", "1 6 5", "3 7 8", "3 8 4", "1 5 7", "1 7 3", "2 4 8", "2 8 6"];
     let faces: String = faces.iter().map(|face| format!("f {face}\n")).collect();
-    std::fs::write(path, format!("{comment}{corners}{faces}")).unwrap();
+    std::fs::write(path, format!("{comment}{corners}{faces}")).expect("written");
 }
 
 #[test]

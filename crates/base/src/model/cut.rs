@@ -85,7 +85,8 @@ impl Cut {
     pub fn lumen_um2(&self) -> f64 {
         let enclosed = |ring: &CutRing| ring.parent.is_some() || !ring.kind.is_tissue();
         let signed = |ring: &CutRing| if ring.kind.is_tissue() { -ring.area_um2 } else { ring.area_um2 };
-        self.rings.iter().filter(|ring| enclosed(ring)).map(signed).sum()
+        // The sum of no numbers is −0; adding 0 makes it 0.
+        self.rings.iter().filter(|ring| enclosed(ring)).map(signed).sum::<f64>() + 0.0
     }
 
     /// Area of all tissue, islands included.
