@@ -75,7 +75,7 @@ fn wrong_options_are_refused_by_name() {
         (&["--target", "ampulla/fill=0.7", "--set", "steps=0"], "/spec/steps: is 0"),
         (&["--targets", "none.csv"], "--targets none.csv"),
         (&["--targets", "bad.csv"], "--targets: column `quantity` is missing"),
-        (&["--image", "isthmus=bad.png", "--pixel-um", "2"], "--image isthmus=bad.png: the file is no image that is read"),
+        (&["--image", "isthmus=bad.png", "--pixel-um", "2"], "--image isthmus=bad.png: the file is a GIF"),
         (&["--image", "bad.png", "--pixel-um", "2"], "must be written as REGION=FILE"),
         (&["--image", "isthmus=none.png", "--pixel-um", "2"], "--image isthmus=none.png"),
     ] {

@@ -96,7 +96,6 @@ pub(super) struct SectionImage {
     image: String,
     /// Former name of `image`.
     #[schema(required = false)]
-    #[deprecated]
     png: Option<String>,
     /// Side of a pixel, micrometres; by default the one that the file states.
     #[schema(required = false, minimum = 0.05, maximum = 100)]
@@ -123,7 +122,6 @@ pub(super) struct SectionImage {
 #[expect(dead_code, reason = "describes a member of the body")]
 pub(super) enum TissueChoice {
     /// These values, which are indices if the image has a palette.
-    #[schema(min_items = 1, max_items = 256)]
     Values(Vec<u16>),
     /// All values except 0, or all values from the threshold on; or the value 0, or all values below
     /// the threshold.

@@ -109,11 +109,6 @@ impl Gatherer {
         }
     }
 
-    /// Replaces every value.
-    pub(super) fn map(&mut self, change: impl Fn(u16) -> u16) {
-        self.values.iter_mut().for_each(|value| *value = change(*value));
-    }
-
     pub(super) fn finish(self, kind: Kind, stated: Stated) -> Image {
         let note = match self.transparent {
             0 => None,

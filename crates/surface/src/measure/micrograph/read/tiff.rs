@@ -33,17 +33,13 @@ pub(super) fn read(bytes: &[u8], side: u32) -> Result<Image, MicrographError> {
     }
     let first = file.ifd_pointer().map_or(0, |pointer| pointer.0);
     single(&mut file)?;
-    // The decoder reads neither indices nor masks, and does not invert all numbers of bits: values
-    // are read as stored.
+    // The decoder reads neither indices nor masks, and inverts values where white is 0. Values are
+    // read as stored: in masks of ImageJ and tifffile whose white is 0, the object is not 0.
     let changed = (photometric != 1).then(|| as_grey(bytes, first, photometric)).flatten();
     let mut file = open(changed.as_deref().unwrap_or(bytes)).map_err(refused)?;
-    let mut pixels = pixels(&mut file, [width, height])?;
+    let mut image = pixels(&mut file, [width, height])?.finish(Kind::Exact, stated);
     if photometric == 0 {
-        pixels.invert();
-    }
-    let mut image = pixels.gatherer.finish(Kind::Exact, stated);
-    if photometric == 0 {
-        image.notes.push("the TIFF stores white as 0: values are those that are shown, white is the highest".into());
+        image.notes.push("the TIFF shows the value 0 as white: values are used as stored".into());
     }
     Ok(image)
 }
@@ -133,21 +129,7 @@ fn as_grey(bytes: &[u8], directory: u64, photometric: u16) -> Option<Vec<u8>> {
     Some(copy)
 }
 
-/// Values while they are read.
-struct Pixels {
-    gatherer: Gatherer,
-    /// Highest value of the stored bits.
-    highest: u16,
-}
-
-impl Pixels {
-    fn invert(&mut self) {
-        let highest = self.highest;
-        self.gatherer.map(|value| highest - value.min(highest));
-    }
-}
-
-fn pixels(file: &mut File<'_>, size: [u32; 2]) -> Result<Pixels, MicrographError> {
+fn pixels(file: &mut File<'_>, size: [u32; 2]) -> Result<Gatherer, MicrographError> {
     let color = file.colortype().map_err(refused)?;
     let bits = usize::from(color.bit_depth());
     let stored = file.find_tag_unsigned::<u16>(Tag::SamplesPerPixel).map_err(refused)?.unwrap_or(1);
@@ -165,15 +147,15 @@ fn pixels(file: &mut File<'_>, size: [u32; 2]) -> Result<Pixels, MicrographError
     if !matches!(bits, 1 | 2 | 4 | 8 | 16 | 32 | 64) {
         return Err(MicrographError::Variant(format!("the TIFF has {bits} bits a pixel")));
     }
-    let highest = if bits >= 16 { u16::MAX } else { (1 << bits) - 1 };
-    let layout = Layout { samples, opaque: alpha.then_some(highest), tolerance: 0 };
+    let opaque = if bits == 16 { u16::MAX } else { 255 };
+    let layout = Layout { samples, opaque: alpha.then_some(opaque), tolerance: 0 };
     let planar = file.find_tag_unsigned::<u16>(Tag::PlanarConfiguration).map_err(refused)? == Some(2);
     if planar && samples > 1 {
         return Err(MicrographError::Variant("the TIFF stores its colours in separate planes".into()));
     }
     let mut gatherer = Gatherer::new(layout, size);
     chunks(file, size, bits, samples, &mut gatherer)?;
-    Ok(Pixels { gatherer, highest })
+    Ok(gatherer)
 }
 
 fn is_alpha(file: &mut File<'_>) -> TiffResult<bool> {
