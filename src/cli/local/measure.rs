@@ -109,9 +109,10 @@ impl Plan {
             scratch::write(&outlines_path(dir, image), png)?;
         }
         let measures = traced.measure();
-        let comparison = self.compare.as_ref().map(|(organ, species, region)| {
-            compare_section(&measures, organ, species, region.as_deref())
-        });
+        let comparison = self
+            .compare
+            .as_ref()
+            .map(|(organ, species, region)| compare_section(&measures, organ, species, region.as_deref()));
         Ok(Measured { pixel_um: traced.pixel_um(), notes: traced.notes().to_vec(), measures, comparison })
     }
 }

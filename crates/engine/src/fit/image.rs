@@ -192,7 +192,8 @@ fn read_image(reader: &mut JsonReader, item: &Value, at: &str) -> Option<Section
     if matches!(&tissue, Some(Tissue::Values(values)) if values.is_empty() || values.len() > MOST_VALUES) {
         wrong("tissue", &format!("must have 1 to {MOST_VALUES} values"));
     }
-    let threshold = given("threshold").map(|value| value.as_u64().and_then(|n| u16::try_from(n).ok()).filter(|n| *n > 0));
+    let threshold =
+        given("threshold").map(|value| value.as_u64().and_then(|n| u16::try_from(n).ok()).filter(|n| *n > 0));
     if threshold == Some(None) {
         wrong("threshold", "must be an integer from 1 to 65535");
     }
@@ -213,14 +214,7 @@ fn read_image(reader: &mut JsonReader, item: &Value, at: &str) -> Option<Section
         return None;
     }
     let reading = Reading { pixel_um: pixel_um.flatten(), tissue, threshold: threshold.flatten() };
-    Some(SectionImage {
-        region: region.to_owned(),
-        file: file?,
-        member,
-        reading,
-        quantities,
-        tolerance: tolerance?,
-    })
+    Some(SectionImage { region: region.to_owned(), file: file?, member, reading, quantities, tolerance: tolerance? })
 }
 
 #[cfg(test)]

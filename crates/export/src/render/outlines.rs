@@ -48,11 +48,8 @@ pub fn outlines_png(
             *pixel = colour;
         }
     }
-    let stroke = Stroke {
-        width: (width.max(height) as f32 / 800.0).max(1.0),
-        line_join: LineJoin::Round,
-        ..Stroke::default()
-    };
+    let stroke =
+        Stroke { width: (width.max(height) as f32 / 800.0).max(1.0), line_join: LineJoin::Round, ..Stroke::default() };
     for (kind, points) in outlines {
         let mut path = PathBuilder::new();
         for (i, [x, y]) in points.iter().enumerate() {

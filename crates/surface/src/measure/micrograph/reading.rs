@@ -41,9 +41,11 @@ impl std::str::FromStr for Tissue {
             "zero" | "dark" => Ok(Self::Zero),
             list => {
                 let value = |value: &str| value.trim().parse::<u16>().map_err(|_| value.trim().to_owned());
-                list.split(',').map(value).collect::<Result<_, _>>().map(Self::Values).map_err(|wrong| {
-                    format!("`{wrong}` is no value from 0 to 65535; write 2, 1,2, nonzero or zero")
-                })
+                list.split(',')
+                    .map(value)
+                    .collect::<Result<_, _>>()
+                    .map(Self::Values)
+                    .map_err(|wrong| format!("`{wrong}` is no value from 0 to 65535; write 2, 1,2, nonzero or zero"))
             }
         }
     }
@@ -88,14 +90,16 @@ impl Reading {
 
     /// Returns the side of a pixel in µm.
     pub(super) fn side_um(&self, image: &mut Image) -> Result<f64, MicrographError> {
-        let within = |side: f64| if PIXEL_UM.contains(&side) { Ok(side) } else { Err(MicrographError::PixelSize(side)) };
+        let within =
+            |side: f64| if PIXEL_UM.contains(&side) { Ok(side) } else { Err(MicrographError::PixelSize(side)) };
         match (self.pixel_um, &image.stated) {
             (Some(given), stated) => {
                 if let Stated::Sides(sides, source) = stated
                     && sides.iter().any(|side| (side / given - 1.0).abs() > CONTRADICTS)
                 {
                     let [x, y] = sides.map(short);
-                    let note = format!("the file states a pixel of {x} × {y} µm ({source}); {given} µm is used, as given");
+                    let note =
+                        format!("the file states a pixel of {x} × {y} µm ({source}); {given} µm is used, as given");
                     image.notes.push(note);
                 }
                 within(given)

@@ -9,8 +9,8 @@
 //! | `stated` | side of a pixel, as files state it |
 
 mod geojson;
-mod pixels;
 mod photo;
+mod pixels;
 mod png;
 mod raster;
 mod stated;

@@ -58,7 +58,8 @@ impl Raster {
                 let [a, b] = [a, b].map(|p| [0, 1].map(|axis| (p[axis] - self.origin[axis]) / self.step));
                 let (low, high) = if a[1] < b[1] { (a, b) } else { (b, a) };
                 // Rows whose centres are in the half-open range of the edge.
-                let rows = (low[1] - 0.5).ceil().max(0.0) as usize..((high[1] - 0.5).ceil().max(0.0) as usize).min(height);
+                let rows =
+                    (low[1] - 0.5).ceil().max(0.0) as usize..((high[1] - 0.5).ceil().max(0.0) as usize).min(height);
                 self.room = self.room.checked_sub(rows.len()).ok_or(MicrographError::Rough)?;
                 crossings.extend(rows.map(|row| {
                     let y = row as f64 + 0.5;

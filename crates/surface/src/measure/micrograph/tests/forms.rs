@@ -70,7 +70,9 @@ fn raw(tags: &[(u16, u32)], data: &[u8]) -> Vec<u8> {
     entries.sort_unstable();
     let mut file = [&b"II*\0\x08\0\0\0"[..], &(entries.len() as u16).to_le_bytes()].concat();
     for (tag, value) in entries {
-        file.extend([&tag.to_le_bytes()[..], &4_u16.to_le_bytes(), &1_u32.to_le_bytes(), &value.to_le_bytes()].concat());
+        file.extend(
+            [&tag.to_le_bytes()[..], &4_u16.to_le_bytes(), &1_u32.to_le_bytes(), &value.to_le_bytes()].concat(),
+        );
     }
     file.extend([&[0; 4], data].concat());
     file
@@ -135,8 +137,7 @@ fn tiffs_of_all_kinds_are_the_same() {
     same(&plain::<Gray32>(&flat.iter().map(|v| u32::from(*v) * 40_000).collect::<Vec<_>>()), None, None);
     same(&plain::<Gray32Float>(&flat.iter().map(|v| f32::from(*v)).collect::<Vec<_>>()), None, None);
     // One bit: 1 is white, or 1 is black as tifffile writes it, or the pixels are a mask.
-    let packed: Vec<u8> =
-        flat.chunks(8).map(|bits| bits.iter().fold(0, |byte, bit| byte << 1 | bit)).collect();
+    let packed: Vec<u8> = flat.chunks(8).map(|bits| bits.iter().fold(0, |byte, bit| byte << 1 | bit)).collect();
     let inverted: Vec<u8> = packed.iter().map(|byte| !byte).collect();
     same(&raw(&tags(1, 1, 1), &packed), None, None);
     let stored = same(&raw(&tags(1, 0, 1), &packed), None, None);
@@ -223,7 +224,8 @@ fn labels_need_a_choice() {
 
 #[test]
 fn files_state_the_side_of_a_pixel() {
-    let ome = |x: &str| format!("<?xml version=\"1.0\"?><OME><Image><Pixels SizeZ=\"1\" SizeC=\"1\" {x}/></Image></OME>");
+    let ome =
+        |x: &str| format!("<?xml version=\"1.0\"?><OME><Image><Pixels SizeZ=\"1\" SizeC=\"1\" {x}/></Image></OME>");
     for (text, per_unit, unit, side) in [
         ("", [5000, 5000], 3, 2.0),
         ("", [5000, 5000], 2, 5.08),
@@ -249,9 +251,13 @@ fn files_state_the_side_of_a_pixel() {
     let unstated = |text: &str, per_unit: [u32; 2], unit: u16| {
         Micrograph::read(&described(text, per_unit, unit), &Reading::default()).unwrap_err()
     };
-    for (text, per_unit, unit) in
-        [("", [300, 300], 2), ("", [72, 72], 2), ("", [1, 1], 1), ("ImageJ=1.54f\nunit=pixel\n", [1, 1], 1), ("", [0, 0], 3)]
-    {
+    for (text, per_unit, unit) in [
+        ("", [300, 300], 2),
+        ("", [72, 72], 2),
+        ("", [1, 1], 1),
+        ("ImageJ=1.54f\nunit=pixel\n", [1, 1], 1),
+        ("", [0, 0], 3),
+    ] {
         let found = unstated(text, per_unit, unit);
         assert!(matches!(found, MicrographError::NoPixelSize(_)), "{text} {per_unit:?}: {found}");
     }
@@ -259,7 +265,10 @@ fn files_state_the_side_of_a_pixel() {
     let file = described("", [5000, 2500], 3);
     assert_eq!(Micrograph::read(&file, &Reading::default()), Err(MicrographError::NotSquare(2.0, 4.0)));
     let found = same(&file, None, None);
-    assert_eq!(found.notes(), ["the file states a pixel of 2 × 4 µm (5000 pixels per centimetre); 10 µm is used, as given"]);
+    assert_eq!(
+        found.notes(),
+        ["the file states a pixel of 2 × 4 µm (5000 pixels per centimetre); 10 µm is used, as given"]
+    );
     // PNG states pixels per metre.
     let physical = |per_metre: u32| {
         let value = [&per_metre.to_be_bytes()[..], &per_metre.to_be_bytes(), &[1]].concat();

@@ -2,8 +2,8 @@
 
 mod files;
 mod forms;
-mod polygons;
 mod models;
+mod polygons;
 mod shapes;
 
 use super::*;
