@@ -112,6 +112,11 @@ const FRAME_REPORT_BYTES: u64 = 2600;
 
 /// Bytes of the measures of a section in the report. Measured on the default model.
 const REPORT_SECTION_BYTES: u64 = 850;
+/// Bytes of the compressed text of 3MF per triangle, including vertices. Measured on pieces of `pig`.
+const THREEMF_TRIANGLE_BYTES: f64 = 13.1;
+/// Seconds per triangle for the text of 3MF on one core, mostly its compression. Measured on `pig`.
+const THREEMF_SECONDS: f64 = 1.1e-6;
+
 /// Bytes per triangle of the finest level of detail, and of a simplified level, including vertices.
 /// Measured on the default model.
 const LEVEL_TRIANGLE_BYTES: [f64; 2] = [3.5, 4.7];
@@ -240,7 +245,7 @@ impl Output {
             Self::StlAscii => surface(512.0, 0.0, 195.0),
             Self::Ply => surface(1024.0, 12.0, 13.0),
             Self::Vtp => surface(4096.0, 24.0, 24.0),
-            Self::ThreeMf => surface(1024.0, 12.0, 7.0),
+            Self::ThreeMf => bodies * 1024.0 + THREEMF_TRIANGLE_BYTES * triangles * counts.solids,
             Self::Centreline => CENTRELINE_FIXED + CENTRELINE_SECTION_BYTES * f64::from(counts.sections),
             Self::Lod => {
                 let simplified: f64 = LEVEL_TRIANGLES.iter().map(|&most| triangles.min(most as f64)).sum();
@@ -272,6 +277,8 @@ struct Counts {
     triangles: f64,
     /// Vertices of the surfaces of all written bodies, divided by those of the tissue.
     bodies: f64,
+    /// Like `bodies`, if the regions are written as tissue and lumen.
+    solids: f64,
     /// True if another body than the tissue is written.
     has_lumen: bool,
 }
@@ -298,7 +305,8 @@ impl Counts {
         let inner = 1.0 - spec.particles.outer.at(1.0) / spec.particles.total.at(1.0);
         let has_lumen = outputs.bodies.iter().any(|body| *body != BodyKind::Tissue);
         let bodies = body(BodyKind::Tissue) + body(BodyKind::Regions) + inner * body(BodyKind::Lumen);
-        Self { particles_end, sections, section_points, vertices, triangles: 2.0 * vertices, bodies, has_lumen }
+        let solids = bodies + inner * body(BodyKind::Regions);
+        Self { particles_end, sections, section_points, vertices, triangles: 2.0 * vertices, bodies, solids, has_lumen }
     }
 
     /// Bytes of the files of a contraction.
@@ -343,6 +351,7 @@ fn seconds(spec: &ModelSpec, outputs: &Outputs, counts: &Counts) -> BTreeMap<Str
     // All sections of an even surface are smoothed.
     let smoothed = if is_even { f64::from(spec.solver.record_every) } else { 1.0 };
     let more = if_so(counts.has_lumen, triangles * BODIES_SECONDS)
+        + if_so(outputs.has(Output::ThreeMf), counts.solids * triangles * THREEMF_SECONDS)
         + if_so(spec.leans(), triangles * LEAN_SECONDS)
         + if_so(spec.bends(), triangles * BEND_SECONDS)
         + f64::from(spec.contraction.frames) * triangles * FRAME_SECONDS

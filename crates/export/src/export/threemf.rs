@@ -20,7 +20,7 @@ use zip::{CompressionMethod, DateTime, ZipWriter};
 /// Media type of the file.
 pub const MEDIA_TYPE: &str = "model/3mf";
 
-/// Level of the compression. Higher levels make the file a tenth smaller and take twice as long.
+/// Level of the compression. Level 6 makes the file 1 % smaller and takes three times as long.
 const LEVEL: i64 = 4;
 /// Maximum text of a vertex and of a triangle, bytes, to decide whether the archive needs ZIP64.
 const TEXT_BYTES: [u64; 2] = [180, 110];
