@@ -171,10 +171,9 @@ fn write_object(
     writeln!(text, "<object id=\"{id}\" type=\"model\" name=\"{name}\"{material}>\n<mesh>\n<vertices>")?;
     let mut number = vec![u32::MAX; surface.positions.len()];
     solid.triangles(surface).for_each(|(triangle, _)| triangle.iter().for_each(|&v| number[v as usize] = 0));
-    let mut next = 0;
-    for (number, [x, y, z]) in number.iter_mut().zip(surface.positions).filter(|(number, _)| **number == 0) {
+    let used = number.iter_mut().zip(surface.positions).filter(|(number, _)| **number == 0);
+    for (next, (number, [x, y, z])) in (0..).zip(used) {
         *number = next;
-        next += 1;
         writeln!(text, "<vertex x=\"{x}\" y=\"{y}\" z=\"{z}\"/>")?;
         write_if_full(text, out)?;
     }

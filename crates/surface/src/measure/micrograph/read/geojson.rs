@@ -169,7 +169,7 @@ fn polygons(geometry: &Geometry<'_>, index: usize) -> Result<Option<Vec<Polygon>
     };
     let plain = |ring: Vec<Position>| ring.into_iter().map(|Position(point)| point).collect::<Vec<Point>>();
     let polygons: Vec<Polygon> = rings.into_iter().map(|rings| rings.into_iter().map(plain).collect()).collect();
-    let far = polygons.iter().flatten().flatten().flatten().find(|place| !(place.abs() <= FARTHEST));
+    let far = polygons.iter().flatten().flatten().flatten().find(|place| place.is_nan() || place.abs() > FARTHEST);
     if let Some(far) = far {
         return Err(place(format!("the coordinate {far} is beyond {FARTHEST}")));
     }
