@@ -123,7 +123,7 @@ fn invalid_planes_and_options_are_named() {
 fn checked(at: &std::path::Path, file: &str) -> f64 {
     let found = json(&run(at, &["check", "--json", file]));
     assert_eq!(found[0]["certificate"]["passed"], true, "{found}");
-    found[0]["certificate"]["volume_mm3"].as_f64().unwrap()
+    found[0]["certificate"]["volume_mm3"].as_f64().expect("a volume")
 }
 
 #[test]

@@ -112,7 +112,8 @@ const FRAME_REPORT_BYTES: u64 = 2600;
 
 /// Bytes of the measures of a section in the report. Measured on the default model.
 const REPORT_SECTION_BYTES: u64 = 850;
-/// Bytes of the compressed text of 3MF per triangle, including vertices. Measured on pieces of `pig`.
+/// Bytes of the compressed text of 3MF per triangle, including vertices. Measured on pieces of
+/// `pig`.
 const THREEMF_TRIANGLE_BYTES: f64 = 13.1;
 /// Seconds per triangle for the text of 3MF on one core, mostly its compression. Measured on `pig`.
 const THREEMF_SECONDS: f64 = 1.1e-6;

@@ -66,18 +66,19 @@ struct Replacement {
 
 impl Polygons {
     /// Adds a face of any number of corners to the surface. `place` stands for its place in the
-    /// file. A face with fewer than three different corners adds nothing.
+    /// file. A face with fewer than three corners adds nothing.
     ///
     /// # Errors
     /// [`ReadError::TooLarge`].
     #[inline]
     pub(super) fn add(&mut self, surface: &mut Surface, corners: &[u32], place: u64) -> Result<(), ReadError> {
         match *corners {
-            [a, b, c] if a != b && b != c && c != a => {}
-            [] | [_] | [_, _] | [_, _, _] => {
+            [] | [_] | [_, _] => {
                 self.too_few.count(place);
                 return Ok(());
             }
+            // A triangle stays as it is; the certificate judges one that repeats a vertex.
+            [_, _, _] => {}
             _ => self.faces.push(Face { first: surface.triangles.len(), corners: corners.len(), place }),
         }
         surface.add_face(corners)

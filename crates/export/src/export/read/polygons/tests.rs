@@ -108,6 +108,12 @@ fn repeated_corners_add_nothing() {
     assert_eq!(surface.triangles, [[0; 3]; 0]);
     let note = "1 face has fewer than three different corners and is passed over (first: line 7)";
     assert_eq!(surface.notes, [note]);
+    // The certificate judges a triangle that repeats a vertex.
+    let mut surface = Surface { positions: placed(&ELL[..2], [0.0; 3]), ..Surface::default() };
+    let mut polygons = Polygons::default();
+    polygons.add(&mut surface, &[0, 1, 1], 1).unwrap();
+    polygons.split(&mut surface, |line| format!("line {line}")).unwrap();
+    assert_eq!((surface.triangles, surface.notes), (vec![[0, 1, 1]], Vec::new()));
 }
 
 #[test]

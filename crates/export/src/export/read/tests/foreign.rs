@@ -66,7 +66,8 @@ fn obj_faces_may_come_before_their_vertices() {
 
 #[test]
 fn obj_elements_that_are_no_faces_are_passed_over_with_a_note() {
-    let text = obj() + "f\nf 1\nf 1 2\nf 1 1 2\nl 1 2\np 1\np 2\ncstype bezier\nsurf 0 1 0 1 1 2\nend\nvt 1 2\ns off\n";
+    let text =
+        obj() + "f\nf 1\nf 1 2\nf 1 1 2 2\nl 1 2\np 1\np 2\ncstype bezier\nsurf 0 1 0 1 1 2\nend\nvt 1 2\ns off\n";
     assert_eq!(
         assert_cube(text.as_bytes(), Format::Obj).notes,
         [

@@ -17,7 +17,8 @@ fn circle(x: f64, y: f64, radius: f64) -> Vec<[f64; 2]> {
     (0..=360).map(point).collect()
 }
 
-fn feature(class: &str, coordinates: Value) -> Value {
+fn feature(class: &str, coordinates: impl Into<Value>) -> Value {
+    let coordinates: Value = coordinates.into();
     json!({
         "type": "Feature", "id": "PathAnnotationObject",
         "geometry": { "type": "Polygon", "coordinates": coordinates },
