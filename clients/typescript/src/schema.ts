@@ -3,7 +3,7 @@
  * Do not make direct changes to the file.
  */
 
-// openapi.yaml: sha256 a1a073efbafab6cad0c7a7647701b4a313c9966f51efdb2a082d7a9bb023f1cd
+// openapi.yaml: sha256 d1510e14480ad8b03b9e788c572346eefc62ffb19033bf2fbeea80e55873590d
 
 export interface paths {
     "/batches": {
@@ -543,13 +543,13 @@ export interface paths {
         };
         /**
          * Cut a finished model with a plane.
-         * @description The service cuts the stored surface of the tissue exactly, across the tube (`z_um`) or along any
-         *     plane (`origin_um` and `normal`). The rings of the cut are nested, and each has a kind:
-         *     `tissue`; `lumen`, its largest hole; `island`, tissue that is not connected to the wall in this
-         *     plane; `pocket`, lumen that is not connected to the rest in this plane. A plane across a bent
-         *     tube cuts only the part around the centre line at this place. In contrast, the sections of
-         *     `/models/{id}/sections/{k}` come from the simulation, before the surface leans, and have no
-         *     islands.
+         * @description The service cuts the stored surface of the tissue exactly, across the tube (`z_um` or `z_mm`) or
+         *     along any plane (`normal`, and `origin_um` or `origin_mm`). The rings of the cut are nested, and
+         *     each has a kind: `tissue`; `lumen`, its largest hole; `island`, tissue that is not connected to
+         *     the wall in this plane; `pocket`, lumen that is not connected to the rest in this plane. A plane
+         *     across a bent tube cuts only the part around the centre line at this place. In contrast, the
+         *     sections of `/models/{id}/sections/{k}` come from the simulation, before the surface leans, and
+         *     have no islands.
          *
          *     Pictures show the same tissues as pictures of sections. A longer picture of a plane along the
          *     tube has larger pixels.
@@ -1734,7 +1734,7 @@ export interface components {
              */
             reuse?: boolean;
             spec?: components["schemas"]["SpecPatch"];
-            /** @description Unit of coordinates in `obj`, `stl`, `stl-ascii`, `ply`, `vtp` and `centreline`. By default `obj` is in metres and the others in millimetres. glTF is always in metres. */
+            /** @description Unit of coordinates in `obj`, `stl`, `stl-ascii`, `ply`, `vtp`, `3mf` and `centreline`. By default `obj` is in metres and the others in millimetres. glTF is always in metres. */
             units?: components["schemas"]["LengthUnit"] | null;
             vary?: components["schemas"]["Vary"];
         };
@@ -2870,14 +2870,14 @@ export interface components {
             /** @description Seed. The same seed and spec give the same model. If the seed is absent, the service draws one and reports it. */
             seed?: number;
             spec?: components["schemas"]["SpecPatch"];
-            /** @description Unit of coordinates in `obj`, `stl`, `stl-ascii`, `ply`, `vtp` and `centreline`. By default `obj` is in metres and the others in millimetres. glTF is always in metres. */
+            /** @description Unit of coordinates in `obj`, `stl`, `stl-ascii`, `ply`, `vtp`, `3mf` and `centreline`. By default `obj` is in metres and the others in millimetres. glTF is always in metres. */
             units?: components["schemas"]["LengthUnit"] | null;
         };
-        /** @description Warning about a finished model that grew poorly. */
+        /** @description Warning about a finished model that differs from its request. */
         ModelWarning: {
             /**
-             * @description `splits-missing`, `small-gap`, `particles-short`, `lean-reduced`, `lean-left-out` or
-             *     `contraction-reduced`. Later versions may add codes.
+             * @description `splits-missing`, `small-gap`, `particles-short`, `lean-reduced`, `lean-left-out`,
+             *     `contraction-reduced` or `units-unused`. Later versions may add codes.
              */
             code: string;
             /** @description A sentence with the measured values. */
@@ -2988,7 +2988,7 @@ export interface components {
          * @description A format of the model: one or several files.
          * @enum {string}
          */
-        Output: "glb" | "gltf" | "obj" | "stl" | "stl-ascii" | "ply" | "vtp" | "centreline" | "lod" | "labels";
+        Output: "glb" | "gltf" | "obj" | "stl" | "stl-ascii" | "ply" | "vtp" | "3mf" | "centreline" | "lod" | "labels";
         /** @description Value of a parameter or of a part of a schedule. Null keeps the value of `spec`. */
         ParameterValue: null | boolean | number | string | components["schemas"]["ScheduleKey"][] | components["schemas"]["Schedule"] | components["schemas"]["Fluctuation"] | number[][];
         /** @description Number of particles of both loops at the ends of the model. */
@@ -3468,21 +3468,27 @@ export interface components {
         /** @description An image of a section. The service traces the image and measures it like a section of a model. */
         SectionImage: {
             /**
-             * Format: double
-             * @description Side of a pixel, micrometres.
+             * @description The file of the image as base64: PNG, TIFF, OME-TIFF, BMP or JPEG, grey or with a palette,
+             *     or GeoJSON of QuPath. Required, unless `png` has it.
              */
-            pixel_um: number;
-            /** @description The image: a PNG of 1 to 8 bits, grey or with a palette, without transparency, as base64. */
-            png: string;
+            image?: string;
+            /**
+             * Format: double
+             * @description Side of a pixel, micrometres; by default the one that the file states.
+             */
+            pixel_um?: number | null;
+            /** @description Former name of `image`. */
+            png?: string | null;
             /** @description Quantities that become targets; by default those that a single section determines reliably. */
             quantities?: string[] | null;
             /** @description Region of the tube from which the section was taken. */
             region: string;
             /**
-             * @description Values of the pixels that show tissue (indices if the image has a palette); by default all
-             *     except 0.
+             * @description Least value of tissue; with `zero` as `tissue`, values below it are tissue. By default 128
+             *     in a JPEG, and none in other formats.
              */
-            tissue?: number[] | null;
+            threshold?: number | null;
+            tissue?: components["schemas"]["TissueChoice"] | null;
             /**
              * Format: double
              * @description Accepted deviation to both sides, as a fraction of the value; 0.1 by default.
@@ -3532,7 +3538,7 @@ export interface components {
             /** @description Seeds of the models, or of the models of each point of a study. The maximum number of models is a setting of the service. */
             seeds: number[];
             spec?: components["schemas"]["SpecPatch"];
-            /** @description Unit of coordinates in `obj`, `stl`, `stl-ascii`, `ply`, `vtp` and `centreline`. By default `obj` is in metres and the others in millimetres. glTF is always in metres. */
+            /** @description Unit of coordinates in `obj`, `stl`, `stl-ascii`, `ply`, `vtp`, `3mf` and `centreline`. By default `obj` is in metres and the others in millimetres. glTF is always in metres. */
             units?: components["schemas"]["LengthUnit"] | null;
             vary?: components["schemas"]["Vary"];
         };
@@ -3801,7 +3807,7 @@ export interface components {
              */
             reuse?: boolean;
             spec?: components["schemas"]["SpecPatch"];
-            /** @description Unit of coordinates in `obj`, `stl`, `stl-ascii`, `ply`, `vtp` and `centreline`. By default `obj` is in metres and the others in millimetres. glTF is always in metres. */
+            /** @description Unit of coordinates in `obj`, `stl`, `stl-ascii`, `ply`, `vtp`, `3mf` and `centreline`. By default `obj` is in metres and the others in millimetres. glTF is always in metres. */
             units?: components["schemas"]["LengthUnit"] | null;
             vary: components["schemas"]["Vary"];
         };
@@ -3939,6 +3945,13 @@ export interface components {
              */
             path: string;
         };
+        /** @description Pixels that show tissue. */
+        TissueChoice: number[] | components["schemas"]["TissueName"];
+        /**
+         * @description Name of a choice of pixels.
+         * @enum {string}
+         */
+        TissueName: "nonzero" | "zero";
         /** @description Shapes of the triangles of a surface, which affect solvers. */
         TriangleQuality: {
             /**
@@ -7497,11 +7510,15 @@ export interface operations {
             query?: {
                 /** @description Place of a plane across the tube, µm along the tube or, if it is bent, along its centre line; u and v are x and y of the section at this place */
                 z_um?: number;
+                /** @description `z_um` in mm, instead of it */
+                z_mm?: number;
                 /**
                  * @description Point of the plane, µm: `x,y,z`; together with `normal`, instead of `z_um`
                  * @example 0,0,30000
                  */
                 origin_um?: string;
+                /** @description `origin_um` in mm, instead of it */
+                origin_mm?: string;
                 /**
                  * @description Normal of the plane, of any length: `x,y,z`
                  * @example 0,1,0

@@ -52,8 +52,3 @@ pub(super) fn read(bytes: &[u8], side: u32) -> Result<Image, MicrographError> {
         }
     }
 }
-
-/// Refuses images that are too large.
-fn check_size([width, height]: [u32; 2], side: u32) -> Result<(), MicrographError> {
-    if width > side || height > side { Err(MicrographError::Size { width, height }) } else { Ok(()) }
-}

@@ -1,8 +1,7 @@
 //! Reads BMP and JPEG.
 
 use super::super::error::MicrographError;
-use super::check_size;
-use super::pixels::{Gatherer, Image, Kind, Layout, unpacked};
+use super::pixels::{Gatherer, Image, Kind, Layout, check_size, unpacked};
 use super::stated::Stated;
 use image::codecs::bmp::BmpDecoder;
 use image::codecs::jpeg::JpegDecoder;

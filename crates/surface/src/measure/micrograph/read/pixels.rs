@@ -132,3 +132,8 @@ pub(super) fn unpacked(row: &[u8], bits: usize) -> impl Iterator<Item = u16> {
         u16::from(row[at / 8] >> (8 - bits - at % 8) & mask)
     })
 }
+
+/// Refuses images that are too large.
+pub(super) fn check_size([width, height]: [u32; 2], side: u32) -> Result<(), MicrographError> {
+    if width > side || height > side { Err(MicrographError::Size { width, height }) } else { Ok(()) }
+}

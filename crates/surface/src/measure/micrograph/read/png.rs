@@ -1,8 +1,7 @@
 //! Reads PNG: grey, a palette, or colours that are all grey, with 1 to 16 bits.
 
 use super::super::error::MicrographError;
-use super::check_size;
-use super::pixels::{Gatherer, Image, Kind, Layout, unpacked};
+use super::pixels::{Gatherer, Image, Kind, Layout, check_size, unpacked};
 use super::stated::Stated;
 use png::{BitDepth, ColorType, Decoder, DecodingError, Info, Limits, Unit};
 use std::io::Cursor;

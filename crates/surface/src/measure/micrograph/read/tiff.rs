@@ -1,8 +1,7 @@
 //! Reads TIFF and OME-TIFF: one image, grey, indexed or in colours that are all grey.
 
 use super::super::error::MicrographError;
-use super::check_size;
-use super::pixels::{Gatherer, Image, Kind, Layout, unpacked};
+use super::pixels::{Gatherer, Image, Kind, Layout, check_size, unpacked};
 use super::stated::{Stated, described};
 use std::io::Cursor;
 use tiff::decoder::ifd::Value;
