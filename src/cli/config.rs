@@ -6,6 +6,7 @@
 
 use super::args::Cli;
 use super::exit::Failure;
+use clap::builder::Resettable;
 use clap::{Arg, ArgAction, CommandFactory, FromArgMatches};
 use std::ffi::OsString;
 use toml::{Table, Value};
@@ -35,6 +36,7 @@ pub(super) fn parse(args: impl IntoIterator<Item = OsString>) -> Result<Parsed, 
                 .map_err(|faults| Failure::Usage(faults.iter().map(|f| format!("{shown}: {f}")).collect()))?
         }
     };
+    let command = without_rivals(command, &args, |long| std::env::var_os(variable(long)).is_some());
     insert_default_command(&mut args);
     let argv = std::iter::once(OsString::from("oviduct")).chain(args);
     Ok(match command.try_get_matches_from(argv).and_then(|mut m| Cli::from_arg_matches_mut(&mut m)) {
@@ -142,6 +144,49 @@ fn with_option(
     }
 }
 
+/// Options that exclude each other, each with its rivals.
+const RIVALS: [(&str, &[&str]); 13] = [
+    ("z", &["z-um", "origin", "origin-um", "normal"]),
+    ("z-um", &["z", "origin", "origin-um", "normal"]),
+    ("origin", &["origin-um", "z", "z-um"]),
+    ("origin-um", &["origin", "z", "z-um"]),
+    ("normal", &["z", "z-um"]),
+    ("pixel", &["pixel-um"]),
+    ("pixel-um", &["pixel"]),
+    ("epithelium", &["epithelium-um"]),
+    ("epithelium-um", &["epithelium"]),
+    ("lamina", &["lamina-um"]),
+    ("lamina-um", &["lamina"]),
+    ("serosa", &["serosa-um"]),
+    ("serosa-um", &["serosa"]),
+];
+
+/// Removes values of variables and of the file if the command line has a rival of their option, and
+/// values of the file if a variable has one.
+fn without_rivals(mut command: clap::Command, args: &[OsString], has_variable: impl Fn(&str) -> bool) -> clap::Command {
+    let is_given = |long: &str| {
+        let option = |arg: &OsString| {
+            let rest = arg.to_str().and_then(|arg| arg.strip_prefix("--")?.strip_prefix(long));
+            rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('='))
+        };
+        args.iter().take_while(|arg| *arg != "--").any(option)
+    };
+    for (long, rivals) in RIVALS {
+        let (given, set) = (is_given(long), has_variable(long));
+        if !given && !set {
+            continue;
+        }
+        let is_rival = |arg: &Arg| arg.get_long().is_some_and(|long| rivals.contains(&long));
+        let without = |arg: Arg| match is_rival(&arg) {
+            true if given => arg.env(Resettable::Reset).default_values([""; 0]),
+            true => arg.default_values([""; 0]),
+            false => arg,
+        };
+        command = command.mut_subcommands(|sub| sub.mut_args(without));
+    }
+    command
+}
+
 /// Returns a TOML value as written on the command line; `None` for arrays, tables and dates.
 fn plain(value: Value) -> Option<String> {
     match value {
@@ -165,6 +210,34 @@ mod tests {
         insert_default_command(&mut args);
         let matches = command.try_get_matches_from(std::iter::once("oviduct".into()).chain(args));
         matches.and_then(|mut m| Cli::from_arg_matches_mut(&mut m)).map_err(|e| vec![e.to_string()])
+    }
+
+    #[test]
+    fn a_length_in_either_spelling_overrides_the_file() {
+        let found = |file: &str, line: &str, variable: Option<&str>| {
+            let command = with_file(with_variables(Cli::command()), file).expect("a file");
+            let args: Vec<OsString> = line.split_whitespace().map(Into::into).collect();
+            let command = without_rivals(command, &args, |long| variable == Some(long));
+            let mut matches =
+                command.try_get_matches_from(std::iter::once("oviduct".into()).chain(args)).expect("parses");
+            Cli::from_arg_matches_mut(&mut matches).expect("parses").command
+        };
+        let pixel = |file: &str, line: &str, variable: Option<&str>| {
+            let Command::Measure(args) = found(file, line, variable) else { panic!("measure") };
+            args.pixel.or(args.pixel_um)
+        };
+        let file = "[measure]\npixel = '3um'\n";
+        assert_eq!(pixel(file, "measure a.png", None), Some(3.0));
+        assert_eq!(pixel(file, "measure a.png --pixel-um 2", None), Some(2.0));
+        assert_eq!(pixel("[measure]\npixel-um = 3\n", "measure --pixel=2um a.png", None), Some(2.0));
+        assert_eq!(pixel(file, "measure a.png", Some("pixel-um")), None);
+        let file = "[cut]\nz = '30mm'\n";
+        for (line, z) in
+            [("cut a.glb --z-um 10000", Some(10_000.0)), ("cut a.glb --origin 0,0,1mm --normal 0,0,1", None)]
+        {
+            let Command::Cut(args) = found(file, line, None) else { panic!("cut") };
+            assert_eq!(args.across_um(), z, "{line}");
+        }
     }
 
     #[test]

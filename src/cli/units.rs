@@ -154,8 +154,8 @@ pub(super) fn show_unit(metres: f64) -> String {
     named.map_or_else(|| format!("units of {metres} m"), |(name, _)| name.to_owned())
 }
 
-/// Formats a length in metres as in `12.5mm`, with six digits in um, mm or m.
-pub(super) fn show_length(metres: f64) -> String {
+/// Formats a length in metres with this number of significant digits, in um, mm or m: `12.5mm`.
+pub(super) fn show_length(metres: f64, digits: i32) -> String {
     let um = metres * 1e6;
     let (factor, unit) = match um.abs() {
         0.0 => return "0".to_owned(),
@@ -163,7 +163,7 @@ pub(super) fn show_length(metres: f64) -> String {
         size if size < 1e6 => (1e3, "mm"),
         _ => (1e6, "m"),
     };
-    format!("{}{unit}", significant(um / factor))
+    format!("{}{unit}", significant(um / factor, digits))
 }
 
 /// Formats a volume with six digits in µm³, mm³, cm³ or m³.
@@ -176,15 +176,15 @@ pub(super) fn show_volume(mm3: f64) -> String {
         _ if size < 1e9 => (1e-3, "cm³"),
         _ => (1e-9, "m³"),
     };
-    format!("{} {unit}", significant(mm3 * factor))
+    format!("{} {unit}", significant(mm3 * factor, 6))
 }
 
-/// Formats a number with six significant digits, without zeros at the end.
-fn significant(value: f64) -> String {
+/// Formats a number with significant digits, without zeros at the end.
+fn significant(value: f64, digits: i32) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{value}");
     }
-    let digits = (5 - value.abs().log10().floor() as i32).clamp(0, 15);
+    let digits = (digits - 1 - value.abs().log10().floor() as i32).clamp(0, 15);
     let text = format!("{value:.*}", digits as usize);
     if digits == 0 { text } else { text.trim_end_matches('0').trim_end_matches('.').to_owned() }
 }
@@ -302,7 +302,7 @@ mod tests {
         assert_eq!(length_unit("cm").map(|unit| unit.metres), Ok(0.01));
         assert!(length_unit("inch").unwrap_err().contains("um, mm, cm or m"));
         assert_eq!([1e-6, 0.001, 1.0, 0.0254].map(show_unit), ["um", "mm", "m", "units of 0.0254 m"]);
-        let shown = [0.0, 5e-6, -0.012_5, 60e-3, 1.5].map(show_length);
+        let shown = [0.0, 5e-6, -0.012_5, 60e-3, 1.5].map(|metres| show_length(metres, 6));
         assert_eq!(shown, ["0", "5um", "-12.5mm", "60mm", "1.5m"]);
         for (mm3, text) in [
             (90.000_001, "90 mm³"),

@@ -130,14 +130,17 @@ fn a_scaled_surface_is_written_with_the_sizes_that_will_print() {
     assert_eq!(code(&done), 0, "{}", said(&done));
     let told = String::from_utf8_lossy(&done.stdout).into_owned();
     assert!(told.contains("p.3mf: 16 vertices, 24 triangles, in mm; patches surface"), "{told}");
-    assert!(told.contains("size 20.0 x 40.0 x 35.0 mm;"), "{told}");
-    assert!(told.contains("walls from 10.0 mm (5 % below 10.0 mm); gaps from 5.00 mm (5 % below 5.00 mm)"), "{told}");
+    assert!(told.contains("size 20mm x 40mm x 35mm;"), "{told}");
+    assert!(
+        told.contains("walls: least 10mm, 5 % thinner than 10mm; gaps: least 5mm, 5 % narrower than 5mm"),
+        "{told}"
+    );
     assert!(told.contains("sampled at 20000 places"), "{told}");
     assert!(!said(&done).contains("closed"), "{}", said(&done));
     // Other formats print the sizes only with --scale.
     let scaled =
         run(at.path(), &["convert", "p.obj", "p.ply", "--from-units", "mm", "--units", "mm", "--scale", "0.1"]);
-    assert!(String::from_utf8_lossy(&scaled.stdout).contains("size 0.100 x 0.200 x 0.175 mm"), "{}", said(&scaled));
+    assert!(String::from_utf8_lossy(&scaled.stdout).contains("size 100um x 200um x 175um"), "{}", said(&scaled));
     let found = json(&run(at.path(), &["check", "--json", "p.ply"]));
     let volume = found[0]["certificate"]["volume_mm3"].as_f64().unwrap();
     assert!((volume / 3e-3 - 1.0).abs() < 1e-5, "{volume}");
@@ -146,6 +149,13 @@ fn a_scaled_surface_is_written_with_the_sizes_that_will_print() {
     // A coordinate beyond single precision, and an object that is not closed.
     let beyond = run(at.path(), &["convert", "p.obj", "r.stl", "--scale", "1e300"]);
     assert!(code(&beyond) == 1 && said(&beyond).contains("smaller --scale"), "{}", said(&beyond));
+    let lost = run(at.path(), &["convert", "p.obj", "r.stl", "--scale", "1e-60"]);
+    assert!(code(&lost) == 1 && said(&lost).contains("larger --scale"), "{}", said(&lost));
+    let negative = run(at.path(), &["convert", "p.obj", "r.stl", "--scale", "-1"]);
+    assert!(code(&negative) == 2 && said(&negative).contains("`-1` is not a number above 0"), "{}", said(&negative));
+    let same = run(at.path(), &["convert", "p.obj", "p.obj", "--scale", "2"]);
+    assert!(code(&same) == 2 && said(&same).contains("p.obj: is the file that is read"), "{}", said(&same));
+    assert_eq!(std::fs::read_to_string(at.path().join("p.obj")).unwrap(), PLATES);
     let open = PLATES.replace("\nf 10 16 14", "");
     std::fs::write(at.path().join("open.obj"), open).unwrap();
     let open = run(at.path(), &["convert", "open.obj", "open.3mf"]);

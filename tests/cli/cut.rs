@@ -168,7 +168,9 @@ fn a_part_of_a_model_is_a_closed_solid() {
 
     for (line, status, part) in [
         (&["--z-um", "70000", "--solid", "x.stl"][..], 1, "reaches from 0.0 to 60000.0 µm"),
-        (&["--z-um", "-1", "--solid", "x.stl"], 1, "in front of it"),
+        (&["--z-um", "-1", "--solid", "x.stl"], 1, "has everything in front of it"),
+        (&["--z-um", "70000", "--solid", "x.stl"], 1, "has nothing in front of it"),
+        (&["--z-um", "1", "--solid", "model/model.glb"], 2, "the file that is read"),
         (&["--z-um", "1", "--solid", "x.step"], 2, "known are"),
         (&["--z-um", "1", "--solid", "x.stl", "--thick", "5"], 2, "has no unit of length"),
         (&["--z-um", "1", "--solid", "x.stl", "--thick", "0"], 2, "more than 0"),

@@ -26,8 +26,8 @@ pub(in crate::cli) struct FitArgs {
     /// --pixel in µm, without a unit
     #[arg(long, value_name = "UM")]
     pub(in crate::cli) pixel_um: Option<f64>,
-    /// Pixel values that are tissue, or nonzero or zero [default: nonzero, if an image has no more
-    /// than two values]
+    /// Pixel values that are tissue, or nonzero or zero [default: nonzero, if 0 and at most one
+    /// other value occur]
     #[arg(long, value_name = "VALUES", value_parser = str::parse::<Tissue>, requires = "image")]
     pub(in crate::cli) tissue: Option<Tissue>,
     /// Least value of tissue; with `--tissue zero`, values below it are tissue [default: 128 for

@@ -78,9 +78,9 @@ pub(in crate::cli) struct ConvertArgs {
     pub(in crate::cli) units: Option<LengthUnit>,
     #[command(flatten)]
     pub(in crate::cli) unit: UnitArgs,
-    /// Factor by which the surface is enlarged, such as 20 to print it. Also prints its size, and
-    /// the least thickness of its walls and width of its gaps, as does every .3mf
-    #[arg(long, value_name = "FACTOR", value_parser = factor)]
+    /// Factor by which the surface is enlarged, such as 20. The command then prints the size, the
+    /// least wall thickness and the least gap, as for every .3mf
+    #[arg(long, value_name = "FACTOR", value_parser = factor, allow_hyphen_values = true)]
     pub(in crate::cli) scale: Option<f64>,
     /// Write STL as text, with one solid per patch
     #[arg(long, value_parser = FalseyValueParser::new())]
@@ -300,6 +300,6 @@ impl Side {
 fn factor(text: &str) -> Result<f64, String> {
     match text.trim().parse::<f64>() {
         Ok(factor) if factor.is_finite() && factor > 0.0 => Ok(factor),
-        _ => Err("must be a number above 0".into()),
+        _ => Err(format!("`{text}` is not a number above 0")),
     }
 }

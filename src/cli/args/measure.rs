@@ -20,7 +20,7 @@ pub(in crate::cli) struct MeasureArgs {
     #[arg(long, value_name = "UM")]
     pub(in crate::cli) pixel_um: Option<f64>,
     /// Pixel values that are tissue, separated by commas: grey values or palette indices; or
-    /// nonzero (all except 0), or zero [default: nonzero, if the image has no more than two values]
+    /// nonzero (all except 0), or zero [default: nonzero, if 0 and at most one other value occur]
     #[arg(long, value_name = "VALUES", value_parser = str::parse::<Tissue>)]
     pub(in crate::cli) tissue: Option<Tissue>,
     /// Least value of tissue; with `--tissue zero`, values below it are tissue [default: 128 for

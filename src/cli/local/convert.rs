@@ -5,7 +5,7 @@ use super::target::Target;
 use crate::cli::args::ConvertArgs;
 use crate::cli::exit::Ended;
 use crate::cli::interrupt::Signals;
-use crate::cli::term;
+use crate::cli::{term, units};
 use crate::export::convert::Converted;
 use crate::export::read::Unit;
 use crate::export::{Shape, threemf};
@@ -16,6 +16,7 @@ use anyhow::Context;
 
 pub(in crate::cli) async fn run(args: ConvertArgs) -> Ended {
     let target = Target::of(&args.out, args.units, args.ascii)?;
+    target.spare(&args.file)?;
     // If it is interrupted, the name of its scratch directory shows that the files are incomplete.
     let lines = Signals::listen().run("the conversion", move || convert(&args, &target)).await??;
     lines.iter().try_for_each(|line| term::print(line))?;
@@ -37,6 +38,10 @@ fn convert(args: &ConvertArgs, target: &Target) -> anyhow::Result<Vec<String>> {
         let unit = target.unit.name();
         anyhow::bail!("{from}: a coordinate would be {coordinate} {unit} in single precision; use a smaller --scale");
     }
+    let [x, y, z] = extent(&shape);
+    if args.scale.is_some() && x.max(y).max(z) == 0.0 {
+        anyhow::bail!("{from}: the surface would have no size in single precision; use a larger --scale");
+    }
     let mut lines = target.write(&shape)?;
     if args.scale.is_some() || target.output == Output::ThreeMf {
         lines.push(printed_sizes(&shape));
@@ -57,36 +62,29 @@ fn convert(args: &ConvertArgs, target: &Target) -> anyhow::Result<Vec<String>> {
 /// Line about the sizes that a printer must resolve.
 fn printed_sizes(shape: &Shape<'_>) -> String {
     let found = printable(shape.positions, shape.triangles);
-    let unit = shape.unit.name();
-    let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-    for p in shape.triangles.as_flattened().iter().map(|&v| shape.positions[v as usize]) {
-        (0..3).for_each(|axis| (low[axis], high[axis]) = (low[axis].min(p[axis]), high[axis].max(p[axis])));
-    }
-    let [x, y, z] = [0, 1, 2].map(|axis| high[axis] - low[axis]);
-    let shown = |what: &str, found: Option<Least>| match found {
+    let length = |units: f64| units::show_length(units * shape.unit.metres(), 3);
+    let [x, y, z] = extent(shape).map(|units| length(units.into()));
+    let shown = |what: &str, narrow: &str, found: Option<Least>| match found {
         Some(Least { least, fifth_percentile }) => {
-            format!("{what} from {} {unit} (5 % below {} {unit})", digits(least), digits(fifth_percentile))
+            format!("{what}: least {}, 5 % {narrow} than {}", length(least), length(fifth_percentile))
         }
         None => format!("no {what}"),
     };
     format!(
-        "size {} x {} x {} {unit}; {}; {}; sampled at {} places, so a thinner place may lie between them",
-        digits(x.into()),
-        digits(y.into()),
-        digits(z.into()),
-        shown("walls", found.wall),
-        shown("gaps", found.gap),
+        "size {x} x {y} x {z}; {}; {}; sampled at {} places, so a thinner place may lie between them",
+        shown("walls", "thinner", found.wall),
+        shown("gaps", "narrower", found.gap),
         found.places
     )
 }
 
-/// A number with three significant digits.
-fn digits(x: f64) -> String {
-    if x == 0.0 || !x.is_finite() {
-        return x.to_string();
+/// Extent of the triangles along each axis.
+fn extent(shape: &Shape<'_>) -> [f32; 3] {
+    let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    for p in shape.triangles.as_flattened().iter().map(|&v| shape.positions[v as usize]) {
+        (0..3).for_each(|axis| (low[axis], high[axis]) = (low[axis].min(p[axis]), high[axis].max(p[axis])));
     }
-    let places = (2 - x.abs().log10().floor() as i32).max(0) as usize;
-    format!("{x:.places$}")
+    [0, 1, 2].map(|axis| high[axis] - low[axis])
 }
 
 /// Notes about objects of a 3MF file that are not closed surfaces as the format requires.
@@ -102,14 +100,4 @@ fn closed_objects(shape: &Shape<'_>) -> Vec<String> {
         ))
     };
     threemf::solids(shape).into_iter().filter_map(note).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn numbers_have_three_digits() {
-        assert_eq!([0.0, 0.012_345, 0.5, 12.345, 1234.6].map(digits), ["0", "0.0123", "0.500", "12.3", "1235"]);
-    }
 }

@@ -29,6 +29,7 @@ pub(in crate::cli) async fn run(args: CutArgs) -> Ended {
     }
     if let Some(path) = &args.solid {
         let target = Target::of(path, None, false)?;
+        target.spare(&args.file)?;
         let of = args.clone();
         let lines = Signals::listen().run("cutting", move || solid::make(&of, &plane, &target)).await??;
         lines.iter().try_for_each(|line| term::print(line))?;

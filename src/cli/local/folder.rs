@@ -10,6 +10,9 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
+/// Name of the page of a report.
+pub(in crate::cli) const PAGE: &str = "report.html";
+
 /// Maximum size of a manifest, bytes. That of a model has a few thousand.
 const MOST_BYTES: u64 = 64 << 20;
 
@@ -88,13 +91,15 @@ impl Folder {
         Ok(folder(stored.files.into_iter().map(|file| file.name).collect(), replaces))
     }
 
-    /// Removes the manifest in the folder and the files that it names, except those in `new`. Notes
-    /// other files that look like those of a model.
+    /// Removes the manifest in the folder and the files that it names, except those in `new`, and
+    /// the report page of another model. Notes other files that look like those of a model.
     ///
     /// # Errors
     /// If a file cannot be removed.
     pub(in crate::cli) fn clear(self, new: &[&str]) -> anyhow::Result<()> {
-        let stale = self.old.iter().map(String::as_str).filter(|name| !new.contains(name));
+        // The page of the report shows the other model, and no manifest names it.
+        let page = (self.replaces && !self.old.is_empty()).then_some(PAGE);
+        let stale = self.old.iter().map(String::as_str).chain(page).filter(|name| !new.contains(name));
         // Without a manifest, no command takes the remaining files for a whole model.
         for name in std::iter::once(MANIFEST).chain(stale) {
             match std::fs::remove_file(self.dir.join(name)) {
@@ -108,7 +113,7 @@ impl Folder {
             let left = model_files(&self.dir)?;
             for name in left.iter().filter(|name| !new.contains(&name.as_str())) {
                 let path = self.dir.join(name);
-                term::note(&format!("warning: {} remains; it is not a file of this model", path.display()));
+                term::note(&format!("warning: {} was not written with this model and remains", path.display()));
             }
         }
         Ok(())
@@ -136,7 +141,8 @@ pub(in crate::cli) fn verify(file: &Path) -> anyhow::Result<()> {
         Some(dir) if !dir.as_os_str().is_empty() => dir,
         _ => Path::new("."),
     };
-    let Ok(Found::Manifest(stored)) = stored(dir) else { return Ok(()) };
+    let found = stored(dir).with_context(|| dir.join(MANIFEST).display().to_string())?;
+    let Found::Manifest(stored) = found else { return Ok(()) };
     let is_text = file.extension().is_some_and(|ending| ending == "gltf");
     let data = is_text.then(|| file.with_extension("bin")).filter(|data| data.is_file());
     for file in std::iter::once(file.to_owned()).chain(data) {
@@ -153,6 +159,13 @@ pub(in crate::cli) fn verify(file: &Path) -> anyhow::Result<()> {
         }
     }
     Ok(())
+}
+
+/// True if the manifest in the folder of a file names the file.
+pub(super) fn is_of_model(file: &Path) -> bool {
+    let dir = file.parent().filter(|dir| !dir.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let Ok(Found::Manifest(stored)) = stored(dir) else { return false };
+    stored.files.iter().any(|entry| file.file_name() == Some(entry.name.as_ref()))
 }
 
 /// What a folder has in place of a manifest.
@@ -226,7 +239,7 @@ mod tests {
     fn another_model_is_replaced_only_by_force() {
         let dir = with(
             Some(&manifest(&["model.glb", "report.json"])),
-            &["model.glb", "report.json", "notes.txt", "model.stl"],
+            &["model.glb", "report.json", "report.html", "notes.txt", "model.stl"],
         );
         let told = refusal(dir.path(), "b", false);
         for part in ["preset pig", "seed 7", "--force", "2 files", dir.path().to_str().unwrap()] {

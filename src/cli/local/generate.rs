@@ -2,7 +2,7 @@
 //! certified.
 
 use super::folder::Folder;
-use super::report;
+use super::{folder, report};
 use crate::cli::args::{GenerateArgs, GpuArgs};
 use crate::cli::exit::{Ended, Failure};
 use crate::cli::interrupt::Signals;
@@ -40,21 +40,21 @@ pub(in crate::cli) async fn run(args: GenerateArgs) -> Ended {
     let page = if args.report {
         let dir = scratch.dir().to_owned();
         let html = tokio::task::spawn_blocking(move || report::page(&dir)).await.context("drawing panicked")??;
-        std::fs::write(scratch.dir().join(report::NAME), &html).context(report::NAME)?;
+        std::fs::write(scratch.dir().join(folder::PAGE), &html).context(folder::PAGE)?;
         Some(html.len())
     } else {
         None
     };
     let mut new: Vec<&str> = outcome.files.iter().map(|file| file.name.as_str()).collect();
-    new.extend(page.map(|_| report::NAME));
+    new.extend(page.map(|_| folder::PAGE));
     folder.clear(&new)?;
     let paths: Vec<PathBuf> = outcome.files.iter().map(|f| publish(&f.name)).collect::<anyhow::Result<_>>()?;
-    let page = page.map(|bytes| publish(report::NAME).map(|path| (path, bytes as u64))).transpose()?;
+    let page = page.map(|bytes| publish(folder::PAGE).map(|path| (path, bytes as u64))).transpose()?;
     warn(&outcome);
     if args.json {
         let mut told = document(&request, &outcome, fallback.as_deref());
         if page.is_some() {
-            told["page"] = report::NAME.into();
+            told["page"] = folder::PAGE.into();
         }
         term::print_json(&told)?;
         return Ok(());

@@ -81,7 +81,11 @@ impl Plan {
     fn new(args: &MeasureArgs) -> Result<Self, Failure> {
         let pixel_um = args.pixel.or(args.pixel_um);
         if let Some(side) = pixel_um.filter(|side| !PIXEL_UM.contains(side)) {
-            return Err(Failure::usage(format!("--pixel-um: {}", MicrographError::PixelSize(side))));
+            let option = if args.pixel.is_some() { "--pixel" } else { "--pixel-um" };
+            return Err(Failure::usage(format!("{option}: {}", MicrographError::PixelSize(side))));
+        }
+        if args.compare.is_some() && args.csv.as_deref() == Some(Path::new("-")) {
+            return Err(Failure::usage("--compare: the CSV has no comparison; use --csv FILE or --json"));
         }
         if let Some(dir) = &args.outlines {
             let mut first: BTreeMap<PathBuf, &Path> = BTreeMap::new();

@@ -110,7 +110,7 @@ fn meets(plane: &Plane, mesh: &Mesh) -> anyhow::Result<()> {
             format!("{:.3},{:.3},{:.3}", sign * x, sign * y, sign * z)
         }
     };
-    let [at, low, high] = [at, low, high].map(units::show_length);
+    let [at, low, high] = [at, low, high].map(|metres| units::show_length(metres, 6));
     bail!(
         "--cut: the plane {direction}={at} cuts away {what}; the model reaches from {low} to {high} along {direction}"
     )

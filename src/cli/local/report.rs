@@ -18,13 +18,10 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-/// Name of the page.
-pub(in crate::cli) const NAME: &str = "report.html";
-
 pub(in crate::cli) async fn run(args: ReportArgs) -> Ended {
     let dir = args.dir.clone();
     let html = Signals::listen().run("drawing", move || page(&dir)).await??;
-    let to = args.out.unwrap_or_else(|| args.dir.join(NAME));
+    let to = args.out.unwrap_or_else(|| args.dir.join(folder::PAGE));
     split(&to).context("--out: not the name of a file")?;
     term::print(&scratch::write(&to, html)?.display().to_string())?;
     Ok(())

@@ -4,7 +4,7 @@
 use super::target::Target;
 use super::{folder, surface};
 use crate::cli::args::{CutArgs, Side};
-use crate::cli::term;
+use crate::cli::{term, units};
 use crate::export::convert::Converted;
 use crate::export::read::Surface;
 use crate::geometry::cut::{HalfError, HalfSpace};
@@ -28,10 +28,13 @@ pub(super) fn make(args: &CutArgs, plane: &Plane, target: &Target) -> anyhow::Re
         let um = moved * target.unit.metres() * 1e6;
         term::note(&format!("the plane was moved by {um:.1e} µm, because the cut at its place is not a sound surface"));
     }
+    if args.thick.is_some() && new_patches(&found, &whole) < 2 {
+        term::note("the surface ends before the second plane (--thick), so the solid has no patch cut_back");
+    }
     let mut lines = target.write(&found.shape())?;
     let (count, volume) = (certificate.components, certificate.volume_mm3);
     let noun = if count == 1 { "component" } else { "components" };
-    lines.push(format!("passed: closed, {count} {noun}, volume {volume:.6} mm³"));
+    lines.push(format!("passed: closed, {count} {noun}, volume {}", units::show_volume(volume)));
     Ok(lines)
 }
 
@@ -64,7 +67,7 @@ fn solid(
             None => Ok(half),
         });
         let failure = match found {
-            Ok(found) if !has_cap(&found, whole) => return Err(missed(surface, args, plane)),
+            Ok(found) if new_patches(&found, whole) == 0 => return Err(missed(surface, args, plane, "everything")),
             Ok(found) => {
                 let certificate = certified(&found, unit);
                 if certificate.passed {
@@ -72,23 +75,23 @@ fn solid(
                 }
                 certificate.first_failure().unwrap_or_default()
             }
-            Err(HalfError::Nothing) if step == 0.0 => return Err(missed(surface, args, plane)),
+            Err(HalfError::Nothing) if step == 0.0 => return Err(missed(surface, args, plane, "nothing")),
             Err(error) => error.to_string(),
         };
         first_failure.get_or_insert(failure);
     }
     let before = certified(whole, unit);
     if let Some(failure) = before.first_failure() {
-        bail!("{shown}: is not a sound closed surface, so its part is none either: {failure}");
+        bail!("{shown}: the surface is not closed and sound, so no closed part can be cut from it: {failure}");
     }
     let failure = first_failure.unwrap_or_default();
     bail!("{shown}: the part is not a sound closed surface: {failure}; move the plane a little");
 }
 
-/// True if a patch of the solid is the face of a cut.
-fn has_cap(solid: &Converted, whole: &Converted) -> bool {
+/// Number of patches of the solid that are faces of a cut.
+fn new_patches(solid: &Converted, whole: &Converted) -> usize {
     let is_new = |name: &str| whole.shape().patches.iter().all(|patch| patch.name != name);
-    solid.shape().patches.iter().any(|patch| is_new(patch.name))
+    solid.shape().patches.iter().filter(|patch| is_new(patch.name)).count()
 }
 
 /// The half-space on the other side of its plane.
@@ -103,11 +106,11 @@ fn certified(solid: &Converted, unit: LengthUnit) -> Certificate {
 }
 
 /// Error for a plane that leaves nothing or everything.
-fn missed(surface: &Surface, args: &CutArgs, plane: &Plane) -> anyhow::Error {
+fn missed(surface: &Surface, args: &CutArgs, plane: &Plane, what: &str) -> anyhow::Error {
     let [low, high] = Converted::in_its_unit(surface).into_body().extent_um(plane);
     let (at, side) = (plane.height_um(), args.side.name());
     anyhow!(
-        "{}: the plane at {at:.1} µm has nothing or everything {side} it: along its normal the surface reaches from \
+        "{}: the plane at {at:.1} µm has {what} {side} it: along its normal the surface reaches from \
          {low:.1} to {high:.1} µm",
         args.file.display()
     )

@@ -1,5 +1,6 @@
 //! The file of a surface to be written: its format by its ending, its unit, and its writer.
 
+use super::folder;
 use crate::cli::exit::Failure;
 use crate::cli::scratch::{Scratch, split};
 use crate::export::Shape;
@@ -52,6 +53,26 @@ impl Target {
         endings.extend(output.endings().iter().skip(1).map(|(ending, _)| (*ending, (*ending).to_owned())));
         let dir = split(path).map_or(Path::new("."), |(dir, _)| dir);
         Ok(Self { output, dir: dir.to_owned(), stem: stem.to_owned(), endings, unit })
+    }
+
+    /// Checks that no file would replace the input or a file of a model.
+    ///
+    /// # Errors
+    /// [`Failure::Usage`] that names the file.
+    pub(super) fn spare(&self, input: &Path) -> Result<(), Failure> {
+        let input = input.canonicalize().ok();
+        for (_, given) in &self.endings {
+            let path = self.dir.join(format!("{}.{given}", self.stem));
+            let what = if path.canonicalize().ok().is_some_and(|path| Some(path) == input) {
+                "the file that is read"
+            } else if folder::is_of_model(&path) {
+                "a file of the model in this folder, which manifest.json names"
+            } else {
+                continue;
+            };
+            return Err(Failure::usage(format!("{}: is {what}; choose another name", path.display())));
+        }
+        Ok(())
     }
 
     /// Writes a surface. Returns a line for each file.

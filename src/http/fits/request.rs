@@ -100,8 +100,8 @@ pub(super) struct SectionImage {
     /// Side of a pixel, micrometres; by default the one that the file states.
     #[schema(required = false, minimum = 0.05, maximum = 100)]
     pixel_um: Option<f64>,
-    /// Pixels that show tissue; by default all values except 0, if the image has no more than two
-    /// values.
+    /// Pixels that show tissue; by default all values except 0, if 0 and at most one other value
+    /// occur.
     #[schema(required = false)]
     tissue: Option<TissueChoice>,
     /// Least value of tissue; with `zero` as `tissue`, values below it are tissue. By default 128

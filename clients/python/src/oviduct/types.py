@@ -671,7 +671,7 @@ class SectionImage(TypedDict, total=False):
     tissue: Sequence[int] | Literal["nonzero", "zero"]
     """Pixel values that mean tissue.
 
-    By default all values except 0, if the image has no more than two values.
+    By default all values except 0, if 0 and at most one other value occur.
     """
     threshold: int
     """Least value of tissue, for grey images."""

@@ -103,8 +103,8 @@ pub(super) fn warnings(growth: &Growth) -> Vec<Warning> {
         warn(
             "units-unused",
             format!(
-                "The unit {} (/units) has no effect: glTF and levels of detail are always in m, and no requested \
-                 format has a choice (obj, stl, stl-ascii, ply, vtp, 3mf and centreline have).",
+                "The unit {} (/units) has no effect, because every requested format has a fixed unit. A unit can be \
+                 chosen for obj, stl, stl-ascii, ply, vtp, 3mf and centreline.",
                 unit.name()
             ),
         );

@@ -39,7 +39,7 @@ pub enum HalfError {
     #[error("no part of the surface lies on this side of the plane")]
     Nothing,
     /// The line of the cut ends at an edge of the surface, or divides.
-    #[error("the surface is not closed along the cut, or it touches itself there")]
+    #[error("the surface is open along the cut, or the line of the cut passes through one point twice")]
     Open,
     /// The cap cannot be triangulated.
     #[error("the face of the cut cannot be closed: {0}")]

@@ -29,9 +29,9 @@ pub enum ReadError {
          STL, OBJ and VTP by their extensions (.stl, .obj, .vtp)"
     )]
     UnknownFormat,
-    /// The file was read, and has no triangles.
-    #[error("the file has no triangles")]
-    NoTriangles,
+    /// The file was read, and has no triangles. The notes of the surface say what was passed over.
+    #[error("the file has no triangles{}", .0.iter().map(|note| format!("; {note}")).collect::<String>())]
+    NoTriangles(Vec<String>),
     /// The file is packed, or in an encoding or format that is known but not read.
     #[error("this is {kind}, which is not read; {remedy}")]
     Foreign {

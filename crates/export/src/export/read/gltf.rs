@@ -47,6 +47,7 @@ pub(super) fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Surface, Read
     let (json, blob) = container::chunks(bytes, &mut notes)?;
     let text = document::text(json, &mut notes)?;
     let document = Document::parse(&text, notes)?;
+    document.check(&document.root, &extensions::KNOWN)?;
     let mut surface = {
         let buffers = Buffers::new(&document, bytes.len() as u64, blob, folder);
         let views = Views::new(&document, &buffers);

@@ -50,8 +50,12 @@ pub fn read_surface(path: &Path) -> Result<Surface, ReadError> {
     let bytes = file::read(path, limits::BYTES)?;
     let unknown = || text::foreign(&bytes).unwrap_or(ReadError::UnknownFormat);
     let format = format_of(path, &bytes).ok_or_else(unknown)?;
-    let surface = parse(&bytes, format, path.parent())?;
-    if surface.triangles.is_empty() { Err(ReadError::NoTriangles) } else { Ok(surface) }
+    let mut surface = parse(&bytes, format, path.parent())?;
+    if surface.triangles.is_empty() {
+        surface.notes.truncate(3);
+        return Err(ReadError::NoTriangles(surface.notes));
+    }
+    Ok(surface)
 }
 
 /// Reads a surface from memory. A glTF document may refer to files in `folder`.

@@ -61,7 +61,8 @@ fn has_name(line: &str) -> bool {
 /// The line without its comment, and the comment without the `#`. A `#` may belong to a name, or to
 /// a number such as `1.#QNAN`.
 fn without_comment(line: &str) -> (&str, &str) {
-    let belongs_to_word = |before: &str| match has_name(line) {
+    let has_name = has_name(line);
+    let belongs_to_word = |before: &str| match has_name {
         true => !before.ends_with(|c: char| c.is_ascii_whitespace()),
         false => before.ends_with("1."),
     };
@@ -71,6 +72,9 @@ fn without_comment(line: &str) -> (&str, &str) {
 
 /// Statements that end with a name.
 const NAMED: [&str; 8] = ["g", "o", "usemtl", "mtllib", "usemap", "maplib", "shadow_obj", "trace_obj"];
+
+/// Elements that are not read.
+const PASSED_OVER: [&str; 4] = ["points", "lines", "free-form curves and surfaces", "calls of other files"];
 
 #[derive(Default)]
 struct Parser {
@@ -85,8 +89,8 @@ struct Parser {
     line: usize,
     /// Vertices of the current face.
     corners: Vec<u32>,
-    /// Numbers of elements that are not read: points, lines, and free-form curves and surfaces.
-    passed_over: [u64; 3],
+    /// Numbers of elements of each kind of [`PASSED_OVER`].
+    passed_over: [u64; 4],
 }
 
 impl Parser {
@@ -113,6 +117,7 @@ impl Parser {
             Some("p") => self.passed_over[0] += 1,
             Some("l") => self.passed_over[1] += 1,
             Some("curv" | "curv2" | "surf") => self.passed_over[2] += 1,
+            Some("call") => self.passed_over[3] += 1,
             _ => {}
         }
         Ok(())
@@ -138,7 +143,7 @@ impl Parser {
         }
         surface.groups = names.groups(surface.triangles.len());
         polygons.split(&mut surface, |line| format!("line {line}"))?;
-        for (count, kind) in passed_over.into_iter().zip(["points", "lines", "free-form curves and surfaces"]) {
+        for (count, kind) in passed_over.into_iter().zip(PASSED_OVER) {
             if count > 0 {
                 surface.note(format!("{kind} ({count}) are passed over"));
             }

@@ -53,8 +53,8 @@ const TOO_FEW: [&str; 2] = [
     "have fewer than three different corners and are passed over",
 ];
 const NOT_FLAT: [&str; 2] = [
-    "is not flat: a corner lies more than a thousandth of its size off its plane",
-    "are not flat: a corner lies more than a thousandth of the face's size off its plane",
+    "is not flat: a corner lies more than a thousandth of the face's size off the plane of the face",
+    "are not flat: a corner lies more than a thousandth of the face's size off the plane of the face",
 ];
 
 /// Triangles that replace a fan of another length.

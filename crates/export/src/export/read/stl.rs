@@ -1,8 +1,9 @@
 //! STL, text or binary. The format has no shared vertices: each triangle has its own three.
 //!
-//! Coordinates are 32-bit floats in both forms. Normals are not used. Each solid of a text file is
-//! a group. Only binary files written by oviduct have groups: the attributes of their triangles are
-//! patch numbers.
+//! Coordinates are 32-bit floats in binary files and in text files of models, whose first solid has
+//! the name of a patch. Other text files are read as 64-bit floats. Normals are not used. Each solid
+//! of a text file is a group. Only binary files written by oviduct have groups: the attributes of
+//! their triangles are patch numbers.
 
 mod words;
 
@@ -10,7 +11,8 @@ use super::error::ReadError;
 use super::patches::Patches;
 use super::polygons::Polygons;
 use super::surface::Surface;
-use super::text::{foreign, quoted, unit, without_mark, without_padding, wrong};
+use super::text::{first_line, foreign, quoted, unit, without_mark, without_padding, wrong};
+use crate::model::PatchKind;
 use words::Words;
 
 const HEADER: usize = 80;
@@ -43,6 +45,10 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Surface, ReadError> {
                       header of a binary file";
         return Err(ReadError::Byte { byte: bytes.len(), detail: detail.to_owned() });
     };
+    if let Some(word) = first_word(&bytes[..START]) {
+        let detail = format!("this is not STL: the text begins with {} instead of `solid`", quoted(word));
+        return Err(wrong(1, detail));
+    }
     let found = (bytes.len() - START) / RECORD;
     match usize::try_from(length) {
         Ok(length) if length < bytes.len() && (stated > 0 || found == 0) => {
@@ -62,8 +68,19 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Surface, ReadError> {
     }
 }
 
+/// True if the first word, after lines that begin with `#`, is `solid`.
 fn is_solid(text: &[u8]) -> bool {
-    text.trim_ascii_start().get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"))
+    let mut text = text.trim_ascii_start();
+    while text.starts_with(b"#") {
+        text = text[first_line(text).0.len()..].trim_ascii_start();
+    }
+    text.get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"))
+}
+
+/// First word of bytes that are printable text.
+fn first_word(bytes: &[u8]) -> Option<&str> {
+    let is_text = bytes.iter().all(|b| b.is_ascii_graphic() || b.is_ascii_whitespace());
+    str::from_utf8(bytes).ok().filter(|_| is_text)?.split_ascii_whitespace().next()
 }
 
 fn binary(bytes: &[u8]) -> Result<Surface, ReadError> {
@@ -99,6 +116,7 @@ fn text(bytes: &[u8]) -> Result<Surface, ReadError> {
         words: Words::new(bytes),
         surface: Surface::default(),
         polygons: Polygons::default(),
+        single: false,
         corners: Vec::new(),
         facets: 0,
     };
@@ -109,6 +127,7 @@ fn text(bytes: &[u8]) -> Result<Surface, ReadError> {
             "solid" => {
                 let name = reader.words.name();
                 reader.surface.unit = unit(&name).unwrap_or(reader.surface.unit);
+                reader.single |= reader.facets == 0 && PatchKind::named(name.trim()).is_some();
                 reader.surface.begin_group(Some(name.trim()));
                 ended = false;
             }
@@ -130,7 +149,7 @@ fn text(bytes: &[u8]) -> Result<Surface, ReadError> {
     }
     let TextReader { words, mut surface, polygons, facets, .. } = reader;
     if !ended {
-        let detail = format!("the end is missing: the file stops after {facets} facets, before `endsolid`");
+        let detail = format!("the end is missing: the file stops after facet {facets}, before `endsolid`");
         return Err(wrong(words.line(), detail));
     }
     surface.begin_group(None);
@@ -142,6 +161,8 @@ struct TextReader<'a> {
     words: Words<'a>,
     surface: Surface,
     polygons: Polygons,
+    /// True if coordinates are f32.
+    single: bool,
     /// Vertices of the current facet.
     corners: Vec<u32>,
     facets: u64,
@@ -169,7 +190,7 @@ impl TextReader<'_> {
         }
         self.corners.clear();
         while self.words.next_is("vertex") {
-            let point = self.words.point()?;
+            let point = self.words.point(self.single)?;
             self.corners.push(self.surface.positions.len() as u32);
             self.surface.add_vertex(point)?;
         }

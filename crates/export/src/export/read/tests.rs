@@ -227,7 +227,7 @@ fn stl_in_both_forms() {
         (" 1 2 3 vertex", "line 2: the end is missing: the file stops within a vertex"),
         (" 1 2 3 facet", "line 2: \"facet\" instead of \"endloop\""),
         (" 1 2 3 endloop\n", "line 2: the end is missing: the file stops before \"endfacet\""),
-        (" 1 2 3 endloop endfacet\n", "line 2: the end is missing: the file stops after 1 facets, before `endsolid`"),
+        (" 1 2 3 endloop endfacet\n", "line 2: the end is missing: the file stops after facet 1, before `endsolid`"),
         (" 1 2 3 endloop endfacet\nvertex 1 2 3", "line 3: \"vertex\" instead of a facet or the end of the solid"),
     ] {
         assert_eq!(refusal(format!("solid\n{facet}{rest}").as_bytes(), Format::Stl), message);

@@ -135,6 +135,9 @@ pub(super) fn unit(comment: &str) -> Option<Unit> {
         "um" | "µm" | "μm" | "micrometre" | "micrometres" | "micrometer" | "micrometers" | "micron" | "microns" => {
             1e-6
         }
+        "nm" | "nanometre" | "nanometres" | "nanometer" | "nanometers" => 1e-9,
+        "in" | "inch" | "inches" => 0.0254,
+        "ft" | "foot" | "feet" => 0.3048,
         _ => return None,
     };
     Some(Unit::Stated(metres))

@@ -25,7 +25,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Surface, ReadError> {
     if let Some(name) = strings(file, document.units.as_deref(), &mut surface)?.first() {
         match unit(&format!("units: {name}")) {
             Some(unit) => surface.unit = unit,
-            None => surface.note(format!("the field data \"units\" say {}, which is no unit of length", quoted(name))),
+            None => surface.note(format!("the field data \"units\" say {}, which is not a known unit", quoted(name))),
         }
     }
     let mut patches = Patches::default();
@@ -109,7 +109,7 @@ impl<'a, 'b> PieceReader<'a, 'b> {
         let all = [piece.verts, piece.lines, piece.polys, piece.strips].into_iter().fold(0, u64::saturating_add);
         for (array, kind, fractions) in [(&piece.patch, PATCH, false), (&piece.model_face, FACE, true)] {
             let Some(array) = array else { continue };
-            if let Some(values) = file.cell_numbers(array, all, fractions)? {
+            if let Some(values) = file.cell_numbers(array, all, fractions) {
                 return Ok(Some((kind, values)));
             }
             self.surface

@@ -78,13 +78,13 @@ pub enum MicrographError {
     #[error("the section is {0} mm long; {least} to {most} mm are accepted", least = EXTENT_MM.start(), most = EXTENT_MM.end())]
     Extent(f64),
     /// No pixel is tissue.
-    #[error("no pixel is tissue: check which values are tissue")]
+    #[error("no pixel is tissue: check the choice of tissue")]
     NoTissue,
     /// The section is cut off.
-    #[error("the tissue touches the border of the image: the section is cut off, or the values of tissue are wrong")]
+    #[error("the tissue touches the border of the image: if the section is not cut off, check the choice of tissue")]
     CutOff,
     /// The tissue has no hole.
-    #[error("the tissue has no lumen, a hole of at least {LEAST_AREA_UM2} µm²: check which values are tissue")]
+    #[error("the tissue has no lumen, a hole of at least {LEAST_AREA_UM2} µm²: check the choice of tissue")]
     NoLumen,
     /// The borders are too long.
     #[error("the borders of the tissue pass more than {MAX_POINTS} sides of pixels: the mask is too rough")]

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 pub struct Reading {
     /// Side of a pixel, µm; `None` for the one that the file states.
     pub pixel_um: Option<f64>,
-    /// Pixels that are tissue; `None` for all values except 0, if the image has no more than two.
+    /// Pixels that are tissue; `None` for all values except 0, if 0 and at most one other occur.
     pub tissue: Option<Tissue>,
     /// Least value that is not zero in the sense of [`Tissue`]; `None` for 1, and for 128 in a
     /// JPEG.
@@ -91,27 +91,29 @@ impl Reading {
 
     /// Returns the side of a pixel in µm.
     pub(super) fn side_um(&self, image: &mut Image) -> Result<f64, MicrographError> {
-        let within =
-            |side: f64| if PIXEL_UM.contains(&side) { Ok(side) } else { Err(MicrographError::PixelSize(side)) };
         match (self.pixel_um, &image.stated) {
             (Some(given), stated) => {
                 if let Stated::Sides(sides, source) = stated
                     && sides.iter().any(|side| (side / given - 1.0).abs() > CONTRADICTS)
                 {
                     let [x, y] = sides.map(short);
-                    let note =
-                        format!("the file states a pixel of {x} × {y} µm ({source}); {given} µm is used, as given");
-                    image.notes.push(note);
+                    image.notes.push(format!(
+                        "the file states pixels of {x} × {y} µm ({source}); the given side, {given} µm, is used"
+                    ));
                 }
-                within(given)
+                if PIXEL_UM.contains(&given) { Ok(given) } else { Err(MicrographError::PixelSize(given)) }
             }
             (None, Stated::Sides([x, y], source)) => {
                 if (x / y - 1.0).abs() > SQUARE {
                     return Err(MicrographError::NotSquare(short(*x), short(*y)));
                 }
-                let side = within(*x)?;
-                image.notes.push(format!("the side of a pixel is {} µm, as the file states ({source})", short(side)));
-                Ok(side)
+                let side = short(*x);
+                if !PIXEL_UM.contains(x) {
+                    return Err(MicrographError::PixelSize(side));
+                }
+                let note = format!("the side of a pixel is {side} µm, as the file states ({source})");
+                image.notes.push(note);
+                Ok(*x)
             }
             (None, Stated::Print(text)) => {
                 let why = format!("the file states {text}, which is a resolution for printing");

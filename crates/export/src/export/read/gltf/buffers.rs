@@ -37,12 +37,16 @@ impl<'a> Buffers<'a> {
         }
         let buffer = self.document.buffers.get(index)?;
         self.document.check(&buffer, &MESHOPT)?;
-        match (buffer.text("uri"), self.blob) {
+        let uri = buffer.text("uri");
+        if uri.is_none() && buffer.has("uri") {
+            return Err(buffer.wrong("uri", "it is not a text"));
+        }
+        // An empty one names nothing.
+        match (uri.filter(|uri| !uri.is_empty()), self.blob) {
             (Some(uri), _) => {
                 let data = fetch(&buffer, &uri, &mut self.files.borrow_mut())?;
                 Ok(self.loaded[index].get_or_init(|| data))
             }
-            (None, _) if buffer.has("uri") => Err(buffer.wrong("uri", "it is not a text")),
             (None, Some(blob)) if index == 0 => Ok(blob),
             (None, _) => Err(buffer.fault("it has no data: no uri, and it is not the binary chunk of the file")),
         }

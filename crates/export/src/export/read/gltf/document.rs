@@ -1,7 +1,7 @@
 //! The parts of a glTF document that matter for geometry. All other parts are passed over unread.
 
 use super::extensions::Extensions;
-use super::json::{Array, Members, Object};
+use super::json::{Array, Members, Object, shown};
 use super::notes::Notes;
 use crate::export::read::error::ReadError;
 use crate::export::read::limits;
@@ -54,6 +54,9 @@ impl<'a> Document<'a> {
         }
         let root = Object::new("", members);
         check_version(&root)?;
+        if !root.has("asset") {
+            notes.add("asset", "it is missing; glTF 2.0 is assumed");
+        }
         Ok(Self {
             scenes: root.array("scenes")?,
             nodes: root.array("nodes")?,
@@ -92,19 +95,33 @@ impl<'a> Document<'a> {
     }
 }
 
-/// Refuses documents of glTF 1.0, which look alike and mean something else.
+/// Refuses documents that need another version, and those of glTF 1.0, which look alike and mean
+/// something else.
 fn check_version(root: &Object<'_>) -> Result<(), ReadError> {
-    let asset = root.object("asset").ok().flatten();
-    let version = asset.as_ref().and_then(|asset| asset.text("version"));
-    let is_other = |version: &str| version.split('.').next().is_some_and(|major| major.trim() != "2");
-    match (asset, version) {
-        (Some(asset), Some(version)) if is_other(&version) => {
-            let detail = format!("this is glTF {}, and only glTF 2.0 is read", super::json::shown(&version));
-            Err(asset.wrong("version", detail))
+    if let Some(asset) = root.object("asset").ok().flatten() {
+        let is_other = |version: &String| version.split('.').next().is_some_and(|major| major.trim() != "2");
+        if let Some(version) = asset.text("version").filter(is_other) {
+            let detail = format!("this is glTF {}, and only glTF 2.0 is read", shown(&version));
+            return Err(asset.wrong("version", detail));
         }
-        _ if ["meshes", "nodes"].iter().any(|name| matches!(root.object(name), Ok(Some(_)))) => {
-            Err(root.wrong("meshes", "this is an object, as in glTF 1.0, and only glTF 2.0 is read"))
+        if let Some(version) = asset.text("minVersion").filter(|version| is_above(version)) {
+            let detail = format!("the document requires glTF {}, and only glTF 2.0 is read", shown(&version));
+            return Err(asset.wrong("minVersion", detail));
         }
-        _ => Ok(()),
+    }
+    if ["meshes", "nodes"].iter().any(|name| matches!(root.object(name), Ok(Some(_)))) {
+        return Err(root.wrong("meshes", "this is an object, as in glTF 1.0, and only glTF 2.0 is read"));
+    }
+    Ok(())
+}
+
+/// True if a version such as `2.1` is above 2.0.
+fn is_above(version: &str) -> bool {
+    let (major, minor) = version.split_once('.').unwrap_or((version, "0"));
+    let number = |part: &str| part.trim().parse::<u64>().ok();
+    match (number(major), number(minor)) {
+        (Some(2), Some(minor)) => minor > 0,
+        (Some(major), _) => major > 2,
+        (None, _) => false,
     }
 }

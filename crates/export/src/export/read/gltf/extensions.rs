@@ -16,21 +16,27 @@ pub(super) const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_c
 /// Positions that are integers.
 pub(super) const QUANTIZATION: &str = "KHR_mesh_quantization";
 
+/// All extensions that are read, or refused where they matter.
+pub(super) const KNOWN: [&str; 6] = [MESHOPT[0], MESHOPT[1], INSTANCING, VISIBILITY, DRACO, QUANTIZATION];
+
 /// Beginnings of the names of extensions that change looks, sounds, data or behaviour but no
 /// default position.
-const LOOKS: [&str; 31] = [
+const LOOKS: [&str; 36] = [
     "ADOBE_materials_",
     "AGI_",
+    "BENTLEY_materials_",
     "CESIUM_primitive_outline",
     "EXT_instance_features",
     "EXT_lights_",
     "EXT_materials_",
     "EXT_mesh_features",
     "EXT_mesh_manifold",
+    "EXT_mesh_primitive_edge_visibility",
     "EXT_property_",
     "EXT_structural_metadata",
     "EXT_texture_",
     "FB_geometry_metadata",
+    "FB_ngon_encoding",
     "GODOT_single_root",
     "GOOGLE_",
     "KHR_animation_pointer",
@@ -45,10 +51,12 @@ const LOOKS: [&str; 31] = [
     "KHR_techniques_webgl",
     "KHR_texture_",
     "KHR_xmp",
+    "MOZ_",
     "MSFT_lod",
     "MSFT_packing_",
     "MSFT_texture_",
     "NV_materials_",
+    "OMI_",
     "VRM",
 ];
 
@@ -68,27 +76,28 @@ impl Extensions {
         self.required.contains(name)
     }
 
-    /// Checks the extensions of a part of the geometry that is in use, of which `read` are read.
+    /// Checks the extensions of the document or of a part of the geometry that is in use, of which
+    /// `read` are read.
     ///
     /// # Errors
     /// [`ReadError::Document`] if another one is required and not known to concern looks only.
     pub(super) fn check(&self, part: &Object<'_>, read: &[&str], notes: &mut Notes) -> Result<(), ReadError> {
         let Some(extensions) = part.extensions() else { return Ok(()) };
+        let place = if part.path.is_empty() { "document" } else { part.path.as_str() };
         for name in extensions.names().filter(|name| !read.contains(name) && !looks_only(name)) {
             if self.requires(name) {
-                let detail = "the extension is required, and it is not known, so that the geometry cannot be read";
+                let detail = "the extension is required and not known, so the geometry cannot be read";
                 return Err(extensions.wrong(name, detail));
             }
-            notes.add(&part.path, format!("the extension {} is not known and was passed over", shown(name)));
+            notes.add(place, format!("the extension {} is not known and was passed over", shown(name)));
         }
         Ok(())
     }
 
-    /// Notes the required extensions that no part of the geometry uses.
+    /// Notes the required extensions that were passed over.
     pub(super) fn note_required(&self, notes: &mut Notes) {
-        let read = [MESHOPT[0], MESHOPT[1], INSTANCING, VISIBILITY, DRACO, QUANTIZATION];
-        for name in self.required.iter().filter(|name| !read.contains(&name.as_str())) {
-            let why = if looks_only(name) { "it concerns looks only" } else { "the geometry read does not use it" };
+        for name in self.required.iter().filter(|name| !KNOWN.contains(&name.as_str())) {
+            let why = if looks_only(name) { "it concerns looks only" } else { "no part that was read has it" };
             notes.add("extensionsRequired", format!("{} was passed over, because {why}", shown(name)));
         }
     }

@@ -54,8 +54,10 @@ impl<'a> Instances<'a> {
             }
             count = Some(accessor.count);
         }
-        found.count = count.unwrap_or(1);
-        document.note(&object.path, format!("the instances of its mesh ({INSTANCING}) were read"));
+        if let Some(count) = count {
+            found.count = count;
+            document.note(&object.path, format!("the instances of its mesh ({INSTANCING}) were read"));
+        }
         Ok(found)
     }
 

@@ -18,7 +18,7 @@ pub(super) struct Object<'a> {
     members: Members<'a>,
 }
 
-/// Members of an object in their order.
+/// Members of an object by name: the last of each name, and none that is `null`.
 #[derive(Default)]
 pub(super) struct Members<'a>(Vec<(String, &'a RawValue)>);
 
@@ -52,8 +52,9 @@ impl<'a> Object<'a> {
     }
 
     fn get(&self, name: &str) -> Option<&'a RawValue> {
-        let last = self.members.0.iter().rfind(|(own, _)| own == name);
-        last.map(|(_, json)| *json).filter(|json| json.get() != "null")
+        let members = &self.members.0;
+        let at = members.binary_search_by(|(own, _)| own.as_str().cmp(name)).ok()?;
+        members.get(at).map(|(_, json)| *json)
     }
 
     /// True if the object has the member.
@@ -61,9 +62,9 @@ impl<'a> Object<'a> {
         self.get(name).is_some()
     }
 
-    /// Names of all members.
+    /// Names of all members, sorted.
     pub(super) fn names(&self) -> impl Iterator<Item = &str> {
-        self.members.0.iter().map(|(name, _)| name.as_str()).filter(|name| self.has(name))
+        self.members.0.iter().map(|(name, _)| name.as_str())
     }
 
     /// A text; `None` also for any other value.
@@ -86,7 +87,7 @@ impl<'a> Object<'a> {
         }
     }
 
-    /// A number that is not negative and not broken.
+    /// A whole number from 0.
     pub(super) fn integer(&self, name: &str) -> Result<Option<usize>, ReadError> {
         self.get(name).map(|json| whole(json).map_err(|detail| self.wrong(name, detail))).transpose()
     }
@@ -166,7 +167,7 @@ impl<'a> Object<'a> {
 pub(super) struct Array<'a> {
     path: String,
     items: Vec<&'a RawValue>,
-    /// Error of a list that is none.
+    /// Error of a member that is not a list.
     wrong: Option<String>,
 }
 
@@ -219,13 +220,23 @@ impl<'de> Deserialize<'de> for Members<'de> {
             }
 
             fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self::Value, A::Error> {
-                let mut members = Vec::new();
+                let mut members: Vec<(String, &'de RawValue)> = Vec::new();
                 while let Some(member) = map.next_entry()? {
                     if members.len() == MEMBERS {
                         return Err(A::Error::custom(format!("it has more than {MEMBERS} members")));
                     }
                     members.push(member);
                 }
+                // The order of members with the same name is kept.
+                members.sort_by(|(a, _), (b, _)| a.cmp(b));
+                members.dedup_by(|later, kept| {
+                    let is_same = later.0 == kept.0;
+                    if is_same {
+                        kept.1 = later.1;
+                    }
+                    is_same
+                });
+                members.retain(|(_, json)| json.get() != "null");
                 Ok(Members(members))
             }
         }

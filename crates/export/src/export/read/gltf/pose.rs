@@ -22,7 +22,8 @@ pub(super) fn morph(
     }
     let targets = primitive.array("targets")?;
     if weights.len() != targets.len() {
-        let detail = format!("it has {} morph targets and {} weights", targets.len(), weights.len());
+        let (weights, targets) = (weights.len(), targets.len());
+        let detail = format!("the number of weights ({weights}) differs from the number of morph targets ({targets})");
         document.note(&primitive.path, detail);
     }
     let mut deltas: Vec<[f64; 3]> = Vec::new();

@@ -33,14 +33,14 @@ pub(super) struct Scene {
 pub(super) fn read(document: &Document<'_>) -> Result<Scene, ReadError> {
     let stated = document.root.refer("scene", &document.scenes)?;
     let others = document.scenes.len().saturating_sub(1);
+    let chosen = stated.unwrap_or(0);
     if others > 0 {
-        let chosen = stated.unwrap_or(0);
-        document.note("scenes", format!("only scene {chosen} was read, and {others} others were not"));
+        document.note("scenes", format!("scene {chosen} was read; the other scenes ({others}) were not"));
     }
     let mut roots = if document.scenes.len() == 0 {
         parentless(document)?
     } else {
-        let scene = document.scenes.get(stated.unwrap_or(0))?;
+        let scene = document.scenes.get(chosen)?;
         document.check(&scene, &[])?;
         scene.refer_all("nodes", &document.nodes)?
     };
@@ -50,9 +50,17 @@ pub(super) fn read(document: &Document<'_>) -> Result<Scene, ReadError> {
         document,
         seen: vec![false; document.nodes.len()],
         is_joint: joints(document),
+        has_mesh: false,
         scene: Scene { meshes: Vec::new(), joints: HashMap::new() },
     };
     walk.descend(roots, true)?;
+    if !walk.has_mesh {
+        if document.scenes.len() == 0 {
+            document.note("nodes", "no node places a mesh");
+        } else {
+            document.note(&format!("scenes[{chosen}]"), "the scene has no mesh");
+        }
+    }
     if walk.scene.meshes.iter().any(|node| node.skin.is_some()) && walk.scene.joints.len() < walk.is_joint.len() {
         // Joints outside of the scene.
         walk.descend(parentless(document)?, false)?;
@@ -81,6 +89,8 @@ struct Walk<'a> {
     document: &'a Document<'a>,
     seen: Vec<bool>,
     is_joint: HashSet<usize>,
+    /// True if a node of the scene, visible or not, has a mesh.
+    has_mesh: bool,
     scene: Scene,
 }
 
@@ -131,6 +141,7 @@ impl Walk<'_> {
             return Ok(own);
         }
         let mesh = node.refer("mesh", &self.document.meshes)?;
+        self.has_mesh |= mesh.is_some();
         if !own.is_visible {
             if mesh.is_some() {
                 self.document.note(&node.path, format!("the node is invisible ({VISIBILITY}) and was passed over"));

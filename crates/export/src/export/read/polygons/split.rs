@@ -13,8 +13,9 @@ use crate::geometry::vector::{cross, dot, norm, sub};
 const FLAT: f64 = 1e-3;
 /// Areas below this fraction of a square over the extent of a face may be due to rounding.
 const NO_AREA: f64 = 1e-12;
-/// Most corners of a face that is triangulated, which takes seconds. A fan may have more.
-const MOST: usize = 100_000;
+/// Most corners of a face that is triangulated. The certificate of more thin triangles takes too
+/// long. A fan may have more.
+const MOST: usize = 30_000;
 /// Magnitudes for which orientations are exact. The triangulation takes no smaller ones but zero.
 const EXACT: f64 = 1e60;
 const TINY: f64 = 1e-42;
@@ -68,7 +69,7 @@ impl Splitter {
                 return Ok((&self.triangles, is_flat));
             }
             if many && is_flat {
-                let what = "exceeds the 100000 corners up to which concave faces are read; it begins";
+                let what = "is concave, and at most 30000 corners of a concave face are read; it begins";
                 return Err(Fault { at: self.points[0], what });
             }
             match if many { Err(PolygonError::Coordinate) } else { polygon(&self.flat) } {

@@ -199,7 +199,7 @@ fn a_face_of_a_million_corners_is_a_fan_or_refused() {
     let million = split(round(1_000_000, 1.0)).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(million.triangles.last(), Some(&[0, 999_998, 999_999]));
     let refused = split(round(1_000_000, 0.6)).unwrap_err();
-    let start = "line 7: the face of 1000000 corners exceeds the 100000 corners up to which concave faces are read";
+    let start = "line 7: the face of 1000000 corners is concave, and at most 30000 corners of a concave face are read";
     assert!(refused.starts_with(start), "{refused}");
 }
 

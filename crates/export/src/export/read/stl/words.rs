@@ -70,14 +70,15 @@ impl<'a> Words<'a> {
         self.expect(&format!("end{keyword}"))
     }
 
-    pub(super) fn point(&mut self) -> Result<[f64; 3], ReadError> {
+    /// Reads three coordinates, as f32 if they are `single`.
+    pub(super) fn point(&mut self, single: bool) -> Result<[f64; 3], ReadError> {
         let mut point = [0.0; 3];
         for x in &mut point {
             let word = self.next();
             if word.is_none() {
                 return Err(self.ended("the file stops within a vertex"));
             }
-            *x = coordinate::<f32>(self.line, word)?;
+            *x = if single { coordinate::<f32>(self.line, word)? } else { coordinate::<f64>(self.line, word)? };
         }
         Ok(point)
     }
@@ -94,9 +95,7 @@ impl<'a> Words<'a> {
 
     /// Takes a name: the rest of the line, or what precedes `facet normal` if a facet begins in it.
     pub(super) fn name(&mut self) -> Cow<'a, str> {
-        let (line, _) = first_line(self.rest);
-        let end = keywords(line).unwrap_or(line.len());
-        let (name, rest) = self.rest.split_at(end);
+        let (name, rest) = self.rest.split_at(name_end(self.rest));
         self.rest = rest;
         String::from_utf8_lossy(name)
     }
@@ -107,14 +106,19 @@ impl<'a> Words<'a> {
     }
 }
 
-/// Offset of the words `facet normal` in a line.
-fn keywords(line: &[u8]) -> Option<usize> {
-    let mut words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()).peekable();
-    while let Some(word) = words.next() {
-        if word.eq_ignore_ascii_case(b"facet") && words.peek().is_some_and(|next| next.eq_ignore_ascii_case(b"normal"))
-        {
-            return Some(word.as_ptr() as usize - line.as_ptr() as usize);
+/// Offset of the line end or of the words `facet normal`, whichever comes first. A file may be one
+/// line of many solids, so nothing beyond this offset is scanned.
+fn name_end(text: &[u8]) -> usize {
+    let (mut at, mut facet) = (0, None);
+    loop {
+        let space = text[at..].iter().position(|b| !b.is_ascii_whitespace() || matches!(b, b'\n' | b'\r'));
+        let Some(start) = space.map(|space| at + space) else { return text.len() };
+        let word = text[start..].split(u8::is_ascii_whitespace).next().unwrap_or_default();
+        match facet {
+            _ if word.is_empty() => return start,
+            Some(facet) if word.eq_ignore_ascii_case(b"normal") => return facet,
+            _ => facet = word.eq_ignore_ascii_case(b"facet").then_some(start),
         }
+        at = start + word.len();
     }
-    None
 }

@@ -97,7 +97,7 @@ fn every_case_holds_what_it_should() {
 fn cases_without_a_surface_are_refused() {
     for (file, message) in [
         ("stl-empty/empty.stl", "the file has no triangles"),
-        ("stl-no-endsolid/cube.stl", "line 85: the end is missing: the file stops after 12 facets, before `endsolid`"),
+        ("stl-no-endsolid/cube.stl", "line 85: the end is missing: the file stops after facet 12, before `endsolid`"),
     ] {
         assert_eq!(read_surface(&path(file)).unwrap_err().to_string(), message);
     }

@@ -80,6 +80,45 @@ fn obj_elements_that_are_no_faces_are_passed_over_with_a_note() {
 }
 
 #[test]
+fn long_lines_of_numbers_that_are_none_are_read_in_linear_time() {
+    let line = format!("{}x {}\n", " ".repeat(100_000), "1.#".repeat(100_000));
+    assert_cube((line + &obj()).as_bytes(), Format::Obj);
+    // Solids without line ends.
+    let solids = "solid a facet normal 0 0 0 outer loop vertex 0 0 0 vertex 1 0 0 vertex 0 1 0 endloop endfacet \
+                  endsolid a ";
+    assert_eq!(parse(solids.repeat(40_000).as_bytes(), Format::Stl, None).unwrap().triangles.len(), 40_000);
+}
+
+#[test]
+fn text_stl_of_other_programs_keeps_its_digits() {
+    let solid = |name: &str| {
+        format!(
+            "solid {name}\nfacet normal 0 0 1\nouter loop\nvertex 500000.1 0 0\nvertex 1 0 0\nvertex 0 1 0\n\
+                 endloop\nendfacet\nendsolid\n"
+        )
+    };
+    let first = |name: &str| parse(solid(name).as_bytes(), Format::Stl, None).unwrap().positions[0][0];
+    assert_eq!(first("part"), 500_000.1);
+    // A model of oviduct has single precision.
+    assert_eq!(first("inner_wall"), f64::from(500_000.1_f32));
+    assert_eq!(
+        parse(format!("# made by hand\n{}", solid("a")).as_bytes(), Format::Stl, None).unwrap().triangles.len(),
+        1
+    );
+    let page = format!("<!DOCTYPE html> {}", "a page ".repeat(20));
+    let refused = parse(page.as_bytes(), Format::Stl, None).unwrap_err().to_string();
+    assert_eq!(refused, "line 1: this is not STL: the text begins with \"<!DOCTYPE\" instead of `solid`");
+}
+
+#[test]
+fn inches_and_feet_are_units() {
+    for (comment, metres) in [("File units = inches", 0.0254), ("units: ft", 0.3048), ("unit nm", 1e-9)] {
+        let surface = parse(format!("# {comment}\n{}", obj()).as_bytes(), Format::Obj, None).unwrap();
+        assert_eq!(surface.unit, Unit::Stated(metres), "{comment}");
+    }
+}
+
+#[test]
 fn obj_vertices_may_have_colours_or_weights() {
     for more in ["1", "0.1 0.2 0.3", "1 0.1 0.2 0.3 1"] {
         let text: String = obj()
@@ -192,7 +231,7 @@ fn stl_text_that_is_wrong_is_refused_by_what_is_wrong() {
         ("vertex 0 0 0", "vertex 0 0 \u{1}", "line 4: a word that is not text in UTF-8 is not a number"),
         ("  vertex 0 0 0\n", "", "line 2: a facet has 2 vertices instead of three"),
         ("facet normal", "polygon normal", "line 2: \"polygon\" instead of a facet or the end of the solid"),
-        ("endsolid a cube\n", "", "line 85: the end is missing: the file stops after 12 facets, before `endsolid`"),
+        ("endsolid a cube\n", "", "line 85: the end is missing: the file stops after facet 12, before `endsolid`"),
         ("endfacet\nendsolid a cube\n", "", "line 84: the end is missing: the file stops before \"endfacet\""),
     ] {
         assert!(plain.contains(from), "{from}");

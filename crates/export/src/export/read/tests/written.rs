@@ -65,7 +65,7 @@ fn each_solid_of_a_text_is_a_group() {
     );
     let read = parse(text.as_bytes(), Format::Stl, None).unwrap();
     assert_eq!(groups(&read), [("inner wall", 0..2), ("", 2..3), ("b", 3..4)]);
-    assert_eq!(read.positions[1], [f64::from(0.1_f32), 0.0, 0.0]);
+    assert_eq!(read.positions[1], [0.1, 0.0, 0.0]);
 }
 
 #[test]

@@ -104,30 +104,23 @@ impl<'a> File<'a> {
         }
     }
 
-    /// Numbers of cells, one per cell, if the array has them. `fractions` permits whole numbers
-    /// that are stored as floats. The array may be one of another program that has the same name.
+    /// Numbers of cells, one per cell. `fractions` permits whole numbers that are stored as floats.
+    /// `None` if the array has no such numbers, because it is one of another program.
     pub(super) fn cell_numbers<'f>(
         &'f self,
         array: &'f Array<'a>,
         cells: u64,
         fractions: bool,
-    ) -> Result<Option<Values<'f, 'a>>, ReadError> {
-        let Kind::Number(scalar) = array.kind else { return Ok(None) };
-        if array.check_components(&["1", ""]).is_err() {
-            return Ok(None);
+    ) -> Option<Values<'f, 'a>> {
+        let Kind::Number(scalar) = array.kind else { return None };
+        array.check_components(&["1", ""]).ok()?;
+        let is_float = matches!(scalar, Scalar::Float(_));
+        let mut values = self.values(array, scalar).ok().filter(|_| fractions || !is_float)?;
+        for _ in 0..cells {
+            let is_whole = if is_float { values.float().ok()?.fract() == 0.0 } else { values.integer().is_ok() };
+            is_whole.then_some(())?;
         }
-        if let Scalar::Float(_) = scalar {
-            if !fractions {
-                return Ok(None);
-            }
-            let mut values = self.values(array, scalar)?;
-            for _ in 0..cells {
-                if values.float()?.fract() != 0.0 {
-                    return Ok(None);
-                }
-            }
-        }
-        self.values(array, scalar).map(Some)
+        self.values(array, scalar).ok()
     }
 
     /// Strings of an array, each of which ends with a zero.

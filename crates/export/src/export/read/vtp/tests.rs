@@ -236,7 +236,6 @@ fn what_is_not_read_is_refused_with_its_place() {
         ("NumberOfPoints=\"5\"", "NumberOfPoints=\"4\"", "piece 0, Polys: cell 1: there is no vertex 4"),
         ("NumberOfPolys=\"3\"", "NumberOfPolys=\"4\"", "piece 0, Polys, offsets: it has only 3 values"),
         ("NumberOfStrips=\"1\"", "NumberOfStrips=\"2\"", "piece 0, Strips, offsets: it has only 1 values"),
-        ("NumberOfLines=\"1\"", "NumberOfLines=\"2\"", "piece 0, CellData, patch: it has only 6 values"),
         ("-0.2", "x", "piece 0, Points, Points: value 14: \"x\" is not a number"),
         ("-0.2", "&#49;", "line LINE: an array holds a reference to an entity"),
         (
@@ -320,6 +319,11 @@ fn faces_of_a_model_become_groups_unless_there_are_patches() {
         assert_eq!(found.groups, [group("face 7", 0..1), group("face 2", 1..3)], "{kind}");
         assert_eq!(found.notes, [TOO_FEW]);
     }
+    // Cell data of others that have too few values, or fractions.
+    for (kind, values) in [("Int32", &[1.0][..]), ("Float32", &[0.5; 4])] {
+        let found = named(&|b| b.array(kind, "ModelFaceID", 1, values), &|_| String::new());
+        assert_eq!((found.groups, found.triangles.len()), (Vec::new(), 3), "{kind}");
+    }
     let both = |kind: &'static str| {
         let cell_data = move |b: &mut Builder| {
             let patch = b.array(kind, "patch", 1, &[0.0, 0.0, 0.0, 1.0]);
@@ -351,7 +355,7 @@ fn arrays_of_others_with_known_names_do_not_matter() {
     let found = named(&nothing, &|b| b.strings("units", &["kPa", "mm"]));
     assert_eq!(
         (found.unit, &*found.notes[0]),
-        (Unit::Assumed, "the field data \"units\" say \"kPa\", which is no unit of length")
+        (Unit::Assumed, "the field data \"units\" say \"kPa\", which is not a known unit")
     );
     // Of two arrays the first counts.
     let found = named(&nothing, &|b| b.strings("units", &["mm"]) + &b.strings("units", &["um"]));
@@ -407,18 +411,29 @@ fn what_is_decoded_is_limited_in_all() {
     let bytes = overlapping(1, array, &[header.as_flattened(), &block].concat());
     assert_eq!(refusal(&bytes), "piece 0, Polys, offsets: the array is missing");
     // The same if the limit is almost reached.
-    let mut document = document::parse(&bytes).unwrap();
-    document.file.room = std::cell::Cell::new(7_999_999);
-    let mut integers = document.file.integers(document.pieces[0].patch.as_ref().unwrap()).unwrap();
-    let refused = std::iter::repeat_with(|| integers.integer()).find_map(Result::err).unwrap().to_string();
+    let fault = |bytes: &[u8], room: u64| {
+        let mut document = document::parse(bytes).unwrap();
+        document.file.room = std::cell::Cell::new(room);
+        let mut integers = match document.file.integers(document.pieces[0].patch.as_ref().unwrap()) {
+            Ok(integers) => integers,
+            Err(error) => return error.to_string(),
+        };
+        std::iter::repeat_with(|| integers.integer()).find_map(Result::err).unwrap().to_string()
+    };
+    let refused = fault(&bytes, 7_999_999);
     assert!(refused.starts_with("piece 0, CellData, patch: the arrays of the file, decoded, have more"), "{refused}");
     // A header that states as many blocks as the file has bytes.
     let blocks = 1_000_000_u64;
     let header = [blocks, 1, 0].map(u64::to_le_bytes);
     let bytes = overlapping(1, array, &[header.as_flattened(), &vec![0; 8_000_000]].concat());
-    assert_eq!(refusal(&bytes), "piece 0, CellData, patch: after 0 values: incomplete deflate stream");
+    let stream = "piece 0, CellData, patch: after 0 values: incomplete deflate stream";
+    assert_eq!(fault(&bytes, limits::BYTES), stream);
+    // Cell data that cannot be read are passed over.
+    assert_eq!(refusal(&bytes), "piece 0, Polys, offsets: the array is missing");
     let bytes = overlapping(1, array, &[u64::MAX.to_le_bytes(), [0; 8], [0; 8], [1; 8]].concat());
-    assert_eq!(refusal(&bytes), "piece 0, CellData, patch: its header: failed to fill whole buffer");
+    let header = "piece 0, CellData, patch: its header: failed to fill whole buffer";
+    assert_eq!(fault(&bytes, limits::BYTES), header);
+    assert_eq!(refusal(&bytes), "piece 0, Polys, offsets: the array is missing");
 }
 
 #[test]

@@ -13,6 +13,8 @@ use std::collections::BTreeSet;
 const MOST_POINTS: usize = 1 << 20;
 /// Maximum distance of a point from the origin, pixels.
 const FARTHEST: f64 = 1e7;
+/// Maximum depth of collections of geometries within each other.
+const DEEPEST: usize = 8;
 /// Classes of features that are not tissue, in lower case.
 const NOT_TISSUE: [&str; 4] = ["lumen", "hole", "background", "ignore*"];
 
@@ -40,6 +42,16 @@ struct Geometry<'a> {
     kind: String,
     #[serde(borrow)]
     coordinates: Option<&'a RawValue>,
+    /// Parts of a collection.
+    #[serde(borrow)]
+    geometries: Option<&'a RawValue>,
+}
+
+impl Geometry<'_> {
+    /// True if it has polygons or is a collection, which may have some.
+    fn may_have_polygons(&self) -> bool {
+        matches!(self.kind.as_str(), "Polygon" | "MultiPolygon" | "GeometryCollection")
+    }
 }
 
 #[derive(Default, Deserialize)]
@@ -101,11 +113,15 @@ pub(super) fn read(text: &[u8], side: u32) -> Result<Image, MicrographError> {
     };
     let annotated = features.iter().any(is_annotation);
     let (mut tissue, mut open, mut classes) = (Vec::new(), Vec::new(), BTreeSet::new());
-    let (mut points, mut passed) = (0, 0_usize);
+    let (mut points, mut others, mut detections) = (0, 0_usize, 0_usize);
     for (index, feature) in features.iter().enumerate() {
-        let geometry = feature.geometry.as_ref().filter(|_| !annotated || is_annotation(feature));
-        let Some(polygons) = geometry.map(|geometry| polygons(geometry, index)).transpose()?.flatten() else {
-            passed += 1;
+        let geometry = feature.geometry.as_ref().filter(|geometry| geometry.may_have_polygons());
+        if geometry.is_some() && annotated && !is_annotation(feature) {
+            detections += 1;
+            continue;
+        }
+        let Some(polygons) = geometry.map(|geometry| polygons(geometry, index, 0)).transpose()?.flatten() else {
+            others += 1;
             continue;
         };
         points += polygons.iter().flatten().map(Vec::len).sum::<usize>();
@@ -133,11 +149,21 @@ pub(super) fn read(text: &[u8], side: u32) -> Result<Image, MicrographError> {
         let some: Vec<String> = classes.into_iter().take(8).collect();
         notes.push(format!("the classes {} are taken as tissue", some.join(", ")));
     }
-    if passed > 0 {
-        notes.push(format!("{passed} features without polygons, or beside annotations, were passed over"));
+    if others > 0 {
+        let (features, were) = counted(others, "feature");
+        notes.push(format!("{features} without polygons {were} passed over"));
+    }
+    if detections > 0 {
+        let (detections, were) = counted(detections, "detection");
+        notes.push(format!("{detections} {were} passed over, because the file has annotations"));
     }
     let Raster { width, values, step, .. } = raster;
     Ok(Image { width, values, kind: Kind::Polygons, step, stated: Stated::Nothing, notes })
+}
+
+/// A number of things, and the verb for them.
+fn counted(count: usize, thing: &str) -> (String, &'static str) {
+    if count == 1 { (format!("1 {thing}"), "was") } else { (format!("{count} {thing}s"), "were") }
 }
 
 /// Features of a collection, an array, a single feature or a bare geometry.
@@ -150,7 +176,7 @@ fn features(text: &[u8]) -> Result<Vec<Feature<'_>>, MicrographError> {
     match whole.kind.as_str() {
         "FeatureCollection" => Ok(whole.features),
         "Feature" => Ok(vec![Feature { geometry: whole.geometry, properties: whole.properties }]),
-        "Polygon" | "MultiPolygon" => {
+        "Polygon" | "MultiPolygon" | "GeometryCollection" => {
             let geometry = serde_json::from_slice(text).map_err(failed)?;
             Ok(vec![Feature { geometry: Some(geometry), properties: None }])
         }
@@ -158,9 +184,23 @@ fn features(text: &[u8]) -> Result<Vec<Feature<'_>>, MicrographError> {
     }
 }
 
-/// Polygons of a geometry; `None` for points and lines.
-fn polygons(geometry: &Geometry<'_>, index: usize) -> Result<Option<Vec<Polygon>>, MicrographError> {
+/// Polygons of a geometry within `depth` collections; `None` for points and lines.
+fn polygons(geometry: &Geometry<'_>, index: usize, depth: usize) -> Result<Option<Vec<Polygon>>, MicrographError> {
     let place = |detail: String| MicrographError::Damaged("GeoJSON", format!("feature {index}: {detail}"));
+    if geometry.kind == "GeometryCollection" {
+        if depth == DEEPEST {
+            return Err(place(format!("more than {DEEPEST} collections of geometries are within each other")));
+        }
+        let text = geometry.geometries.map_or("[]", RawValue::get);
+        let parts: Vec<Geometry<'_>> = serde_json::from_str(text).map_err(|error| place(error.to_string()))?;
+        let mut found: Option<Vec<Polygon>> = None;
+        for part in &parts {
+            if let Some(more) = polygons(part, index, depth + 1)? {
+                found.get_or_insert_default().extend(more);
+            }
+        }
+        return Ok(found);
+    }
     let text = geometry.coordinates.map_or("[]", RawValue::get);
     let rings: Vec<Vec<Vec<Position>>> = match geometry.kind.as_str() {
         "Polygon" => vec![serde_json::from_str(text).map_err(|error| place(error.to_string()))?],

@@ -33,7 +33,10 @@ pub(super) fn jpeg(bytes: &[u8], side: u32) -> Result<Image, MicrographError> {
     let count = u64::from(width) * u64::from(height);
     let scans = bytes.windows(2).filter(|pair| *pair == [0xff, 0xda]).count() as u64;
     if count > MAX_PIXELS || count * scans > MAX_WORK {
-        let text = format!("a JPEG of {width} × {height} pixels in {scans} scans; {MAX_PIXELS} pixels are read");
+        let text = format!(
+            "a JPEG of {width} × {height} pixels in {scans} scans; at most {MAX_PIXELS} pixels, and {MAX_WORK} pixels \
+            times scans, are read"
+        );
         return Err(MicrographError::Variant(text));
     }
     pixels(decoder, "JPEG", side, Kind::Blurred)

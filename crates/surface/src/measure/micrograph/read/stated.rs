@@ -1,7 +1,9 @@
 //! Side of a pixel, as files state it: resolutions, and descriptions of ImageJ, tifffile and OME.
 
+use super::super::limits::PIXEL_UM;
 use quick_xml::Reader;
 use quick_xml::events::Event;
+use serde::Deserialize;
 
 /// What a file states about its pixels.
 #[derive(Clone, Debug, PartialEq)]
@@ -56,6 +58,11 @@ fn unit_um(name: &str) -> Option<f64> {
     }
 }
 
+/// True for the unit of resolutions for printing.
+fn is_inch(name: &str) -> bool {
+    matches!(name.trim().trim_matches('"'), "inch" | "in")
+}
+
 /// What the description of a TIFF states.
 #[derive(Debug)]
 pub(super) struct Described {
@@ -72,7 +79,26 @@ pub(super) fn described(text: &str, per_unit: Option<[f64; 2]>) -> Described {
     if text.contains("<OME") {
         return ome(text);
     }
-    Described { stated: Stated::Nothing, pages: None }
+    Described { stated: tifffile(text, per_unit).unwrap_or(Stated::Nothing), pages: None }
+}
+
+/// JSON of tifffile with a metric `unit`. The resolution is in pixels per this unit, or per
+/// centimetre if such pixels would have an impossible side. The tag of the unit does not count:
+/// tifffile writes inches unless its user names another unit.
+fn tifffile(text: &str, per_unit: Option<[f64; 2]>) -> Option<Stated> {
+    #[derive(Deserialize)]
+    struct Shaped {
+        unit: String,
+    }
+    let name = serde_json::from_str::<Shaped>(text).ok()?.unit;
+    let unit = unit_um(&name).filter(|_| !is_inch(&name))?;
+    // tifffile writes 1 where no resolution is known.
+    let per_unit = per_unit.filter(|per_unit| *per_unit != [1.0; 2])?;
+    [(unit, name.as_str()), (unit_um("cm")?, "cm")].into_iter().find_map(|(unit, name)| {
+        let sides = per_unit.map(|count| unit / count);
+        let source = format!("tifffile with a metric unit: {} pixels per {name}, whatever the tag says", per_unit[0]);
+        sides.iter().all(|side| PIXEL_UM.contains(side)).then_some(Stated::Sides(sides, source))
+    })
 }
 
 /// Lines such as `unit=micron`; the resolution is in pixels per unit.
@@ -83,7 +109,12 @@ fn imagej(text: &str, per_unit: Option<[f64; 2]>) -> Described {
     let stated = match (value("unit").and_then(unit_um), per_unit) {
         (Some(unit), Some(per_unit)) => {
             let y = value("yunit").and_then(unit_um).unwrap_or(unit);
-            Stated::described([unit / per_unit[0], y / per_unit[1]], "ImageJ's description")
+            let sides = [unit / per_unit[0], y / per_unit[1]];
+            if value("unit").is_some_and(is_inch) {
+                Stated::resolution(sides, &format!("{} pixels per inch in ImageJ's description", per_unit[0]))
+            } else {
+                Stated::described(sides, "ImageJ's description")
+            }
         }
         _ => Stated::Nothing,
     };

@@ -232,6 +232,11 @@ fn files_state_the_side_of_a_pixel() {
         ("ImageJ=1.54f\nunit=micron\n", [2, 2], 1, 0.5),
         ("ImageJ=1.54f\nunit=\\u00B5m\n", [1, 1], 1, 1.0),
         ("ImageJ=1.54f\nunit=mm\n", [400, 400], 1, 2.5),
+        ("ImageJ=1.54f\nunit=inch\n", [10_160, 10_160], 2, 2.5),
+        (r#"{"shape": [40, 40], "unit": "mm"}"#, [400, 400], 2, 2.5),
+        (r#"{"shape": [40, 40], "unit": "um"}"#, [4000, 4000], 2, 2.5),
+        (r#"{"shape": [40, 40], "unit": "inch"}"#, [10_160, 10_160], 2, 2.5),
+        (r#"{"shape": [40, 40]}"#, [10_160, 10_160], 2, 2.5),
         ("ImageJ=1.54f\nunit=um\nimages=1\n", [1, 1], 2, 1.0),
         (&ome("PhysicalSizeX=\"2.5\" PhysicalSizeY=\"2.5\""), [1, 1], 1, 2.5),
         (&ome("PhysicalSizeX=\"650\" PhysicalSizeXUnit=\"nm\""), [72, 72], 2, 0.65),
@@ -256,6 +261,8 @@ fn files_state_the_side_of_a_pixel() {
         ("", [72, 72], 2),
         ("", [1, 1], 1),
         ("ImageJ=1.54f\nunit=pixel\n", [1, 1], 1),
+        ("ImageJ=1.54f\nunit=inch\n", [72, 72], 2),
+        (r#"{"shape": [40, 40], "unit": "um"}"#, [1, 1], 1),
         ("", [0, 0], 3),
     ] {
         let found = unstated(text, per_unit, unit);
@@ -267,7 +274,7 @@ fn files_state_the_side_of_a_pixel() {
     let found = same(&file, None, None);
     assert_eq!(
         found.notes(),
-        ["the file states a pixel of 2 × 4 µm (5000 pixels per centimetre); 10 µm is used, as given"]
+        ["the file states pixels of 2 × 4 µm (5000 pixels per centimetre); the given side, 10 µm, is used"]
     );
     // PNG states pixels per metre.
     let physical = |per_metre: u32| {
@@ -354,15 +361,13 @@ fn the_cases_of_other_programs_measure_the_same() {
     assert!((lumen - 1.419).abs() < 0.0005, "{lumen}");
     let labels = Micrograph::read(&case("labels16.png"), &two(Some(Tissue::Values(vec![2])))).unwrap();
     let ome = Micrograph::read(&case("mask.ome.tif"), &Reading::default()).unwrap();
-    let tif = Micrograph::read(&case("mask.tif"), &two(None)).unwrap();
+    let tif = Micrograph::read(&case("mask.tif"), &Reading::default()).unwrap();
     for found in [&labels, &ome, &tif] {
         assert_eq!((&found.outer, &found.lumen), (&expected.outer, &expected.lumen));
     }
-    assert_eq!(ome.pixel_um(), 2.0);
-    // Its tags state 5000 pixels per inch.
-    let stated = Micrograph::read(&case("mask.tif"), &Reading::default()).unwrap();
-    assert!((stated.pixel_um() - 5.08).abs() < 1e-9);
-    assert_eq!(stated.notes(), ["the side of a pixel is 5.08 µm, as the file states (5000 pixels per inch)"]);
+    assert_eq!((ome.pixel_um(), tif.pixel_um()), (2.0, 2.0));
+    let source = "tifffile with a metric unit: 5000 pixels per cm, whatever the tag says";
+    assert_eq!(tif.notes(), [format!("the side of a pixel is 2 µm, as the file states ({source})")]);
     let found = Micrograph::read(&case("labels16.png"), &two(None));
     assert_eq!(found, Err(MicrographError::Values("0, 1 and 2".into())));
 }

@@ -48,6 +48,11 @@ fn annotations_of_tissue_and_lumen_are_a_section() {
         "properties": { "objectType": "detection" },
     });
     let multi = json!({ "type": "MultiPolygon", "coordinates": [[outer, inner]] });
+    let line = json!({ "type": "LineString", "coordinates": [[1, 2], [3, 4]] });
+    let collection = json!({
+        "type": "GeometryCollection",
+        "geometries": [line, { "type": "GeometryCollection", "geometries": [multi] }],
+    });
     for document in [
         json!({ "type": "FeatureCollection", "features": [hole] }),
         json!([hole]),
@@ -55,21 +60,28 @@ fn annotations_of_tissue_and_lumen_are_a_section() {
         json!({ "type": "FeatureCollection", "features": parts }),
         json!([parts[1], parts[0], point, detection]),
         multi.clone(),
+        collection.clone(),
+        json!({ "type": "Feature", "geometry": collection, "properties": null }),
         json!({ "type": "Feature", "geometry": multi, "properties": null }),
         json!([{ "type": "Feature", "geometry": multi, "properties": { "classification": { "names": ["Tissue"] } } }]),
     ] {
         annulus(&at(&document, 2.0).unwrap());
     }
+    let notes = at(&json!([hole, detection, detection, point, point]), 2.0).unwrap();
+    assert_eq!(
+        notes.notes(),
+        [
+            "2 features without polygons were passed over",
+            "2 detections were passed over, because the file has annotations"
+        ]
+    );
     // A byte order mark, and heights.
     let text = json!([feature("Stroma", json!([outer.iter().map(|[x, y]| [*x, *y, 0.0]).collect::<Vec<_>>(), inner]))]);
     annulus(&read(&[b"\xef\xbb\xbf\n", text.to_string().as_bytes()].concat(), 2.0).unwrap());
     let notes = at(&json!([hole, feature("Muscle", json!([circle(5000.0, 7260.0, 20.0)])), point]), 2.0).unwrap();
     assert_eq!(
         notes.notes(),
-        [
-            "the classes Muscle, Tissue are taken as tissue",
-            "1 features without polygons, or beside annotations, were passed over"
-        ]
+        ["the classes Muscle, Tissue are taken as tissue", "1 feature without polygons was passed over"]
     );
 }
 
@@ -118,6 +130,12 @@ fn what_is_no_section_is_refused() {
     }
     let far = at(&json!([feature("Tissue", json!([[[0, 0], [1e9, 0], [0, 1]]]))]), 2.0).unwrap_err();
     assert!(far.to_string().contains("feature 0: the coordinate 1000000000"), "{far}");
+    let mut deep = json!({ "type": "Polygon", "coordinates": [circle(0.0, 0.0, 300.0)] });
+    for _ in 0..9 {
+        deep = json!({ "type": "GeometryCollection", "geometries": [deep] });
+    }
+    let deep = at(&deep, 2.0).unwrap_err().to_string();
+    assert!(deep.contains("more than 8 collections of geometries"), "{deep}");
     // Edges that pass all rows, again and again.
     let zigzag: Vec<[f64; 2]> = (0..10_000).map(|i| [f64::from(i) * 0.01, f64::from(i % 2) * 4000.0]).collect();
     assert_eq!(at(&json!([feature("Tissue", json!([zigzag]))]), 2.0), Err(MicrographError::Rough));

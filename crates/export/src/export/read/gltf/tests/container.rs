@@ -80,6 +80,13 @@ fn other_versions_are_refused_by_name() {
         assert!(Model::cube().with(member, value).refusal().contains("glTF 1.0"));
     }
     assert!(Model::cube().with("/asset/version", json!("3.1")).refusal().contains("asset.version: this is glTF 3.1"));
+    let least = |version: &str| Model::cube().with("/asset/minVersion", json!(version));
+    let refused = least("2.1").refusal();
+    assert_eq!(refused, "asset.minVersion: the document requires glTF 2.1, and only glTF 2.0 is read");
+    assert!(least("3.0").refusal().starts_with("asset.minVersion:"));
+    assert!(least("2.0").read().notes.is_empty());
+    let unstated = Model::cube().with("/asset", json!(null)).read();
+    assert_eq!(unstated.notes, ["asset: it is missing; glTF 2.0 is assumed"]);
     let none = parse(&file(&[(b"BIN\0", b"abcd")]), None).unwrap_err().to_string();
     assert_eq!(none, "byte 12: there is no JSON chunk");
 }

@@ -43,6 +43,11 @@ fn extensions_of_looks_are_no_obstacle() {
         "KHR_xmp_json_ld",
         "EXT_texture_webp",
         "EXT_lights_image_based",
+        "EXT_mesh_primitive_edge_visibility",
+        "BENTLEY_materials_line_style",
+        "FB_ngon_encoding",
+        "MOZ_hubs_components",
+        "OMI_collider",
         "MSFT_lod",
         "VRMC_vrm",
     ] {
@@ -65,8 +70,18 @@ fn required_extensions_that_the_geometry_does_not_use_are_noted() {
     model.json["meshes"].as_array_mut().unwrap().push(json!({ "extensions": { "ACME_bend": {} } }));
     let surface = model.read();
     assert_volume(&surface, 12, 1.0);
-    assert_note(&surface, "extensionsRequired: ACME_bend was passed over, because the geometry read does not use it");
+    assert_note(&surface, "extensionsRequired: ACME_bend was passed over, because no part that was read has it");
     assert_eq!(surface.notes.len(), 1);
+}
+
+#[test]
+fn unknown_extensions_of_the_document_are_refused_if_required_and_noted_if_not() {
+    let model = Model::cube().with("/extensions", json!({ "ACME_scale": { "s": 1000 }, "KHR_lights_punctual": {} }));
+    let surface = model.read();
+    assert_eq!(surface.notes, ["document: the extension ACME_scale is not known and was passed over"]);
+    let refused = model.with("/extensionsRequired", json!(["ACME_scale"])).refusal();
+    let why = "the extension is required and not known, so the geometry cannot be read";
+    assert_eq!(refused, format!("extensions.ACME_scale: {why}"));
 }
 
 #[test]

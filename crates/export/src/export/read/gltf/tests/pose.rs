@@ -29,7 +29,7 @@ fn weights_of_the_mesh_or_of_the_node_are_applied() {
     assert_volume(&of_mesh.with("/nodes/0/weights", json!([0, 0])).read(), 12, 1.0);
     let few = model.with("/meshes/0/weights", json!([1])).read();
     assert_volume(&few, 12, 2.0);
-    assert_note(&few, "it has 2 morph targets and 1 weights");
+    assert_note(&few, "the number of weights (1) differs from the number of morph targets (2)");
     // The transform of the node comes after the targets.
     let scaled = of_mesh.with("/nodes/0/scale", json!([2, 1, 1]));
     assert_volume(&scaled.read(), 12, 9.0);

@@ -85,6 +85,23 @@ fn the_last_of_several_members_counts_as_in_other_programs() {
 }
 
 #[test]
+fn primitives_may_have_many_attributes() {
+    let mut attributes: serde_json::Map<String, Value> = (0..9_999).map(|i| (format!("_A{i}"), json!(7))).collect();
+    attributes.insert("POSITION".to_owned(), json!(0));
+    let primitive = json!({ "attributes": attributes, "indices": 1 });
+    let surface = Model::cube().with("/meshes/0/primitives", json!(vec![primitive; 40])).read();
+    assert_volume(&surface, 480, 40.0);
+    assert!(surface.notes.is_empty(), "{:?}", surface.notes);
+}
+
+#[test]
+fn an_empty_uri_counts_as_absent() {
+    let surface = Model::cube().with("/buffers/0/uri", json!("")).read();
+    assert_volume(&surface, 12, 1.0);
+    assert!(surface.notes.is_empty(), "{:?}", surface.notes);
+}
+
+#[test]
 fn a_name_in_another_encoding_is_replaced() {
     let model = Model::cube().with("/nodes/0/name", json!("K?rper"));
     let mut text = model.json.to_string().into_bytes();
@@ -112,10 +129,14 @@ fn the_scene_is_the_stated_one_or_the_first_or_all_roots() {
         assert_volume(&surface, 12 * surface.groups.len(), expected);
         match others {
             0 => assert!(surface.notes.is_empty()),
-            _ => assert_note(&surface, &format!("{others} others were not")),
+            _ => assert_note(&surface, &format!("the other scenes ({others}) were not")),
         }
     }
-    assert!(model.with("/scenes/0/nodes", json!(null)).read().triangles.is_empty());
+    let empty = model.with("/scenes/0/nodes", json!(null)).read();
+    assert!(empty.triangles.is_empty());
+    assert_eq!(empty.notes, ["scenes[0]: the scene has no mesh"]);
+    let bare = model.with("/scenes", json!(null)).with("/scene", json!(null)).with("/nodes", json!([{}])).read();
+    assert_eq!(bare.notes, ["nodes: no node places a mesh"]);
 }
 
 #[test]
