@@ -208,5 +208,5 @@ fn solids_of_other_programs_files_are_cut_through_faces_and_corners() {
     std::fs::write(at.path().join("open.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\n")
         .unwrap();
     let open = run(at.path(), &["cut", "open.obj", "--z-um", "500000", "--solid", "part.stl"]);
-    assert!(code(&open) == 1 && said(&open).contains("not a sound closed surface"), "{}", said(&open));
+    assert!(code(&open) == 1 && said(&open).contains("the surface is not closed and sound"), "{}", said(&open));
 }

@@ -146,7 +146,7 @@ def volume_by_vtk(path):
 
 
 def differ(found, expected):
-    return not abs(found / expected - 1) <= PRECISION
+    return not abs(found - expected) <= PRECISION * abs(expected)
 
 
 def checked(binary, paths):

@@ -3,7 +3,7 @@
  * Do not make direct changes to the file.
  */
 
-// openapi.yaml: sha256 d1510e14480ad8b03b9e788c572346eefc62ffb19033bf2fbeea80e55873590d
+// openapi.yaml: sha256 557336c53ecde5847abc328bfa77d531f5fab7a62d5832b868bc7fc5211f94fc
 
 export interface paths {
     "/batches": {
