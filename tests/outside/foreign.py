@@ -34,6 +34,9 @@ WRONG_BY_TRIMESH = {
     "stl_text-polygons": "facets have three vertices",
     "obj-cr": "line ends are LF",
     "ply-strips": "no strips",
+    "stl_binary-trailing": "the length must match the header",
+    "stl_binary-solid-trailing": "the length must match the header",
+    "glb-quantized": "normalized integers are not divided",
     "glb-sparse": "no sparse accessors",
     "glb-instances": "no instances",
 }
@@ -48,6 +51,8 @@ CASES_NOT_BY_TRIMESH = {
     "ply-tristrips/cube.ply": "no strips",
     "stl-end-solid/cube.stl": "`end solid` in two words",
     "stl-trailing-bytes/cube.stl": "the length must match the header",
+    "glb-nul-padding/cube.glb": "the padding is not JSON",
+    "gltf-quantized/cube.glb": "normalized integers are not divided",
     "gltf-sparse/cube.gltf": "no sparse accessors",
     "gltf-skin-node-scale/cube.gltf": "a skinned mesh does not ignore the transform of its node",
 }
