@@ -389,6 +389,12 @@ fn submit_over_http_and_a_graceful_shutdown() {
     let other = [&["submit", "--url", &url, "--seed", "9", "--out", "got"][..], &TINY].concat();
     let refused = run(at.path(), &other);
     assert!(code(&refused) == 2 && said(&refused).contains("preset pig, seed 7"), "{}", said(&refused));
+    assert_eq!(
+        get(url.trim_start_matches("http://"), "/models").matches("\"seed\":9").count(),
+        0,
+        "none was requested"
+    );
+    assert_eq!(get(url.trim_start_matches("http://"), "/models").matches("\"seed\":7").count(), 1);
     assert_eq!(code(&run(at.path(), &["check", "got/model.glb", "--euler", "0"])), 0);
 
     // The priority can be set by an option, a variable or the configuration file, and is validated.

@@ -87,6 +87,12 @@ fn table(measures: &Measures) -> String {
 /// verdict and source.
 fn compared(all: &[Compared]) -> String {
     let mut text = String::from("\nPublished values\n");
+    let mut line = |name: &str, measured: &str, range: &str, verdict: &str, source: &str| {
+        text += &format!("{name:<32} {measured:>12} {range:>20}  {verdict:<12} {source}\n");
+    };
+    if !all.is_empty() {
+        line("quantity (region)", "this section", "published", "verdict", "source");
+    }
     let shown = |value: Option<f64>| value.map_or_else(|| "–".into(), number);
     for one in all {
         let verdict = match one.verdict {
@@ -99,8 +105,8 @@ fn compared(all: &[Compared]) -> String {
             (None, None) => shown(one.value),
             (low, high) => format!("{} to {}", shown(low), shown(high)),
         };
-        let (name, measured) = (format!("{} ({})", one.quantity, one.region), shown(one.measured));
-        text += &format!("{name:<32} {measured:>10} {range:>20}  {verdict:<12} {}\n", one.source);
+        let name = format!("{} ({})", one.quantity, one.region);
+        line(&name, &shown(one.measured), &range, verdict, &one.source);
     }
     if all.is_empty() {
         text += "none for this region\n";

@@ -63,6 +63,7 @@ async fn listen() -> anyhow::Result<TcpListener> {
 /// Requests the model, follows it, saves it and checks its certificate.
 async fn show(url: &str, body: &Value, args: &DemoArgs) -> Ended {
     let client = Client::new(url, None)?;
+    client.check_folder(body, Path::new(FOLDER), args.force).await?;
     let accepted = client.submit(body, &uuid::Uuid::now_v7().to_string()).await?;
     let id = submit::read(&accepted)?.id;
     term::print(&format!(

@@ -20,6 +20,9 @@ pub(in crate::cli) async fn run(args: SubmitArgs) -> Ended {
     if args.no_reuse {
         body["reuse"] = json!(false);
     }
+    if let Some(dir) = args.out.as_ref().filter(|dir| dir.exists()) {
+        client.check_folder(&body, dir, args.force).await?;
+    }
     let key = args.idempotency_key.clone().unwrap_or_else(|| uuid::Uuid::now_v7().to_string());
     let accepted = client.submit(&body, &key).await?;
     let id = read(&accepted)?.id;

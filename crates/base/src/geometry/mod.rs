@@ -7,7 +7,8 @@
 //! | [`polygon`] | closed contours: area, simplicity, containment, nesting |
 //! | [`triangulate`] | constrained Delaunay triangulation between contours |
 //! | [`tri_tri`] | exact intersection of two triangles |
-//! | [`blocks`], [`bvh`], [`coarse`], [`curve`] | hierarchies that find overlapping pairs; the order of their items |
+//! | [`blocks`], [`bvh`], [`coarse`] | hierarchies that find overlapping pairs |
+//! | [`curve`] | order of items along a space-filling curve |
 //! | [`distance`] | distances between points and triangles |
 //! | [`cut`] | planar cuts of a body, and its half beyond a plane |
 //! | [`course`] | centre lines, and the map that bends a tube |

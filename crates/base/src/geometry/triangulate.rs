@@ -116,7 +116,7 @@ pub fn refined(holes: &[&[[f32; 2]]], outer: &[[f32; 2]], area: f64) -> Result<R
         .with_angle_limit(AngleLimit::from_deg(27.0))
         .with_max_additional_vertices(20 * given + 100_000);
     cdt.refine(parameters);
-    let inside = flood(&cdt, &ring_edges(&contours), &left_of_edges(&contours, &left))?;
+    let inside = flood(&cdt, &ring_edges(contours.iter().map(|ring| ring.len())), &left_of_edges(&contours, &left))?;
     let faces = || cdt.inner_faces().filter(|face| inside[face.index()]);
     // Points outside the region are dropped.
     let mut number: Vec<u32> =
@@ -148,11 +148,11 @@ pub fn refined(holes: &[&[[f32; 2]]], outer: &[[f32; 2]], area: f64) -> Result<R
     }
 }
 
-/// Edges of contours, as pairs of point numbers.
-fn ring_edges(contours: &[&[[f32; 2]]]) -> Vec<[usize; 2]> {
+/// Edges of contours with these numbers of points, as pairs of point numbers.
+fn ring_edges(lengths: impl Iterator<Item = usize>) -> Vec<[usize; 2]> {
     let mut edges = Vec::new();
-    for contour in contours {
-        let (base, n) = (edges.len(), contour.len());
+    for n in lengths {
+        let base = edges.len();
         edges.extend((0..n).map(|i| [base + i, base + (i + 1) % n]));
     }
     edges
@@ -192,10 +192,17 @@ fn triangulate_region(
 /// triangulation and, for each face, whether it belongs to the region.
 fn triangulate_hull(contours: &[&[[f32; 2]]], left: &[bool]) -> Result<(Cdt, Vec<bool>), TriangulateError> {
     let points: Vec<[f64; 2]> = contours.iter().copied().flatten().copied().map(widen2).collect();
-    let (edges, inside_left) = (ring_edges(contours), left_of_edges(contours, left));
+    let (edges, inside_left) = (ring_edges(contours.iter().map(|ring| ring.len())), left_of_edges(contours, left));
+    let cdt = constrained(&points, &edges)?;
+    let inside = flood(&cdt, &edges, &inside_left)?;
+    Ok((cdt, inside))
+}
+
+/// Triangulates the convex hull of different points, with these edges among its own.
+fn constrained(points: &[[f64; 2]], edges: &[[usize; 2]]) -> Result<Cdt, TriangulateError> {
     let mut conflict = false;
     let vertices = points.iter().map(|p| Point2::new(p[0], p[1])).collect();
-    let cdt = Cdt::try_bulk_load_cdt(vertices, edges.clone(), |_| conflict = true)
+    let cdt = Cdt::try_bulk_load_cdt(vertices, edges.to_vec(), |_| conflict = true)
         .map_err(|_| TriangulateError::Coordinate)?;
     if cdt.num_vertices() != points.len() {
         return Err(TriangulateError::Duplicate);
@@ -203,8 +210,7 @@ fn triangulate_hull(contours: &[&[[f32; 2]]], left: &[bool]) -> Result<(Cdt, Vec
     if conflict || cdt.num_constraints() != edges.len() {
         return Err(TriangulateError::Crossing);
     }
-    let inside = flood(&cdt, &edges, &inside_left)?;
-    Ok((cdt, inside))
+    Ok(cdt)
 }
 
 /// Marks the faces that are connected to the inner side of a contour edge without crossing one.

@@ -137,7 +137,8 @@ impl<'a> Triangles<'a> {
         };
         let (at, distance) = self.blocks.first_along(&ray, |at| nearest(at).map(|(distance, _)| distance))?;
         let (_, hit) = nearest(at)?;
-        // Inside a wall, the surface that the ray meets faces along the ray; across a gap, against it.
+        // Inside a wall, the surface that the ray meets faces along the ray; across a gap, it faces
+        // against the ray.
         let is_inwards = dot(ray.direction, self.normal(from)) < 0.0;
         let cosine = dot(ray.direction, self.normal(hit)) * if is_inwards { 1.0 } else { -1.0 };
         (cosine >= FACING).then_some(distance)

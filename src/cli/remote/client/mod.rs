@@ -191,6 +191,20 @@ impl Client {
         model_of(accept(self.post_model(body, idempotency_key).await?).await?).await
     }
 
+    /// Checks that a folder may receive the files of the model that a request describes, so that no
+    /// model is grown in vain. Without a seed, the model is another one than any in the folder.
+    ///
+    /// # Errors
+    /// - [`Failure::Usage`] if `dir` has files of another model and `force` is false.
+    /// - As [`Client::submit`].
+    pub(in crate::cli) async fn check_folder(&self, body: &Value, dir: &Path, force: bool) -> Result<(), Failure> {
+        let address = self.address("/models/validate");
+        let request = self.http.post(&address).json(body).timeout(Duration::from_secs(60));
+        let answer = request.send().await.with_context(|| format!("POST {address}"))?;
+        let valid = model_of(accept(answer).await?).await?;
+        Folder::open(dir, valid["digest"].as_str().unwrap_or_default(), force).map(drop)
+    }
+
     /// Requests a model, and retries while the queue is full. Also returns the number of responses
     /// 429.
     ///
@@ -305,7 +319,7 @@ impl Client {
     /// - [`Failure::Failed`] if a file cannot be downloaded or written, or differs from its
     ///   SHA-256.
     ///
-    /// `dir` is then unchanged.
+    /// `dir` is unchanged until all files are downloaded.
     pub(in crate::cli) async fn download(
         &self,
         model: &Model,

@@ -1,8 +1,8 @@
 //! Triangulation of all that lies to the left of contours, in double precision.
 
-use super::{Cdt, TriangulateError, flood};
+use super::{TriangulateError, constrained, flood, ring_edges};
 use crate::geometry::predicates::orient2d;
-use spade::{Point2, Triangulation};
+use spade::Triangulation;
 
 /// Triangulates the region to the left of closed contours that neither touch nor cross each other:
 /// the inside of counter-clockwise contours without the inside of clockwise ones, nested to any
@@ -12,21 +12,8 @@ use spade::{Point2, Triangulation};
 /// Returns an error if the contours do not meet these conditions.
 pub fn left_of(contours: &[Vec<[f64; 2]>]) -> Result<Vec<[u32; 3]>, TriangulateError> {
     let points: Vec<[f64; 2]> = contours.iter().flatten().copied().collect();
-    let mut edges = Vec::with_capacity(points.len());
-    for contour in contours {
-        let (base, n) = (edges.len(), contour.len());
-        edges.extend((0..n).map(|i| [base + i, base + (i + 1) % n]));
-    }
-    let mut conflict = false;
-    let vertices = points.iter().map(|p| Point2::new(p[0], p[1])).collect();
-    let cdt = Cdt::try_bulk_load_cdt(vertices, edges.clone(), |_| conflict = true)
-        .map_err(|_| TriangulateError::Coordinate)?;
-    if cdt.num_vertices() != points.len() {
-        return Err(TriangulateError::Duplicate);
-    }
-    if conflict || cdt.num_constraints() != edges.len() {
-        return Err(TriangulateError::Crossing);
-    }
+    let edges = ring_edges(contours.iter().map(Vec::len));
+    let cdt = constrained(&points, &edges)?;
     let inside = flood(&cdt, &edges, &vec![true; edges.len()])?;
     let triangles: Vec<[u32; 3]> = (cdt.inner_faces().filter(|face| inside[face.index()]))
         .map(|face| face.vertices().map(|v| v.index() as u32))

@@ -10,7 +10,7 @@ mod header;
 
 use super::error::ReadError;
 use super::polygons::Polygons;
-use super::surface::{Group, Surface, strip_triangles};
+use super::surface::{Group, Surface};
 use super::text::without_mark;
 use body::Body;
 use header::{Element, Header, Property, header};
@@ -122,9 +122,7 @@ impl BodyReader<'_> {
             self.corners(element, &mut corners)?;
             for strip in corners.split(|&corner| corner == RESTART) {
                 self.corners_exist(strip)?;
-                for ([a, b, c], reversed) in strip_triangles(strip) {
-                    self.surface.add_face(&if reversed { [b, a, c] } else { [a, b, c] })?;
-                }
+                self.surface.add_strip(strip)?;
             }
         }
         Ok(())

@@ -1,9 +1,9 @@
 //! STL, text or binary. The format has no shared vertices: each triangle has its own three.
 //!
 //! Coordinates are 32-bit floats in binary files and in text files of models, whose first solid has
-//! the name of a patch. Other text files are read as 64-bit floats. Normals are not used. Each solid
-//! of a text file is a group. Only binary files written by oviduct have groups: the attributes of
-//! their triangles are patch numbers.
+//! the name of a patch. Other text files are read as 64-bit floats. Normals are not used. Each
+//! solid of a text file is a group. Only binary files written by oviduct have groups: the
+//! attributes of their triangles are patch numbers.
 
 mod words;
 

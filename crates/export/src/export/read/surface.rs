@@ -116,6 +116,17 @@ impl Surface {
         }
     }
 
+    /// Adds the triangles of a strip.
+    ///
+    /// # Errors
+    /// [`ReadError::TooLarge`].
+    pub(super) fn add_strip(&mut self, strip: &[u32]) -> Result<(), ReadError> {
+        for ([a, b, c], reversed) in strip_triangles(strip) {
+            self.add_face(&if reversed { [b, a, c] } else { [a, b, c] })?;
+        }
+        Ok(())
+    }
+
     /// Ends the last group, and begins another if there is a `name`. Empty groups are removed.
     pub(super) fn begin_group(&mut self, name: Option<&str>) {
         let now = self.triangles.len();

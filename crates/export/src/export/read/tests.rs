@@ -1,6 +1,6 @@
 //! Tests of the readers with small files, damaged files and files above the limits.
 
-mod cases;
+pub(super) mod cases;
 mod foreign;
 mod written;
 

@@ -13,7 +13,7 @@ use super::error::ReadError;
 use super::limits;
 use super::patches::{Numbered, Patches};
 use super::polygons::Polygons;
-use super::surface::{Surface, strip_triangles};
+use super::surface::Surface;
 use super::text::{quoted, unit};
 use array::{Array, File, Kind, Values};
 use document::Piece;
@@ -92,7 +92,7 @@ impl<'a, 'b> PieceReader<'a, 'b> {
         if cells == 0 {
             return Ok(());
         }
-        let mut numbers = self.numbers()?;
+        let mut numbers = self.numbers();
         if let Some((_, values)) = &mut numbers {
             // Cell data are in the order of vertices, lines, polygons and strips.
             for _ in 0..piece.verts.saturating_add(piece.lines) {
@@ -104,18 +104,18 @@ impl<'a, 'b> PieceReader<'a, 'b> {
     }
 
     /// Cell data that define groups, with the kind of the groups.
-    fn numbers(&mut self) -> Result<Option<(&'static str, Values<'b, 'a>)>, ReadError> {
+    fn numbers(&mut self) -> Option<(&'static str, Values<'b, 'a>)> {
         let (file, piece) = (self.file, self.piece);
         let all = [piece.verts, piece.lines, piece.polys, piece.strips].into_iter().fold(0, u64::saturating_add);
         for (array, kind, fractions) in [(&piece.patch, PATCH, false), (&piece.model_face, FACE, true)] {
             let Some(array) = array else { continue };
             if let Some(values) = file.cell_numbers(array, all, fractions) {
-                return Ok(Some((kind, values)));
+                return Some((kind, values));
             }
             self.surface
                 .note(format!("the cell data {} do not number patches and are passed over", quoted(&array.name)));
         }
-        Ok(None)
+        None
     }
 
     /// Reads the polygons or the strips.
@@ -155,9 +155,7 @@ impl<'a, 'b> PieceReader<'a, 'b> {
                 }
             }
             if strips {
-                for ([a, b, c], reversed) in strip_triangles(&cell) {
-                    self.surface.add_face(&if reversed { [b, a, c] } else { [a, b, c] })?;
-                }
+                self.surface.add_strip(&cell)?;
             } else {
                 self.polygons.add(self.surface, &cell, (self.number as u64) << 32 | number)?;
             }

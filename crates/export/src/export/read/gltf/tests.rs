@@ -11,6 +11,7 @@ mod pose;
 mod tolerance;
 
 use super::*;
+use crate::export::read::tests::cases::volume;
 use serde_json::{Value, json};
 
 /// Corners of a cube of side 1.
@@ -138,15 +139,6 @@ pub(super) fn floats(numbers: &[f32]) -> Vec<u8> {
 
 pub(super) fn shorts(numbers: &[u16]) -> Vec<u8> {
     numbers.iter().flat_map(|x| x.to_le_bytes()).collect()
-}
-
-/// Signed volume: positive if triangles face outwards.
-pub(super) fn volume(surface: &Surface) -> f64 {
-    let six = surface.triangles.iter().map(|t| {
-        let [a, b, c] = t.map(|v| glam::DVec3::from(surface.positions[v as usize]));
-        a.dot(b.cross(c))
-    });
-    six.sum::<f64>() / 6.0
 }
 
 /// Asserts the number of triangles and the volume.

@@ -54,7 +54,7 @@ fn path(file: &str) -> PathBuf {
 }
 
 /// Enclosed volume of a surface.
-pub(super) fn volume(surface: &Surface) -> f64 {
+pub(in crate::export::read) fn volume(surface: &Surface) -> f64 {
     let of = |t: &[u32; 3]| {
         let [a, b, c] = t.map(|v| surface.positions[v as usize]);
         a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0])
