@@ -1,6 +1,7 @@
 //! Reasons to refuse an image.
 
 use super::limits::{EXTENT_MM, LEAST_AREA_UM2, MAX_POINTS, MAX_SIDE, PIXEL_UM};
+use std::borrow::Cow;
 
 /// Errors of tracing a section in an image.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -9,10 +10,10 @@ pub enum MicrographError {
     #[error("{0}; PNG, TIFF, OME-TIFF, BMP, JPEG and QuPath's GeoJSON are read")]
     Format(&'static str),
     /// The file is truncated or was changed. The fields are its format and what is wrong.
-    #[error("the {0} is damaged: {1}")]
+    #[error("the {0} is damaged: {reason}", reason = start_of(.1))]
     Damaged(&'static str, String),
     /// The format is read, but not this variant of it.
-    #[error("{0}; save the image as a grey PNG or TIFF of 8 or 16 bits")]
+    #[error("{reason}; save the image as a grey PNG or TIFF of 8 or 16 bits", reason = start_of(.0))]
     Variant(String),
     /// Too many pixels.
     #[error("the image has {width} × {height} pixels; at most {MAX_SIDE} a side are read")]
@@ -89,6 +90,15 @@ pub enum MicrographError {
     /// The borders are too long.
     #[error("the borders of the tissue pass more than {MAX_POINTS} sides of pixels: the mask is too rough")]
     Rough,
+}
+
+/// Start of a text. Messages of decoders may quote lists of the file that have any length.
+fn start_of(text: &str) -> Cow<'_, str> {
+    const MOST: usize = 300;
+    match text.char_indices().nth(MOST) {
+        Some((end, _)) => format!("{}…", &text[..end]).into(),
+        None => text.into(),
+    }
 }
 
 /// A setting that the caller can change to avoid an error.

@@ -350,6 +350,16 @@ fn tiffs_that_are_not_read_say_why() {
 }
 
 #[test]
+fn long_messages_of_decoders_are_cut() {
+    let text = "1, ".repeat(100_000);
+    for error in [MicrographError::Variant(text.clone()), MicrographError::Damaged("TIFF", text)] {
+        let found = error.to_string();
+        assert!(found.contains("1, 1, 1") && found.contains('…') && found.chars().count() < 400, "{found}");
+    }
+    assert_eq!(MicrographError::Damaged("TIFF", "é".into()).to_string(), "the TIFF is damaged: é");
+}
+
+#[test]
 fn the_cases_of_other_programs_measure_the_same() {
     let case = |name: &str| {
         let path = format!("{}/../../tests/cases/image-forms/{name}", env!("CARGO_MANIFEST_DIR"));
