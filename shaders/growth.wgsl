@@ -8,6 +8,9 @@
 
 // A split is deferred if the clearance is below this multiple of the guard's clearance.
 const ROOM: f32 = 40.0;
+// Growth weight of an edge that grows at the mean rate, and the maximum weight.
+const WEIGHT: f32 = 16.0;
+const HEAVIEST: f32 = 255.0;
 // Particles on either side over which the curvature of a fold tip is measured.
 const SPAN: u32 = 3u;
 
@@ -69,9 +72,22 @@ fn share(total: u32, runs: u32, run: u32) -> u32 {
     return run * (total / runs) + run * (total % runs) / runs;
 }
 
+// Tells whether edges have different weights.
+fn has_weights(row: u32) -> bool {
+    return varies(row) || rows[row].room != 0.0 || rows[row].spare != 0.0;
+}
+
+// Weight of an edge in growth.
+fn growth_weight(member: u32, n: u32, row: u32, i: u32) -> u32 {
+    let around = growth_rate(member, row, vector(member, current_vector(ANCHOR), i));
+    let excess = length(point(member, n, i + 1u) - point(member, n, i)) / rows[row].edge - 1.0;
+    let rate = exp(around + rows[row].room * excess) * (1.0 - rows[row].spare * load(member, current(CLEFT), i));
+    return u32(clamp(WEIGHT * rate + 0.5, 1.0, HEAVIEST));
+}
+
 // Sum of the weights of the edges before edge i.
 fn lighter(member: u32, row: u32, i: u32) -> u32 {
-    if varies(row) {
+    if has_weights(row) {
         return scalars[slot(member, LIGHTER, i)];
     }
     return i;
@@ -79,7 +95,7 @@ fn lighter(member: u32, row: u32, i: u32) -> u32 {
 
 // Returns the first edge whose preceding edges have at least this weight together, or n.
 fn first_of(member: u32, n: u32, row: u32, weight: u32) -> u32 {
-    if !varies(row) {
+    if !has_weights(row) {
         return weight;
     }
     var low = 0u;
@@ -99,20 +115,20 @@ fn first_of(member: u32, n: u32, row: u32, weight: u32) -> u32 {
 fn weigh(member: u32, n: u32, row: u32, thread: u32) -> u32 {
     let stretch = (n + LOOP_THREADS - 1u) / LOOP_THREADS;
     let first = min(thread * stretch, n);
-    let end = select(first, min(first + stretch, n), varies(row));
+    let end = select(first, min(first + stretch, n), has_weights(row));
     var own = 0u;
     for (var i = first; i < end; i++) {
-        own += growth_weight(member, row, vector(member, current_vector(ANCHOR), i));
+        own += growth_weight(member, n, row, i);
     }
     let up_to_here = count_up(thread, own);
     var before = up_to_here - own;
     for (var i = first; i < end; i++) {
         scalars[slot(member, LIGHTER, i)] = before;
-        before += growth_weight(member, row, vector(member, current_vector(ANCHOR), i));
+        before += growth_weight(member, n, row, i);
     }
     storageBarrier();
     workgroupBarrier();
-    return select(n, winners[LOOP_THREADS - 1u], varies(row));
+    return select(n, winners[LOOP_THREADS - 1u], has_weights(row));
 }
 
 @compute @workgroup_size(LOOP_THREADS)
@@ -312,8 +328,10 @@ fn split(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
     }
     store(member, next_rest_field(), to, rest);
     let here = position(member, i);
-    let scale = scale_of(member, row, here, vector(member, current_vector(ANCHOR), i));
+    let own_anchor = vector(member, current_vector(ANCHOR), i);
+    let scale = scale_of(member, row, here, own_anchor);
     store(member, other + SCALE, to, scale);
+    store(member, other + CLEFT, to, cleft_of(member, row, own_anchor));
     var widest = scale;
     if splits {
         let j = (i + 1u) % n;
@@ -325,13 +343,16 @@ fn split(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
         set_vector(member, other_vector + VELOCITY, to + 1u, v);
         store(member, next_rest_field(), to + 1u, rest);
         var anchor = nearest_on_ellipse(p, rows[row].r_in, rows[row].squash);
-        if is_shaped(member) {
+        if members[member].clefts > 0u {
+            anchor = mean_anchor(own_anchor, vector(member, current_vector(ANCHOR), j));
+        } else if is_shaped(member) {
             anchor = region_nearest(member, row, p);
         }
         set_vector(member, other_vector + ANCHOR, to + 1u, anchor);
         store(member, other + SIGN, to + 1u, contortion_sign(member, id));
         let new_scale = scale_of(member, row, p, anchor);
         store(member, other + SCALE, to + 1u, new_scale);
+        store(member, other + CLEFT, to + 1u, cleft_of(member, row, anchor));
         widest = max(widest, new_scale);
     }
     atomicMax(&states[member].widest, bitcast<u32>(widest));

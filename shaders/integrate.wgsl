@@ -176,7 +176,8 @@ fn local_forces(member: u32, n: u32, row: u32, i: u32, part: u32) -> vec2<f32> {
     let modifier = rows[row].contortion[(EVALUATION + 1u) / 2u];
     let direction = vector(member, current_vector(ANCHOR), i);
     let sign = load(member, current(SIGN), i);
-    return local_force(member, row, modifier, p0, p1, p2, v1, normal_of(p0, p2), pull, direction, sign);
+    let cleft = load(member, current(CLEFT), i);
+    return local_force(member, row, modifier, p0, p1, p2, v1, normal_of(p0, p2), pull, direction, sign, cleft);
 }
 
 // Inputs of the last part of an evaluation for one particle, read while other threads still gather.

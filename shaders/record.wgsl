@@ -2,7 +2,7 @@
 // copies to a staging buffer.
 //
 // The part of a member has a header, then the fields of its inner particles (id, x, y, velocity,
-// rest length, anchor, sign, scale, clearance), each `extent` words long, then the fields of its
+// rest length, anchor, sign, scale, cleft, clearance), each `extent` words long, then the fields of its
 // outer particles, each `outer_extent` words long.
 
 fn keep_vector(at: u32, value: vec2<f32>) {
@@ -34,7 +34,8 @@ fn record(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
         keep_vector(at + 6u * now.extent, vector(member, current_vector(ANCHOR), i));
         record_out[at + 8u * now.extent] = scalars[slot(member, current(SIGN), i)];
         record_out[at + 9u * now.extent] = scalars[slot(member, current(SCALE), i)];
-        record_out[at + 10u * now.extent] = scalars[slot(member, CLEARANCE, i)];
+        record_out[at + 10u * now.extent] = scalars[slot(member, current(CLEFT), i)];
+        record_out[at + 11u * now.extent] = scalars[slot(member, CLEARANCE, i)];
     }
     if i < min(states[member].outer, now.outer_extent) {
         let first = base + HEADER + RECORDED_INNER * now.extent;

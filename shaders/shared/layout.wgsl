@@ -19,7 +19,7 @@ const NONE: u32 = 0xFFFFFFFFu;
 // Words of the header of a record, and numbers of fields of the inner and of the outer loop after
 // it.
 const HEADER: u32 = 8u;
-const RECORDED_INNER: u32 = 11u;
+const RECORDED_INNER: u32 = 12u;
 const RECORDED_OUTER: u32 = 5u;
 
 // Parameters of a step, documented at sim::layout::StepRow.
@@ -59,6 +59,13 @@ struct StepRow {
     fold_of_wall: f32,
     fold_phase: f32,
     margin: f32,
+    clefts: f32,
+    hold: f32,
+    cleft_width: f32,
+    spare: f32,
+    guide: f32,
+    reach: f32,
+    room: f32,
     inner_target: u32,
     outer_target: u32,
 }
@@ -83,6 +90,8 @@ struct Batch {
     around: u32,
     // Place of the directions of outlines in the tables of a member.
     outline: u32,
+    // Place of the directions of clefts in the tables of a member.
+    clefts: u32,
 }
 
 // Constants of a member, one model of the GPU batch.
@@ -96,6 +105,8 @@ struct Member {
     modes: u32,
     // Directions of the region's gauge; 0 if it is the ellipse.
     directions: u32,
+    // Directions of clefts; 0 if the model has none.
+    clefts: u32,
 }
 
 // State of a member, except for its particles.
@@ -177,17 +188,18 @@ const ID: u32 = 0u;
 const REST: u32 = 1u;
 const SIGN: u32 = 2u;
 const SCALE: u32 = 3u;
-const COPIED_SCALARS: u32 = 4u;
+const CLEFT: u32 = 4u;
+const COPIED_SCALARS: u32 = 5u;
 // Scalars with one copy, after both copies of the others: clearance at the start of the last step;
 // segments on the list of a block (per slice, then their maximum) …
-const CLEARANCE: u32 = 8u;
-const COUNT: u32 = 9u;
+const CLEARANCE: u32 = 10u;
+const COUNT: u32 = 11u;
 // … per run of a growth event, the edge to split or NONE, and the splits in earlier runs …
-const WINNER: u32 = 10u;
-const BEFORE: u32 = 11u;
+const WINNER: u32 = 12u;
+const BEFORE: u32 = 13u;
 // … and the weight of all earlier edges at a growth event.
-const LIGHTER: u32 = 12u;
-const SCALARS: u32 = 13u;
+const LIGHTER: u32 = 14u;
+const SCALARS: u32 = 15u;
 
 // Vectors of an inner particle: first those that growth copies, with two copies each.
 const POSITION: u32 = 0u;

@@ -31,13 +31,14 @@ fn local_force(
     pull: vec2<f32>,
     direction: vec2<f32>,
     sign: f32,
+    cleft: f32,
 ) -> vec2<f32> {
     // Read early, so that these reads do not wait for that of the region's shape.
     let squash = rows[row].squash;
     let r_in = rows[row].r_in;
     let containment = rows[row].containment;
     let ramp = rows[row].ramp;
-    let regulatory = rows[row].regulatory;
+    let regulatory = rows[row].regulatory + rows[row].hold * cleft;
     let softening = rows[row].softening;
     let friction = rows[row].friction;
     let second = before - 2.0 * p + after;
@@ -55,7 +56,11 @@ fn local_force(
     let anchor = r_anchor * vec2<f32>(direction.x, squash * direction.y) - p;
     let far = sqrt(anchor.x * anchor.x + anchor.y * anchor.y);
     let tether = regulatory / max(far, softening);
-    var force = pull - friction * v + bend * normal - inward * p + tether * anchor;
+    let ray = vec2<f32>(direction.x, squash * direction.y);
+    let along = max(p.x * ray.x + p.y * ray.y, 0.0) / (ray.x * ray.x + ray.y * ray.y);
+    let aside = along * ray - p;
+    let guide = rows[row].guide / max(sqrt(aside.x * aside.x + aside.y * aside.y), rows[row].reach);
+    var force = pull - friction * v + bend * normal - inward * p + tether * anchor + guide * aside;
     if lean != 0.0 {
         let a = before - p;
         let b = after - p;

@@ -1,10 +1,6 @@
 // Variety around the wall: growth rate and force ranges by the angle of an anchor. Counterpart of
 // crates/sim/src/sim/cpu/variety.rs.
 
-// Growth weight of an edge without variety, and the maximum weight.
-const WEIGHT: f32 = 16.0;
-const HEAVIEST: f32 = 255.0;
-
 // Random functions at an angle: side, height, thickness, shift.
 fn around(member: u32, anchor: vec2<f32>) -> vec4<f32> {
     // Table, per event and mode: cosine and sine coefficients of height, thickness and shift.
@@ -34,11 +30,13 @@ fn varies(row: u32) -> bool {
         || rows[row].shift[0] != 0.0 || rows[row].shift[1] != 0.0;
 }
 
-// Growth weight of an edge whose first particle has this anchor.
-fn growth_weight(member: u32, row: u32, anchor: vec2<f32>) -> u32 {
+// Logarithm of the growth rate of an edge whose first particle has this anchor.
+fn growth_rate(member: u32, row: u32, anchor: vec2<f32>) -> f32 {
+    if !varies(row) {
+        return 0.0;
+    }
     let at = around(member, anchor);
-    let rate = exp(rows[row].asymmetry * at.x + rows[row].height * at.y + rows[row].shift[0] * at.w);
-    return u32(clamp(WEIGHT * rate + 0.5, 1.0, HEAVIEST));
+    return rows[row].asymmetry * at.x + rows[row].height * at.y + rows[row].shift[0] * at.w;
 }
 
 // Factor on the force ranges of a particle with this anchor.

@@ -56,6 +56,9 @@ pub(crate) fn only(plan: &mut Plan, start: &mut Checkpoint, keep: impl Fn(&StepR
             fold_of_wall: row.fold_of_wall,
             fold_phase: row.fold_phase,
             margin: row.margin,
+            clefts: row.clefts,
+            cleft_width: row.cleft_width,
+            reach: row.reach,
             inner_target: inner,
             outer_target: outer,
             ..StepRow::default()
@@ -174,7 +177,8 @@ fn local_forces_match() {
     if no_vulkan() {
         return;
     }
-    let (plan, start) = buckled(&json!({ "contortion": { "fraction": 0.5 } }), 5);
+    let primary = json!({ "clefts": 6.5, "hold": 0.6, "width_um": 60, "guide": 0.2 });
+    let (plan, start) = buckled(&json!({ "contortion": { "fraction": 0.5 }, "primary": primary }), 5);
     for (name, relative, keep) in [
         ("spring", 2e-5, (|row, bare| bare.stiffness = row.stiffness) as fn(&StepRow, &mut StepRow)),
         ("bending", 2e-5, |row, bare| bare.bending = row.bending),
@@ -183,6 +187,8 @@ fn local_forces_match() {
             bare.r_in = 0.9 * row.r_in;
         }),
         ("regulatory", 2e-5, |row, bare| bare.regulatory = row.regulatory),
+        ("hold of clefts", 2e-5, |row, bare| bare.hold = row.hold),
+        ("guidance", 2e-5, |row, bare| bare.guide = row.guide),
         ("contortion", 2e-4, |_, bare| bare.contortion = [0.5; 3]),
     ] {
         println!("{name}");
@@ -364,6 +370,32 @@ fn variety_matches() {
     assert_close("scale", &cpu.inner.scale, &gpu.inner.scale, 2e-5);
     let (without, _) = both(&Plan { modes: Vec::new(), rows: even(&plan.rows), ..plan.clone() }, &start);
     assert_ne!(cpu.inner.id, without.inner.id, "the same edges are split without variety");
+}
+
+/// Shares of clefts, anchors of new particles, and growth by room and outside clefts.
+#[test]
+fn primary_folds_match() {
+    if no_vulkan() {
+        return;
+    }
+    let primary = json!({ "clefts": 6.5, "hold": 0.6, "width_um": 60, "spare": 0.9, "guide": 0.2 });
+    let patch = json!({ "primary": primary, "particles": { "room_weight": 8 } });
+    let (plan, start) = buckled(&patch, 18);
+    let (cpu, gpu) = both(&plan, &start);
+    assert!(cpu.inner.len() > start.inner.len(), "nothing grows");
+    assert_eq!(cpu.inner.id, gpu.inner.id);
+    for (what, cpu, gpu) in [
+        ("cleft", &cpu.inner.cleft, &gpu.inner.cleft),
+        ("anchor_x", &cpu.inner.anchor_x, &gpu.inner.anchor_x),
+        ("anchor_y", &cpu.inner.anchor_y, &gpu.inner.anchor_y),
+    ] {
+        assert_close(what, cpu, gpu, 2e-5);
+    }
+    let in_clefts = cpu.inner.cleft.iter().filter(|&&share| share > 0.5).count();
+    assert!(in_clefts > 10 && in_clefts < cpu.inner.len() / 2, "{in_clefts} of {}", cpu.inner.len());
+    let rows = plan.rows.iter().map(|row| StepRow { room: 0.0, spare: 0.0, ..*row }).collect();
+    let (even, _) = both(&Plan { rows, ..plan.clone() }, &start);
+    assert_ne!(cpu.inner.id, even.inner.id, "the same edges are split without weights");
 }
 
 fn even(rows: &[StepRow]) -> Vec<StepRow> {

@@ -117,11 +117,24 @@ fn structures_are_laid_out_alike() {
         );
         assert_same!(
             module,
-            Batch { capacity, outer_capacity, rows, events, waves, lobes, tables, flows, modes, around, outline }
+            Batch {
+                capacity,
+                outer_capacity,
+                rows,
+                events,
+                waves,
+                lobes,
+                tables,
+                flows,
+                modes,
+                around,
+                outline,
+                clefts
+            }
         );
         assert_same!(
             module,
-            Member { seed_low, seed_high, candidates, lobes, contorted, clearance, modes, directions }
+            Member { seed_low, seed_high, candidates, lobes, contorted, clearance, modes, directions, clefts }
         );
         assert_same!(
             module,

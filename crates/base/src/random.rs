@@ -34,6 +34,8 @@ pub enum Stream {
     Course = 13,
     /// Places of transverse folds; index: component or row.
     Folds = 14,
+    /// Directions of the clefts between primary folds; index: cleft and candidate.
+    Clefts = 15,
     /// Cells and fibres of stained sections; index: section, then cell or lattice point.
     Histology = 9,
 }

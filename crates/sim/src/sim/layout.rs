@@ -84,6 +84,20 @@ pub struct StepRow {
     pub fold_phase: f32,
     /// Minimum thickness of the wall as a difference of gauges, µm.
     pub margin: f32,
+    /// Number of clefts between primary folds.
+    pub clefts: f32,
+    /// Regulatory strength that is added at the bottom of a cleft.
+    pub hold: f32,
+    /// Half width of a cleft divided by `R_in`.
+    pub cleft_width: f32,
+    /// Fraction by which growth is reduced at the bottom of a cleft.
+    pub spare: f32,
+    /// Strength of the force toward the ray of the anchor.
+    pub guide: f32,
+    /// Distance from this ray below which the force decreases to zero, µm.
+    pub reach: f32,
+    /// Change of the logarithm of the growth rate per relative excess length of an edge.
+    pub room: f32,
     /// Number of particles that the inner loop should have after the growth event at the start of
     /// this step.
     pub inner_target: u32,

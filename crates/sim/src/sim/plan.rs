@@ -110,6 +110,9 @@ pub struct Plan {
     /// Directions of the region that contains the folds; empty if the region is the ellipse at
     /// every step.
     pub spokes: Vec<Spoke>,
+    /// Directions of the clefts between primary folds, in the flattened plane, in the order in which
+    /// they appear; empty without clefts.
+    pub clefts: Vec<[f32; 2]>,
     /// Size of the organ divided by the size of the simulated organ.
     pub scale: f32,
 }
@@ -144,6 +147,7 @@ impl Plan {
             modes: modes(p, seed),
             flows: if p.sway.strength.range().1 > 0.0 { flows(p, seed) } else { Vec::new() },
             spokes,
+            clefts: clefts(p, seed),
             scale: p.scale as f32,
         }
     }
@@ -248,6 +252,13 @@ impl Plan {
             fold_of_wall: p.folds.wall as f32,
             fold_phase: fold_phase(p, seed, t0),
             margin: MARGIN,
+            clefts: value(&p.primary.clefts) as f32,
+            hold: value(&p.primary.hold) as f32,
+            cleft_width: (p.primary.width_um / r_in) as f32,
+            spare: if p.primary.clefts.range().1 > 0.0 { p.primary.spare as f32 } else { 0.0 },
+            guide: value(&p.primary.guide) as f32,
+            reach: p.primary.reach_um as f32,
+            room: value(&p.particles.room_weight) as f32,
             inner_target,
             outer_target,
         }
@@ -346,6 +357,23 @@ fn modes(p: &Parameters, seed: u64) -> Vec<Mode> {
         Mode { phases: [unit[0], unit[1], unit[2]], drift: drift / TAU * (2.0 * unit[3] - 1.0) }
     };
     (1..=*waves).map(mode).collect()
+}
+
+/// Directions of clefts. Each is the one, of several candidates, that is farthest from all earlier
+/// clefts, so the clefts are far from each other at any number.
+fn clefts(p: &Parameters, seed: u64) -> Vec<[f32; 2]> {
+    const CANDIDATES: u32 = 10;
+    let mut turns: Vec<f64> = Vec::new();
+    for k in 0..p.primary.clefts.range().1.ceil() as u32 {
+        let apart = |turn: f64| {
+            let gaps = turns.iter().map(|other| (turn - other).abs());
+            gaps.map(|gap| gap.min(1.0 - gap)).fold(1.0, f64::min)
+        };
+        let candidates = (0..CANDIDATES).map(|c| f64::from(random::unit(random::word(seed, Stream::Clefts, k, c))));
+        let farthest = candidates.reduce(|best, turn| if apart(turn) > apart(best) { turn } else { best });
+        turns.extend(farthest);
+    }
+    turns.into_iter().map(|turn| [libm::cos(TAU * turn) as f32, libm::sin(TAU * turn) as f32]).collect()
 }
 
 fn lobes(p: &Parameters, seed: u64) -> Vec<Lobe> {

@@ -17,6 +17,7 @@
 //! - An anchor keeps its direction when the ellipse changes with the number of particles.
 //! - [`self_intersection`] has a formula; the paper describes the effect only.
 //! - [`bending`] is added: springs alone do not resist a change of direction.
+//! - [`guidance`] and the hold of clefts in [`Loop::force`] are added.
 //! - Rest lengths relax to the length of a whole edge, because a split halves them.
 //!
 //! The backends also have what this module leaves out, since it can be inactive in a comparison:
@@ -63,6 +64,8 @@ pub struct Particle {
     pub sign: f64,
     /// Factor of the self-intersection ranges; 1 in the paper.
     pub scale: f64,
+    /// Share of a cleft between primary folds, from 0 to 1; 0 in the paper.
+    pub cleft: f64,
 }
 
 /// The closed loop of particles (the paper's inner thread), counter-clockwise around the lumen.
@@ -98,6 +101,12 @@ pub struct Coefficients {
     pub regulatory: f64,
     /// Distance from the anchor within which the regulatory force falls to 0, µm.
     pub softening: f64,
+    /// Regulatory strength that is added at the bottom of a cleft, µm/step².
+    pub hold: f64,
+    /// Strength of the guidance, µm/step².
+    pub guide: f64,
+    /// Distance from the ray within which the guidance falls to 0, µm.
+    pub reach: f64,
     /// m·c of the contortion at the start, the middle and the end of the step, µm/step².
     pub contortion: [f64; 3],
     /// Friction strength k, 1/step.
@@ -155,6 +164,18 @@ pub fn containment(p: DVec2, ellipse: &Ellipse, k: f64, ramp: f64) -> DVec2 {
 pub fn regulatory(p: DVec2, anchor: DVec2, k: f64, softening: f64) -> DVec2 {
     let d = (anchor - p) / (anchor - p).length().max(softening);
     d * k
+}
+
+/// Guidance on a particle at `p` along the ray from the axis to its `anchor`: a departure, which
+/// keeps folds upright on the wall.
+///
+/// The force is k toward the nearest point of the ray. Within the distance `reach` (µm), it is
+/// proportional to the distance.
+#[must_use]
+pub fn guidance(p: DVec2, anchor: DVec2, k: f64, reach: f64) -> DVec2 {
+    let along = p.dot(anchor).max(0.0) / anchor.length_squared();
+    let d = along * anchor - p;
+    k * d / d.length().max(reach)
 }
 
 /// Contortion force `F_c = d × θ/180 × m × c` on a particle at `p` between its two neighbours
@@ -260,10 +281,12 @@ impl Loop {
         let (previous, next) = ((i + n - 1) % n, (i + 1) % n);
         let (before, own, after) = (&all[previous], &all[i], &all[next]);
         let corner = [before.p, own.p, after.p];
+        let anchor = with.ellipse.point(own.anchor);
         let mut total = spring(own, before, before.r, with.stiffness, with.damping)
             + spring(own, after, own.r, with.stiffness, with.damping)
             + containment(own.p, &with.ellipse, with.containment, with.ramp)
-            + regulatory(own.p, with.ellipse.point(own.anchor), with.regulatory, with.softening)
+            + regulatory(own.p, anchor, with.regulatory + with.hold * own.cleft, with.softening)
+            + guidance(own.p, anchor, with.guide, with.reach)
             + contortion(corner, own.sign, m_c)
             + friction(own.v, with.friction)
             + bending(corner, with.bending);
@@ -336,6 +359,7 @@ impl Loop {
             anchor: ellipse.nearest(p),
             sign,
             scale: f64::midpoint(a.scale, b.scale),
+            cleft: f64::midpoint(a.cleft, b.cleft),
         };
         self.particles[edge].r /= 2.0;
         self.particles.insert(edge + 1, middle);
@@ -354,6 +378,9 @@ impl From<&StepRow> for Coefficients {
             ellipse: Ellipse { radius: row.r_in.into(), squash: row.squash.into() },
             regulatory: row.regulatory.into(),
             softening: row.softening.into(),
+            hold: row.hold.into(),
+            guide: row.guide.into(),
+            reach: row.reach.into(),
             contortion: row.contortion.map(f64::from),
             friction: row.friction.into(),
             repulsion: row.repulsion.into(),
@@ -379,6 +406,7 @@ impl From<&InnerLoop> for Loop {
             anchor: vector(&s.anchor_x, &s.anchor_y, i),
             sign: s.sign[i].into(),
             scale: s.scale[i].into(),
+            cleft: s.cleft[i].into(),
         };
         Self { particles: (0..s.len()).map(particle).collect() }
     }

@@ -28,6 +28,8 @@ pub struct InnerLoop {
     pub sign: Vec<f32>,
     /// Scale exp(a·z) of the force ranges by the thickness field.
     pub scale: Vec<f32>,
+    /// Share of a cleft between primary folds: 1 at its bottom, 0 far from all clefts.
+    pub cleft: Vec<f32>,
     /// The next id.
     pub next_id: u32,
 }
@@ -49,7 +51,7 @@ impl InnerLoop {
             let p = [r * unit[0], r * row.squash * unit[1]];
             let anchor = region.nearest(p, row);
             let sign = contortion_sign(plan, i as u32);
-            s.push(i as u32, [p[0], p[1], 0.0, 0.0, 0.0, anchor[0], anchor[1], sign, 1.0]);
+            s.push(i as u32, [p[0], p[1], 0.0, 0.0, 0.0, anchor[0], anchor[1], sign, 1.0, 0.0]);
         }
         for i in 0..n {
             let j = if i + 1 == n { 0 } else { i + 1 };
@@ -60,19 +62,19 @@ impl InnerLoop {
     }
 
     /// All vectors except the ids, in the order of their declaration.
-    pub(super) fn fields(&self) -> [&Vec<f32>; 9] {
-        let Self { x, y, vx, vy, rest, anchor_x, anchor_y, sign, scale, .. } = self;
-        [x, y, vx, vy, rest, anchor_x, anchor_y, sign, scale]
+    pub(super) fn fields(&self) -> [&Vec<f32>; 10] {
+        let Self { x, y, vx, vy, rest, anchor_x, anchor_y, sign, scale, cleft, .. } = self;
+        [x, y, vx, vy, rest, anchor_x, anchor_y, sign, scale, cleft]
     }
 
     /// The vectors of [`InnerLoop::fields`].
-    pub(super) fn fields_mut(&mut self) -> [&mut Vec<f32>; 9] {
-        let Self { x, y, vx, vy, rest, anchor_x, anchor_y, sign, scale, .. } = self;
-        [x, y, vx, vy, rest, anchor_x, anchor_y, sign, scale]
+    pub(super) fn fields_mut(&mut self) -> [&mut Vec<f32>; 10] {
+        let Self { x, y, vx, vy, rest, anchor_x, anchor_y, sign, scale, cleft, .. } = self;
+        [x, y, vx, vy, rest, anchor_x, anchor_y, sign, scale, cleft]
     }
 
     /// Appends a particle with these values of [`InnerLoop::fields`].
-    pub(super) fn push(&mut self, id: u32, values: [f32; 9]) {
+    pub(super) fn push(&mut self, id: u32, values: [f32; 10]) {
         self.id.push(id);
         self.fields_mut().into_iter().zip(values).for_each(|(field, value)| field.push(value));
     }

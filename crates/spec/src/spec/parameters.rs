@@ -13,6 +13,8 @@ use std::sync::LazyLock;
 
 /// Maximum number of particles of both loops.
 pub const MAX_PARTICLES: u32 = 200_000;
+/// Maximum number of clefts.
+const MAX_CLEFTS: u32 = 64;
 /// Maximum number of time steps.
 pub const MAX_STEPS: u32 = 100_000;
 /// Maximum number of steps between two recorded sections. They are kept in memory until the slab
@@ -63,6 +65,8 @@ group! {
         pub folds: Folds = "Transverse folds" [""] ();
         /// Regulatory force toward the anchor.
         pub regulatory: Regulatory = "Regulatory force" [""] ();
+        /// Clefts between the primary folds.
+        pub primary: Primary = "Primary folds" [""] ();
         /// Contortion of individual particles.
         pub contortion: Contortion = "Contortion force" [""] ();
         /// Self-intersection force, barrier and guard.
@@ -113,6 +117,9 @@ group! {
         /// Weight of the curvature at fold tips in the choice of the edge to split. At 0, only the
         /// length of an edge counts.
         pub tip_weight: Schedule = "Growth at fold tips" [""] Range::of(0.0, 100.0);
+        /// Growth where edges have room: the logarithm of the growth rate of an edge is this weight
+        /// times the relative excess of its length over `edge_um`. Compressed edges grow less.
+        pub room_weight: Schedule = "Growth where edges have room" [""] Range::of(0.0, 50.0);
         /// Random candidate edges in each tournament for the edge to split.
         pub candidates: u32 = "Candidates per tournament" ["edges"] Count::of(1, 64);
     }
@@ -208,6 +215,29 @@ group! {
         pub strength: Schedule = "Regulatory strength" ["µm/step²"] FORCE;
         /// Distance to the anchor below which the force decreases to zero.
         pub softening_um: Schedule = "Regulatory softening" ["µm"] Range::of(1.0, 1000.0);
+    }
+}
+
+group! {
+    /// Clefts between the primary folds. A cleft has a fixed direction; the directions are random,
+    /// and far from each other. With clefts, a new particle has the mean anchor of its two
+    /// neighbours, so that the anchors keep their order along the loop. Not in the paper.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Primary {
+        /// Number of clefts, which is the number of primary folds. With 8.3, eight clefts act fully
+        /// and a ninth acts with 0.3 of the strength. 0 disables the clefts.
+        pub clefts: Schedule = "Clefts" ["clefts"] Range::of(0.0, MAX_CLEFTS as f64).steady();
+        /// Additional regulatory strength at the bottom of a cleft, which holds it at the wall.
+        pub hold: Schedule = "Hold of a cleft" ["µm/step²"] FORCE;
+        /// Distance along the wall from the bottom of a cleft at which the hold falls to 1/e.
+        pub width_um: f64 = "Width of a cleft" ["µm"] Range::of(1.0, 1000.0);
+        /// Fraction by which growth is reduced at the bottom of a cleft.
+        pub spare: f64 = "Reduced growth in clefts" [""] Range::of(0.0, 1.0);
+        /// Strength of the force toward the ray from the axis to the anchor. Folds then point from
+        /// the wall to the axis.
+        pub guide: Schedule = "Guidance along rays" ["µm/step²"] FORCE;
+        /// Distance from the ray below which the guidance decreases to zero.
+        pub reach_um: f64 = "Softening of the guidance" ["µm"] Range::of(1.0, 1000.0);
     }
 }
 

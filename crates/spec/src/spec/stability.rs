@@ -10,10 +10,11 @@
 //! the number of particles. The bound of semi-implicit Euler is ω² + 2γ < 4 for each mode, from the
 //! roots of λ² − (2 − γ − ω²)λ + 1 − γ.
 //!
-//! Containment and regulation act like springs of strength/ramp and strength/softening, with the
-//! same bounds. Values within each bound may still be unstable together with Runge–Kutta. Therefore
-//! the factor by which a step multiplies each mode is computed, too. Forces between strands are
-//! ignored: the guard limits their effect per step.
+//! Containment, regulation and the forces of primary folds act like springs of strength/ramp,
+//! strength/softening, hold/softening and guide/reach, with the same bounds. Values within each
+//! bound may still be unstable together with Runge–Kutta. Therefore the factor by which a step
+//! multiplies each mode is computed, too. Forces between strands are ignored: the guard limits their
+//! effect per step.
 
 use super::check::Checks;
 use super::parameters::{Integrator, Parameters};
@@ -36,14 +37,24 @@ impl Checks<'_> {
             )
         });
         let field = max_gradient(&p.containment.strength, &p.containment.ramp_um)
-            + max_gradient(&p.regulatory.strength, &p.regulatory.softening_um);
+            + max_gradient(&p.regulatory.strength, &p.regulatory.softening_um)
+            + max_gradient(&p.primary.hold, &p.regulatory.softening_um)
+            + max(&p.primary.guide) / p.primary.reach_um;
         let pull = field.sqrt();
-        let about =
-            ["/containment/strength", "/containment/ramp_um", "/regulatory/strength", "/regulatory/softening_um"];
+        let about = [
+            "/containment/strength",
+            "/containment/ramp_um",
+            "/regulatory/strength",
+            "/regulatory/softening_um",
+            "/primary/hold",
+            "/primary/guide",
+            "/primary/reach_um",
+        ];
         self.require(pull < 2.83, "/containment/strength", &about, || {
             format!(
-                "is unstable together with /containment/ramp_um and /regulatory: sqrt(strength/ramp_um + regulatory \
-                 strength/softening_um) reaches {pull:.3} 1/step and must stay below 2.83"
+                "is unstable together with /containment/ramp_um, /regulatory and /primary: sqrt(strength/ramp_um + \
+                 (regulatory strength + hold)/softening_um + guide/reach_um) reaches {pull:.3} 1/step and must stay \
+                 below 2.83"
             )
         });
         let damping = kf + 4.0 * c;
@@ -65,11 +76,14 @@ impl Checks<'_> {
                 "/containment/ramp_um",
                 "/regulatory/strength",
                 "/regulatory/softening_um",
+                "/primary/hold",
+                "/primary/guide",
+                "/primary/reach_um",
             ];
             self.require(growth <= 1.0 + 1e-9, "/spring/stiffness", &about, || {
                 format!(
-                    "is unstable together with /spring/damping, /bending, /friction and the pull of /containment and \
-                     /regulatory: each step multiplies {mode} by {growth:.3} \
+                    "is unstable together with /spring/damping, /bending, /friction and the pull of /containment, \
+                     /regulatory and /primary: each step multiplies {mode} by {growth:.3} \
                      (stiffness {k}, damping {c}, bending {kb}, friction {kf}, pull {field:.3} 1/step²)"
                 )
             });

@@ -3,10 +3,10 @@
 //! number of particles also increases").
 //!
 //! Stratified tournaments decide which edges are split. The loop is divided into as many runs as
-//! there are splits to make. The runs have equal length or, with variety around the wall, equal
-//! weight. Each run has one winner, and no edge wins twice.
+//! there are splits to make. The runs have equal length or equal weight ([`Weights`]). Each run has one winner, and no edge wins twice.
 
-use super::variety::Around;
+use super::clefts::mean_anchor;
+use super::variety::{Around, HEAVIEST, WEIGHT};
 use crate::random::{self, Stream};
 use crate::sim::layout::StepRow;
 use crate::sim::plan::Plan;
@@ -63,10 +63,10 @@ struct Runs {
 impl Runs {
     fn new(plan: &Plan, time: i64, s: &InnerLoop, count: usize) -> Self {
         let (edges, mut before, mut total) = (s.len(), Vec::new(), 0);
-        if let Some(around) = Around::new(plan, time) {
-            for (&x, &y) in s.anchor_x.iter().zip(&s.anchor_y) {
+        if let Some(weights) = Weights::new(plan, time) {
+            for edge in 0..edges {
                 before.push(total);
-                total += around.weight([x, y]);
+                total += weights.of(s, edge);
             }
         }
         let total = if before.is_empty() { edges } else { total as usize };
@@ -84,6 +84,28 @@ impl Runs {
         } else {
             self.before.partition_point(|&sum| (sum as usize) < bound)
         }
+    }
+}
+
+/// Weights of edges in growth.
+struct Weights<'a> {
+    row: &'a StepRow,
+    around: Option<Around<'a>>,
+}
+
+impl<'a> Weights<'a> {
+    /// Weights at step `time`; `None` if all edges have the same weight.
+    fn new(plan: &'a Plan, time: i64) -> Option<Self> {
+        let (row, around) = (plan.at(time), Around::new(plan, time));
+        (around.is_some() || row.room != 0.0 || row.spare != 0.0).then_some(Self { row, around })
+    }
+
+    /// Weight of an edge. Weights are integers, so their sums are exact.
+    fn of(&self, s: &InnerLoop, edge: usize) -> u32 {
+        let around = self.around.as_ref().map_or(0.0, |around| around.rate([s.anchor_x[edge], s.anchor_y[edge]]));
+        let excess = length(point(s, edge), point(s, edge + 1)) / self.row.edge - 1.0;
+        let rate = libm::expf(around + self.row.room * excess) * (1.0 - self.row.spare * s.cleft[edge]);
+        (WEIGHT * rate + 0.5).clamp(1.0, HEAVIEST) as u32
     }
 }
 
@@ -127,7 +149,11 @@ fn split(plan: &Plan, time: i64, row: &StepRow, s: &mut InnerLoop, winners: &[us
         if winners.next_if(|&&winner| winner == i).is_some() {
             let (old, new, j) = (grown.len() - 1, grown.len(), (i + 1) % n);
             grown.push(grown.next_id, s.fields().map(|field| 0.5 * (field[i] + field[j])));
-            let anchor = region.nearest([grown.x[new], grown.y[new]], row);
+            let anchor = if plan.clefts.is_empty() {
+                region.nearest([grown.x[new], grown.y[new]], row)
+            } else {
+                mean_anchor([grown.anchor_x[new], grown.anchor_y[new]])
+            };
             (grown.rest[old], grown.rest[new]) = (0.5 * s.rest[i], 0.5 * s.rest[i]);
             (grown.anchor_x[new], grown.anchor_y[new]) = (anchor[0], anchor[1]);
             grown.sign[new] = contortion_sign(plan, grown.next_id);

@@ -210,6 +210,7 @@ struct PartStep<'a> {
     anchor: [&'a [f32]; 2],
     sign: &'a [f32],
     scale: &'a [f32],
+    cleft: &'a [f32],
     clearance: &'a mut [f32],
 }
 
@@ -241,7 +242,8 @@ fn part_steps<'a>(
             rest_before,
             anchor: [&s.anchor_x[own.clone()], &s.anchor_y[own.clone()]],
             sign: &s.sign[own.clone()],
-            scale: &s.scale[own],
+            scale: &s.scale[own.clone()],
+            cleft: &s.cleft[own],
             clearance: take(&mut clearance, count),
         });
     }
@@ -271,7 +273,7 @@ impl PartStep<'_> {
         let Self { part, buffers, scale, .. } = self;
         let particles = part.particles.clone();
         let Buffers { a: [ax, ay], near: vertex_near, pull, sway, rest, .. } = &mut **buffers;
-        let own = local::OwnParticles { rest, anchor: self.anchor, sign: self.sign };
+        let own = local::OwnParticles { rest, anchor: self.anchor, sign: self.sign, cleft: self.cleft };
         let (ax, ay, vertex_near) = (&mut ax[..], &mut ay[..], &mut vertex_near[..]);
         let mut near = near.map(|near| &mut near[..]);
         if let Some(near) = &mut near {

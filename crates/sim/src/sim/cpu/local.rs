@@ -1,5 +1,5 @@
 //! Forces on a particle from its neighbours in the chain and from the containment region: spring,
-//! friction, bending, containment, regulatory, contortion (paper, section 3).
+//! friction, bending, containment, regulatory, contortion (paper, section 3), and guidance.
 
 use super::chain::Chain;
 use crate::sim::layout::StepRow;
@@ -23,6 +23,7 @@ pub(super) struct OwnParticles<'a> {
     pub(super) rest: &'a [f32],
     pub(super) anchor: [&'a [f32]; 2],
     pub(super) sign: &'a [f32],
+    pub(super) cleft: &'a [f32],
 }
 
 /// Adds the local forces on the particles `range` to `fx`, `fy`. `pull` has room for one more entry
@@ -97,6 +98,7 @@ fn add_within(
     let (tx, ty) = (&pull[0][..=count], &pull[1][..=count]);
     let (nx, ny) = (&chain.nx[range.clone()][..count], &chain.ny[range][..count]);
     let (ax, ay) = (&own.anchor[0][..count], &own.anchor[1][..count]);
+    let cleft = &own.cleft[..count];
     let (fx, fy) = (&mut fx[..count], &mut fy[..count]);
     let unsquash = 1.0 / row.squash;
     let ramp = 1.0 / row.ramp;
@@ -111,9 +113,13 @@ fn add_within(
         let r_anchor = row.r_in * boundary([ax[i], ay[i]]);
         let anchor = [r_anchor * ax[i] - px, row.squash * r_anchor * ay[i] - py];
         let far = (anchor[0] * anchor[0] + anchor[1] * anchor[1]).sqrt();
-        let tether = row.regulatory / max(far, row.softening);
-        fx[i] += spring[0] - row.friction * vx[i] + bend * nx[i] - inward * px + tether * anchor[0];
-        fy[i] += spring[1] - row.friction * vy[i] + bend * ny[i] - inward * py + tether * anchor[1];
+        let tether = (row.regulatory + row.hold * cleft[i]) / max(far, row.softening);
+        let ray = [ax[i], row.squash * ay[i]];
+        let along = max(px * ray[0] + py * ray[1], 0.0) / (ray[0] * ray[0] + ray[1] * ray[1]);
+        let aside = [along * ray[0] - px, along * ray[1] - py];
+        let guide = row.guide / max((aside[0] * aside[0] + aside[1] * aside[1]).sqrt(), row.reach);
+        fx[i] += spring[0] - row.friction * vx[i] + bend * nx[i] - inward * px + tether * anchor[0] + guide * aside[0];
+        fy[i] += spring[1] - row.friction * vy[i] + bend * ny[i] - inward * py + tether * anchor[1] + guide * aside[1];
     }
     for (i, &sign) in own.sign.iter().enumerate() {
         if sign != 0.0 {

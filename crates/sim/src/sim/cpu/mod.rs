@@ -6,6 +6,7 @@
 //! code never uses fused multiply-add.
 
 mod chain;
+mod clefts;
 #[cfg(feature = "fuzzing")]
 #[doc(hidden)]
 pub mod fuzzing;
@@ -35,7 +36,7 @@ pub use saved::StateError;
 pub(super) use variety::coefficients;
 
 /// Constants that every backend must share, by their names in the shaders.
-pub const CONSTANTS: [(&str, f32); 20] = [
+pub const CONSTANTS: [(&str, f32); 21] = [
     ("SHARE", integrate::SHARE),
     ("LEAST_MOVE", integrate::LIMITS[0]),
     ("GREATEST_MOVE", integrate::LIMITS[1]),
@@ -47,6 +48,7 @@ pub const CONSTANTS: [(&str, f32); 20] = [
     ("CUT", maths::CUT),
     ("WEIGHT", variety::WEIGHT),
     ("HEAVIEST", variety::HEAVIEST),
+    ("FAR_FROM_CLEFTS", clefts::FAR),
     ("SWAYS", sway::SWAYS),
     ("STILL", sway::STILL),
     ("MOVE", outer::MOVE),
@@ -77,6 +79,7 @@ impl CpuSimulation {
         let time = -i64::from(plan.burn_in);
         let (mut inner, outer) = (InnerLoop::start(&plan), outer::start(&plan, time));
         thickness::update(&plan, time, &mut inner);
+        clefts::update(&plan, time, &mut inner);
         let start = Checkpoint { time, inner, outer, clearance: Vec::new() };
         Self::from_checkpoint(plan, start, Kernel::default(), Vectors::best(), threads)
     }
@@ -152,6 +155,7 @@ impl CpuSimulation {
         self.statistics.splits_deferred += u64::from(deferred);
         growth::grow_outer(row, &mut self.outer);
         thickness::update(&self.plan, self.time, &mut self.inner);
+        clefts::update(&self.plan, self.time, &mut self.inner);
         self.work.invalidate();
     }
 

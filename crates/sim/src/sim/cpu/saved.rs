@@ -11,7 +11,7 @@ use super::{CpuSimulation, Kernel, Plan, Statistics, Vectors};
 use crate::sim::state::{Checkpoint, InnerLoop, OuterLoop};
 
 /// Version of the format.
-const VERSION: u64 = 1;
+const VERSION: u64 = 2;
 /// Number of words before the vectors.
 const WORDS: usize = 6;
 /// Maximum coordinate that is restored, µm; beyond that of any model.
@@ -195,7 +195,7 @@ mod tests {
         }
         assert!(restore(&[saved.as_slice(), &[0]].concat()).is_err());
         let mut later = saved.clone();
-        later[0] = 2;
+        later[0] = 3;
         assert_eq!(restore(&later), Err(StateError("it is of another version")));
         for (at, word, message) in [
             (16, u64::from(u32::MAX), "an id is out of bounds"),

@@ -495,3 +495,89 @@ fn not_a_number_is_an_error_not_a_model() {
     sim.inner.x[3] = f32::NAN;
     assert_eq!(sim.step(), Err(SimError::NotFinite { step: -59 }));
 }
+
+/// Directions of anchors in turns.
+fn turns(s: &InnerLoop) -> Vec<f64> {
+    let turn = |(&x, &y): (&f32, &f32)| (f64::from(y).atan2(f64::from(x)) / std::f64::consts::TAU).rem_euclid(1.0);
+    s.anchor_x.iter().zip(&s.anchor_y).map(turn).collect()
+}
+
+#[test]
+fn clefts_are_far_from_each_other_at_any_number() {
+    for seed in 1..20 {
+        let plan = simulation(&json!({ "primary": { "clefts": 40 } }), seed, 1).plan;
+        let turns: Vec<f64> = plan.clefts.iter().map(|&[x, y]| f64::from(y).atan2(f64::from(x))).collect();
+        assert_eq!(turns.len(), 40);
+        for count in 2..=40 {
+            let mut first = turns[..count].to_vec();
+            first.sort_by(f64::total_cmp);
+            let gap = |k: usize| (first[(k + 1) % count] - first[k]).rem_euclid(std::f64::consts::TAU);
+            let least = (0..count).map(gap).fold(f64::INFINITY, f64::min) * count as f64 / std::f64::consts::TAU;
+            assert!(least > 0.25, "seed {seed}: two of {count} clefts are {least} of the mean distance apart");
+        }
+    }
+}
+
+#[test]
+fn shares_of_clefts_follow_the_distance_along_the_wall() {
+    let mut sim = simulation(&json!({ "primary": { "clefts": 2.4, "width_um": 40 } }), 3, 1);
+    let (row, plan) = (*sim.plan.at(sim.time), sim.plan.clone());
+    let share = |direction: [f32; 2], sim: &mut CpuSimulation| {
+        (sim.inner.anchor_x[0], sim.inner.anchor_y[0]) = (direction[0], direction[1]);
+        clefts::update(&plan, sim.time, &mut sim.inner);
+        sim.inner.cleft[0]
+    };
+    for (cleft, expected) in plan.clefts.iter().zip([1.0, 1.0, 0.4]) {
+        assert!((share(*cleft, &mut sim) - expected).abs() < 1e-6);
+    }
+    // 40 µm along the wall from the bottom of the first cleft.
+    let [x, y] = plan.clefts[0].map(f64::from);
+    let (sin, cos) = (40.0 / f64::from(row.r_in)).sin_cos();
+    let aside = share([(x * cos - y * sin) as f32, (x * sin + y * cos) as f32], &mut sim);
+    assert!((aside - (-1f32).exp()).abs() < 1e-3, "{aside}");
+}
+
+#[test]
+fn primary_folds_stand_on_the_wall_between_clefts() {
+    let grown = |primary: &Value| {
+        let mut sim = simulation(&json!({ "primary": primary, "regulatory": { "strength": 0 } }), 8, 1);
+        run(&mut sim, |_| {});
+        sim
+    };
+    let none = grown(&json!({}));
+    assert!(none.plan.clefts.is_empty() && none.inner.cleft.iter().all(|&share| share == 0.0));
+    let with = grown(&json!({ "clefts": 6, "hold": 1, "width_um": 20, "guide": 0.3, "reach_um": 40 }));
+    // Anchors keep their order around the loop: one turn in all.
+    let turns = turns(&with.inner);
+    let steps = turns.iter().zip(turns.iter().cycle().skip(1)).map(|(a, b)| (b - a + 0.5).rem_euclid(1.0) - 0.5);
+    assert!(steps.clone().all(|step| step >= -1e-6), "anchors go back");
+    assert!((steps.sum::<f64>() - 1.0).abs() < 1e-6);
+    // At each cleft the mucosa lies at the wall.
+    let s = &with.inner;
+    let row = with.plan.at(with.time);
+    let at_wall = |&[x, y]: &[f32; 2]| {
+        let nearest = (0..s.len()).max_by(|&a, &b| {
+            let along = |i: usize| s.anchor_x[i] * x + s.anchor_y[i] * y;
+            along(a).total_cmp(&along(b))
+        });
+        nearest.map_or(0.0, |i| s.x[i].hypot(s.y[i] / row.squash) / row.r_in)
+    };
+    let reached: Vec<f32> = with.plan.clefts.iter().map(at_wall).collect();
+    assert!(reached.iter().all(|&share| share > 0.8), "{reached:?}");
+}
+
+#[test]
+fn compressed_edges_and_clefts_grow_less() {
+    let grown = |patch: &Value| {
+        let mut whole =
+            json!({ "primary": { "clefts": 5, "width_um": 60, "spare": 0 }, "particles": { "tip_weight": 0 } });
+        json_patch::merge(&mut whole, patch);
+        let mut sim = simulation(&whole, 9, 1);
+        run(&mut sim, |_| {});
+        sim.inner
+    };
+    let share = |s: &InnerLoop| s.cleft.iter().filter(|&&share| share > 0.5).count() as f64 / s.len() as f64;
+    let (even, spared) = (grown(&json!({})), grown(&json!({ "primary": { "spare": 1 } })));
+    assert!(share(&spared) < 0.75 * share(&even), "{} and {}", share(&spared), share(&even));
+    assert_ne!(grown(&json!({ "particles": { "room_weight": 10 } })).id.len(), 0);
+}

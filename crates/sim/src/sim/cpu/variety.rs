@@ -6,7 +6,7 @@ use crate::sim::maths::CUT;
 use crate::sim::plan::Plan;
 use std::f64::consts::TAU;
 
-/// Weight of an edge in growth without variety. Weights are integers, so their sums are exact.
+/// Weight in growth of an edge that grows at the mean rate.
 pub(super) const WEIGHT: f32 = 16.0;
 /// Maximum weight.
 pub(super) const HEAVIEST: f32 = 255.0;
@@ -35,11 +35,10 @@ impl<'a> Around<'a> {
         is_on.then(|| Self { row, coefficients: coefficients(plan, time) })
     }
 
-    /// Weight in growth of an edge whose first particle has this anchor.
-    pub(super) fn weight(&self, anchor: [f32; 2]) -> u32 {
+    /// Logarithm of the growth rate of an edge whose first particle has this anchor.
+    pub(super) fn rate(&self, anchor: [f32; 2]) -> f32 {
         let (row, at) = (self.row, self.fields(anchor));
-        let rate = libm::expf(row.asymmetry * at.side + row.height * at.height + row.shift[0] * at.shift);
-        (WEIGHT * rate + 0.5).clamp(1.0, HEAVIEST) as u32
+        row.asymmetry * at.side + row.height * at.height + row.shift[0] * at.shift
     }
 
     /// Factor of the force ranges of a particle with this anchor.

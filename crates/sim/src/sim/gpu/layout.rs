@@ -21,15 +21,15 @@ pub const NONE: u32 = u32::MAX;
 pub const HEADER: u32 = 8;
 /// Number of fields of an inner particle in a record: the fields that growth copies, and the
 /// clearance.
-pub const RECORDED_INNER: u32 = 11;
+pub const RECORDED_INNER: u32 = 12;
 /// Number of fields of an outer particle in a record.
 pub const RECORDED_OUTER: u32 = 5;
 /// Number of scalars of an inner particle that growth copies.
-pub const COPIED_SCALARS: u32 = 4;
+pub const COPIED_SCALARS: u32 = 5;
 /// Index of the scalar with the clearance.
-pub const CLEARANCE: u32 = 8;
+pub const CLEARANCE: u32 = 10;
 /// Number of scalars of an inner particle.
-pub const SCALARS: u32 = 13;
+pub const SCALARS: u32 = 15;
 /// Number of vectors of an inner particle that growth copies.
 pub const COPIED_VECTORS: u32 = 3;
 /// Number of vectors of an inner particle.
@@ -63,6 +63,8 @@ pub struct Batch {
     pub around: u32,
     /// Index of the directions of outlines in the tables of a member.
     pub outline: u32,
+    /// Index of the directions of clefts in the tables of a member.
+    pub clefts: u32,
 }
 
 /// Constants of a member.
@@ -85,6 +87,8 @@ pub struct Member {
     pub modes: u32,
     /// Number of directions of the gauge of the region; 0 if the region is the ellipse.
     pub directions: u32,
+    /// Number of directions of clefts; 0 if the model has none.
+    pub clefts: u32,
 }
 
 /// State of a member, except its particles.

@@ -123,6 +123,7 @@ fn member(plan: &Plan) -> Member {
         clearance: plan.clearance,
         modes: plan.modes.len() as u32,
         directions: plan.spokes.len() as u32,
+        clefts: plan.clefts.len() as u32,
     }
 }
 
@@ -141,8 +142,8 @@ fn status(start: &Checkpoint) -> Status {
 
 fn inner_scalars(start: &Checkpoint, capacity: usize) -> Vec<u32> {
     let s = &start.inner;
-    let fields =
-        [&s.id[..], bytemuck::cast_slice(&s.rest), bytemuck::cast_slice(&s.sign), bytemuck::cast_slice(&s.scale)];
+    let reals = [&s.rest, &s.sign, &s.scale, &s.cleft].map(|field| bytemuck::cast_slice(field));
+    let fields = std::iter::once(&s.id[..]).chain(reals);
     let mut words = vec![0; COPIED_SCALARS as usize * capacity];
     for (to, field) in words.chunks_exact_mut(capacity).zip(fields) {
         to[..s.len()].copy_from_slice(field);
@@ -187,7 +188,8 @@ fn outer_fields(start: &Checkpoint, capacity: usize) -> Vec<u32> {
 /// - orders and weights of the lobes, and phases of each row and lobe;
 /// - wave vectors and directions of the sway, and phases of each row and flow;
 /// - coefficients of the variety of each event and mode;
-/// - directions of the outline.
+/// - directions of the outline;
+/// - directions of the clefts.
 fn tables(plan: &Plan, batch: &Batch) -> Vec<f32> {
     let [waves, lobes, flows] = [batch.waves, batch.lobes, batch.flows].map(|count| count as usize);
     let mut words = vec![0.0f32; batch.tables as usize];
@@ -197,7 +199,10 @@ fn tables(plan: &Plan, batch: &Batch) -> Vec<f32> {
     let (turns, rest) = rest.split_at_mut(2 * lobes * batch.rows as usize);
     let (vectors_of_flows, rest) = rest.split_at_mut(4 * flows);
     let (phases_of_flows, rest) = rest.split_at_mut(flows * batch.rows as usize);
-    let (around, outline) = rest.split_at_mut((batch.outline - batch.around) as usize);
+    let (around, rest) = rest.split_at_mut((batch.outline - batch.around) as usize);
+    let (outline, clefts) = rest.split_at_mut((batch.clefts - batch.outline) as usize);
+    let directions = plan.clefts.as_flattened();
+    clefts[..directions.len()].copy_from_slice(directions);
     for (words, spoke) in outline.chunks_exact_mut(4).zip(&plan.spokes) {
         words.copy_from_slice(&[spoke.ellipse, spoke.outline, spoke.fold, spoke.turn]);
     }

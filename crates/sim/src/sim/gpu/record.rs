@@ -57,10 +57,11 @@ impl Record<'_> {
                 anchor_y: real(7),
                 sign: real(8),
                 scale: real(9),
+                cleft: real(10),
                 next_id,
             },
             outer: OuterLoop { id: wall(0).to_vec(), p: pair(1), v: pair(3) },
-            clearance: real(10),
+            clearance: real(11),
         };
         let statistics = Statistics {
             splits_deferred: deferred.into(),

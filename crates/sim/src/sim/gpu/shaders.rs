@@ -56,6 +56,7 @@ pub const GROWTH: Shader = Shader {
         shared!("maths"),
         shared!("region"),
         shared!("variety"),
+        shared!("clefts"),
         shared!("thickness"),
         stage!("growth")
     ),

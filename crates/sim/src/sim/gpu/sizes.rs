@@ -39,7 +39,8 @@ impl Sizes {
         let modes = most(&|p| p.modes.len());
         let around = waves * (2 + events) + 2 * lobes * (1 + rows) + flows * (4 + rows);
         let outline = around + 6 * modes * events;
-        let tables = (outline + 4 * most(&|p| p.spokes.len())).max(1);
+        let clefts = outline + 4 * most(&|p| p.spokes.len());
+        let tables = (clefts + 2 * most(&|p| p.clefts.len())).max(1);
         let word = |x: usize| u32::try_from(x).unwrap_or(u32::MAX);
         Self {
             members,
@@ -55,6 +56,7 @@ impl Sizes {
                 modes: word(modes),
                 around: word(around),
                 outline: word(outline),
+                clefts: word(clefts),
             },
             records: None,
         }

@@ -25,7 +25,7 @@ fn at(x: f64, y: f64) -> DVec2 {
 }
 
 fn particle(p: DVec2, v: DVec2) -> Particle {
-    Particle { p, v, r: 8.0, anchor: DVec2::X, sign: 0.0, scale: 1.0 }
+    Particle { p, v, r: 8.0, anchor: DVec2::X, sign: 0.0, scale: 1.0, cleft: 0.0 }
 }
 
 fn assert_near(found: DVec2, expected: DVec2) {
@@ -63,6 +63,17 @@ fn the_regulatory_force_has_its_strength_beyond_the_softening_distance() {
     assert_near(regulatory(at(3.0, 4.0), at(33.0, 44.0), 0.5, 15.0), at(0.3, 0.4));
     assert_near(regulatory(at(3.0, 4.0), at(6.0, 8.0), 0.5, 10.0), at(0.15, 0.2));
     assert_near(regulatory(at(3.0, 4.0), at(3.0, 4.0), 0.5, 10.0), DVec2::ZERO);
+}
+
+#[test]
+fn guidance_leads_to_the_ray_of_the_anchor() {
+    // The ray runs along (0.6, 0.8); the particle is 10 µm to its right.
+    let anchor = at(60.0, 80.0);
+    assert_near(guidance(at(30.0 + 8.0, 40.0 - 6.0), anchor, 0.5, 4.0), at(-0.4, 0.3));
+    assert_near(guidance(at(30.0 + 8.0, 40.0 - 6.0), anchor, 0.5, 20.0), at(-0.2, 0.15));
+    assert_near(guidance(at(30.0, 40.0), anchor, 0.5, 20.0), DVec2::ZERO);
+    // Behind the axis, the nearest point of the ray is the axis.
+    assert_near(guidance(at(-6.0, -8.0), anchor, 0.5, 5.0), at(0.3, 0.4));
 }
 
 #[test]
@@ -118,6 +129,7 @@ fn lengths() -> Coefficients {
         ellipse: Ellipse { radius: 50.0, squash: 1.0 },
         ramp: 20.0,
         softening: 15.0,
+        reach: 15.0,
         gap: 30.0,
         tissue: 80.0,
         ..Coefficients::default()
@@ -129,7 +141,7 @@ fn ring(n: usize, radius: f64, speed: f64) -> Loop {
     let particle = |i: usize| {
         let angle = TAU * i as f64 / n as f64;
         let unit = at(angle.cos(), angle.sin());
-        Particle { p: radius * unit, v: speed * unit, r: 8.0, anchor: unit, sign: 1.0, scale: 1.0 }
+        Particle { p: radius * unit, v: speed * unit, r: 8.0, anchor: unit, sign: 1.0, scale: 1.0, cleft: 0.0 }
     };
     Loop { particles: (0..n).map(particle).collect() }
 }
@@ -249,10 +261,12 @@ fn plan(patch: &Value) -> Plan {
 
 /// Forces by name, each as the part of a row that it needs.
 type Keep = fn(&StepRow, StepRow) -> StepRow;
-const FORCES: [(&str, Keep); 9] = [
+const FORCES: [(&str, Keep); 11] = [
     ("spring", |row, bare| StepRow { stiffness: row.stiffness, damping: row.damping, ..bare }),
     ("containment", |row, bare| StepRow { containment: row.containment, ..bare }),
     ("regulatory", |row, bare| StepRow { regulatory: row.regulatory, ..bare }),
+    ("hold of clefts", |row, bare| StepRow { hold: row.hold, ..bare }),
+    ("guidance", |row, bare| StepRow { guide: row.guide, ..bare }),
     ("contortion", |row, bare| StepRow { contortion: row.contortion, ..bare }),
     ("friction", |row, bare| StepRow { friction: row.friction, ..bare }),
     ("self-intersection", |row, bare| StepRow { repulsion: row.repulsion, ..bare }),
@@ -268,6 +282,8 @@ fn bare(row: &StepRow) -> StepRow {
         damping: 0.0,
         containment: 0.0,
         regulatory: 0.0,
+        hold: 0.0,
+        guide: 0.0,
         contortion: [0.0; 3],
         friction: 0.0,
         repulsion: 0.0,
@@ -281,12 +297,21 @@ fn bare(row: &StepRow) -> StepRow {
 /// all angles.
 fn any_loop() -> impl Strategy<Value = InnerLoop> {
     let number = |bound: f32| -bound..bound;
-    let particle =
-        (number(150.0), number(150.0), number(3.0), number(3.0), 1f32..60.0, 0f32..6.3, -1i8..=1, 0.4f32..2.5);
+    let particle = (
+        number(150.0),
+        number(150.0),
+        number(3.0),
+        number(3.0),
+        1f32..60.0,
+        0f32..6.3,
+        -1i8..=1,
+        0.4f32..2.5,
+        0f32..1.0,
+    );
     prop::collection::vec(particle, 12..50).prop_map(|particles| {
         let mut s = InnerLoop { id: (0..particles.len() as u32).collect(), ..InnerLoop::default() };
         s.next_id = s.id.len() as u32;
-        for (x, y, vx, vy, rest, angle, sign, scale) in particles {
+        for (x, y, vx, vy, rest, angle, sign, scale, cleft) in particles {
             for (numbers, number) in [
                 (&mut s.x, x),
                 (&mut s.y, y),
@@ -297,6 +322,7 @@ fn any_loop() -> impl Strategy<Value = InnerLoop> {
                 (&mut s.anchor_y, libm::sinf(angle)),
                 (&mut s.sign, f32::from(sign)),
                 (&mut s.scale, scale),
+                (&mut s.cleft, cleft),
             ] {
                 numbers.push(number);
             }
@@ -381,7 +407,7 @@ proptest! {
         static PLAN: LazyLock<Plan> = LazyLock::new(|| plan(&json!({})));
         let exact = Loop::from(&start);
         for (name, keep) in FORCES {
-            let row = StepRow { contortion: [0.8; 3], repulsion: 10.0, r_in: 100.0, ..*PLAN.at(1) };
+            let row = StepRow { contortion: [0.8; 3], repulsion: 10.0, r_in: 100.0, hold: 0.6, guide: 0.2, reach: 70.0, ..*PLAN.at(1) };
             let row = keep(&row, bare(&row));
             let with = Coefficients::from(&row);
             let found = Loop::from(&cpu_step(&PLAN, &row, &start));
