@@ -111,6 +111,13 @@ fn structures_are_laid_out_alike() {
                 fold_of_wall,
                 fold_phase,
                 margin,
+                clefts,
+                hold,
+                cleft_width,
+                spare,
+                guide,
+                reach,
+                room,
                 inner_target,
                 outer_target,
             }
@@ -199,7 +206,7 @@ const SHARED: [(&str, u32); 16] = [
     ("WALL_FIELDS", layout::WALL_FIELDS),
 ];
 /// Fields in the order in which the host writes and reads them.
-const INNER_SCALARS: [&str; 4] = ["ID", "REST", "SIGN", "SCALE"];
+const INNER_SCALARS: [&str; 5] = ["ID", "REST", "SIGN", "SCALE", "CLEFT"];
 const INNER_VECTORS: [&str; 3] = ["POSITION", "VELOCITY", "ANCHOR"];
 const OUTER_FIELDS: [&str; 5] = ["WALL_ID", "WALL_X", "WALL_Y", "WALL_VX", "WALL_VY"];
 /// Fields that only shaders use, with their widths. They must not overlap.
