@@ -55,9 +55,8 @@ pub(super) fn spec(name: &str, args: &LayerArgs) -> Result<ModelSpec, Failure> {
     let given = args.lengths_um().into_iter().chain([("longitudinal_share", args.longitudinal_share)]);
     let given: Map<String, Value> = given.filter_map(|(name, value)| Some((name.to_owned(), value?.into()))).collect();
     let preset = preset(name).unwrap_or(&presets()[0]);
-    ModelSpec::resolve(preset, &json!({ "histology": given })).map_err(|faults| {
-        Failure::Usage(faults.iter().map(|f| format!("{}: {}", f.pointer, f.detail)).collect())
-    })
+    ModelSpec::resolve(preset, &json!({ "histology": given }))
+        .map_err(|faults| Failure::Usage(faults.iter().map(|f| format!("{}: {}", f.pointer, f.detail)).collect()))
 }
 
 #[cfg(test)]

@@ -42,7 +42,7 @@ impl Field {
         let depth: Vec<f64> = distances(&grid, &mucosa.edges, &open, limit)
             .into_iter()
             .zip(&open)
-            .map(|(distance, open)| if *open { -reach } else { distance.min(limit) - reach })
+            .map(|(distance, open)| if *open { -reach.max(1.0) } else { distance.min(limit) - reach })
             .collect();
         let centres = connected(&depth, width, height);
         let border = border(&grid, &depth, &centres);
@@ -117,7 +117,8 @@ fn distances(grid: &Grid, edges: &[Edge], open: &[bool], limit: f64) -> Vec<f64>
         }
     };
     for (index, edge) in edges.iter().enumerate() {
-        let range = |axis: usize| (edge.from[axis].min(edge.to[axis]) - near, edge.from[axis].max(edge.to[axis]) + near);
+        let range =
+            |axis: usize| (edge.from[axis].min(edge.to[axis]) - near, edge.from[axis].max(edge.to[axis]) + near);
         let ((x0, x1), (y0, y1)) = (range(0), range(1));
         for row in grid.rows(y0, y1) {
             for column in grid.columns(x0, x1) {

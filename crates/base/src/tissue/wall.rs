@@ -2,7 +2,7 @@
 
 use super::contour::Edge;
 use super::field::Field;
-use super::vessels::{Vessel, vessels};
+use super::vessels::{Side, Vessel, vessels};
 use super::{Contour, Layers, Tissue, bundles};
 use std::f64::consts::TAU;
 
@@ -27,11 +27,11 @@ pub(super) struct Wall {
 
 /// Distances of a point of the wall from the borders of the muscle, µm.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Span {
+struct Span {
     /// Distance from the inner border; negative in the lamina propria.
-    pub(super) inner: f64,
+    inner: f64,
     /// Distance from the outer border; negative in the subserosa.
-    pub(super) outer: f64,
+    outer: f64,
 }
 
 impl Wall {
@@ -43,7 +43,7 @@ impl Wall {
         let mut wall =
             Self { outside, field, centre, is_across: closing.is_empty(), vessels: Vec::new(), layers: *layers };
         if wall.is_across {
-            wall.vessels = vessels(&wall, layers);
+            wall.vessels = vessels(layers, &|turn| wall.side(turn));
         }
         wall
     }
@@ -53,14 +53,17 @@ impl Wall {
         libm::atan2(p[1] - self.centre[1], p[0] - self.centre[0]) / TAU
     }
 
-    /// Point of the outer contour in a direction, in turns, and the unit vector towards it.
-    pub(super) fn outermost(&self, turn: f64) -> Option<([f64; 2], [f64; 2])> {
+    /// The wall in a direction from the middle, in turns.
+    fn side(&self, turn: f64) -> Option<Side> {
         let (sin, cos) = libm::sincos(turn * TAU);
-        self.outside.farthest(self.centre, [cos, sin]).map(|p| (p, [cos, sin]))
+        let edge = self.outside.farthest(self.centre, [cos, sin])?;
+        let serosa = self.layers.serosa_um;
+        let Span { inner, outer } = self.span([edge[0] - serosa * cos, edge[1] - serosa * sin], serosa);
+        Some(Side { edge, out: [cos, sin], muscle_um: (inner + outer).max(0.0), subserosa_um: (-outer).max(0.0) })
     }
 
     /// Distances of a point at `depth` below the outer contour from the borders of the muscle.
-    pub(super) fn span(&self, p: [f64; 2], depth: f64) -> Span {
+    fn span(&self, p: [f64; 2], depth: f64) -> Span {
         let inner = self.field.at(p) + self.layers.opening_um;
         let under_serosa = depth - self.layers.serosa_um;
         let subserosa = if self.is_across && self.layers.subserosa_um > 0.0 {

@@ -31,7 +31,8 @@ struct LabelSlice {
     deflated: Vec<u8>,
 }
 
-/// Writes both files. `layers` returns the layers at a place along the tube, µm. Calls `cancelled` before each slice and stops if it returns true.
+/// Writes both files. `layers` returns the layers at a place along the tube, µm. Calls `cancelled`
+/// before each slice and stops if it returns true.
 ///
 /// # Errors
 /// Returns any error of writing, and:

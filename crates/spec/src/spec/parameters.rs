@@ -463,19 +463,24 @@ group! {
         /// of epithelium only.
         pub epithelium_um: Schedule = "Epithelium height" ["µm"] Range::of(1.0, 200.0).steady();
         /// Minimum thickness of the lamina propria between epithelium and muscle.
-        pub lamina_um: Schedule = "Lamina propria under the epithelium" ["µm"] Range::of(0.0, 1000.0).steady();
+        pub lamina_um: Schedule = "Lamina propria under the epithelium" ["µm"]
+            Range::of(0.0, 1000.0).steady();
         /// Radius of a disc that fits into every part of the muscle: half the width of the widest
         /// core of a fold that contains no muscle.
-        pub opening_um: Schedule = "Half width of a core without muscle" ["µm"] Range::of(0.0, 5000.0).steady();
+        pub opening_um: Schedule = "Half width of a core without muscle" ["µm"]
+            Range::of(0.0, 5000.0).steady();
         /// Thickness of a longitudinal layer inside the circular muscle. It takes at most 40 % of
         /// the muscle.
-        pub inner_longitudinal_um: Schedule = "Inner longitudinal muscle" ["µm"] Range::of(0.0, 1000.0).steady();
+        pub inner_longitudinal_um: Schedule = "Inner longitudinal muscle" ["µm"]
+            Range::of(0.0, 1000.0).steady();
         /// Fraction of the muscle's thickness that the outer longitudinal layer takes; the circular
         /// layer takes the rest.
-        pub longitudinal_share: Schedule = "Longitudinal share of the muscle" [""] Range::of(0.0, 1.0).steady();
+        pub longitudinal_share: Schedule = "Longitudinal share of the muscle" [""]
+            Range::of(0.0, 1.0).steady();
         /// Share of the circumference that the outer longitudinal layer covers. Below 1, it
         /// consists of bundles with circular muscle between them.
-        pub longitudinal_cover: Schedule = "Cover of the longitudinal muscle" ["of the circumference"] Range::of(0.0, 1.0).steady();
+        pub longitudinal_cover: Schedule = "Cover of the longitudinal muscle" ["of the circumference"]
+            Range::of(0.0, 1.0).steady();
         /// Thickness of the loose connective tissue between muscle and serosa; three times as much
         /// at the mesosalpinx, which lies in the direction of −y.
         pub subserosa_um: Schedule = "Subserosa thickness" ["µm"] Range::of(0.0, 1000.0).steady();

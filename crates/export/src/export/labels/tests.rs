@@ -15,7 +15,8 @@ const VOLUME: LabelVolume = LabelVolume { voxel_um: 10.0, slice_um: 50.0, from_u
 /// Writes both files of a tube of 4 mm with radii of 0.5 and 1 mm.
 fn written(volume: &LabelVolume) -> (Vec<u8>, Vec<u8>, LabelReport) {
     let (mut tiff, mut nifti) = (Cursor::new(Vec::new()), Vec::new());
-    let report = write_labels(&tube(96, 4, 0.0), &|_| LAYERS, volume, &meta(), (&mut tiff, &mut nifti), &|| false).unwrap();
+    let report =
+        write_labels(&tube(96, 4, 0.0), &|_| LAYERS, volume, &meta(), (&mut tiff, &mut nifti), &|| false).unwrap();
     (tiff.into_inner(), nifti, report)
 }
 

@@ -95,7 +95,8 @@ fn pictures_of_every_preset_have_its_layers() {
         for share in [0.0, 0.9] {
             let layers = spec.layers_at(share, 3);
             let inner = spec.scale * 0.7 * spec.inner_radius_um(share);
-            let outer = inner + layers.epithelium_um + layers.lamina_um + spec.scale * spec.containment.wall_um.at(share);
+            let outer =
+                inner + layers.epithelium_um + layers.lamina_um + spec.scale * spec.containment.wall_um.at(share);
             let circle = |radius: f64| {
                 let at = |k: u32| libm::sincosf(k as f32 * std::f32::consts::TAU / 360.0);
                 let points = (0..360).map(at).map(|(sin, cos)| [radius as f32 * cos, radius as f32 * sin]);

@@ -74,7 +74,8 @@ fn images_of_the_sections_of_a_model_measure_what_the_model_does() {
             };
             let (inner, outer) = (centred(&section.inner.points), centred(&section.outer.points));
 
-            let slide = Slide { borders: section.borders(), layers: spec.layers_at_um(section.z_um, 7), seed: 7, index: 0 };
+            let slide =
+                Slide { borders: section.borders(), layers: spec.layers_at_um(section.z_um, 7), seed: 7, index: 0 };
             let labels = slide.labels(size).unwrap();
             let tissue = Some(Tissue::Values((2..10).collect()));
             let reading = Reading { pixel_um: Some(pixel_um), tissue, threshold: None };
