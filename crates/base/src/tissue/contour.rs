@@ -31,6 +31,13 @@ impl Edge {
         let (rx, ry) = (dx - t * (self.to[0] - self.from[0]), dy - t * (self.to[1] - self.from[1]));
         (rx * rx + ry * ry, self.start + t * self.length)
     }
+
+    /// Point of the edge that is nearest to a point.
+    pub(super) fn nearest_point(&self, p: [f64; 2]) -> [f64; 2] {
+        let (dx, dy) = (p[0] - self.from[0], p[1] - self.from[1]);
+        let t = (dx * self.per_square_length[0] + dy * self.per_square_length[1]).clamp(0.0, 1.0);
+        [0, 1].map(|axis| self.from[axis] + t * (self.to[axis] - self.from[axis]))
+    }
 }
 
 const EDGES_PER_GROUP: usize = 16;

@@ -11,7 +11,7 @@ use super::fill::inside;
 use super::{Contour, Grid, Layers};
 
 /// Number of nodes of a square grid per side. Other grids have about as many nodes.
-const SIDE: f64 = 512.0;
+const SIDE: f64 = 320.0;
 /// Maximum number of nodes along the longer side.
 const MAX_SIDE: f64 = 8192.0;
 
@@ -102,54 +102,59 @@ fn grid(outside: &Contour, reach: f64) -> Grid {
 }
 
 /// Distance of each node from the nearest edge; infinite at nodes of `open` and beyond `limit`.
-/// Nodes near an edge compare all edges there, and pass their nearest edge on to their neighbours.
+/// Nodes near an edge find their nearest point exactly, and pass it on to their neighbours.
 fn distances(grid: &Grid, edges: &[Edge], open: &[bool], limit: f64) -> Vec<f64> {
     let (width, height) = (grid.width as usize, grid.height as usize);
     let (near, limit) = (1.5 * grid.um_per_pixel, limit * limit);
-    let mut found = vec![(f64::INFINITY, u32::MAX); width * height];
+    let mut found = vec![(f64::INFINITY, [f64::INFINITY; 2]); width * height];
     let xs: Vec<f64> = (0..grid.width).map(|column| grid.x(column)).collect();
     let ys: Vec<f64> = (0..grid.height).map(|row| grid.y(row)).collect();
-    let compare = |found: &mut [(f64, u32)], row: usize, column: usize, index: u32| {
-        let (node, edge) = (&mut found[row * width + column], &edges[index as usize]);
-        let (square, _) = edge.nearest([xs[column], ys[row]]);
+    let offer = |node: &mut (f64, [f64; 2]), p: [f64; 2], point: [f64; 2]| {
+        let (dx, dy) = (p[0] - point[0], p[1] - point[1]);
+        let square = dx * dx + dy * dy;
         if square < node.0 && square <= limit {
-            *node = (square, index);
+            *node = (square, point);
         }
     };
-    for (index, edge) in edges.iter().enumerate() {
-        let range =
-            |axis: usize| (edge.from[axis].min(edge.to[axis]) - near, edge.from[axis].max(edge.to[axis]) + near);
+    for edge in edges {
+        let range = |axis: usize| {
+            let (a, b) = (edge.from[axis], edge.to[axis]);
+            (a.min(b) - near, a.max(b) + near)
+        };
         let ((x0, x1), (y0, y1)) = (range(0), range(1));
         for row in grid.rows(y0, y1) {
             for column in grid.columns(x0, x1) {
-                if !open[row * width + column] {
-                    compare(&mut found, row, column, index as u32);
+                let (i, p) = (row * width + column, [xs[column], ys[row]]);
+                if !open[i] {
+                    offer(&mut found[i], p, edge.nearest_point(p));
                 }
             }
         }
     }
-    let pass = |found: &mut [(f64, u32)], row: usize, column: usize, from: (isize, isize)| {
-        let (other_row, other_column) = (row.wrapping_add_signed(from.0), column.wrapping_add_signed(from.1));
-        if other_row < height && other_column < width {
-            let index = found[other_row * width + other_column].1;
-            if index != u32::MAX && index != found[row * width + column].1 {
-                compare(found, row, column, index);
-            }
-        }
-    };
+    let mut blank = vec![(f64::INFINITY, [f64::INFINITY; 2]); width];
     for down in [true, false] {
-        let before = if down { -1 } else { 1 };
+        let mut before = blank.clone();
         for k in 0..height {
             let row = if down { k } else { height - 1 - k };
-            for column in (0..width).filter(|column| !open[row * width + column]) {
-                for from in [(before, -1), (before, 0), (before, 1), (0, -1)] {
-                    pass(&mut found, row, column, from);
+            let (nodes, open) = (&mut found[row * width..][..width], &open[row * width..][..width]);
+            let y = ys[row];
+            for i in (0..width).filter(|&i| !open[i]) {
+                let (mut node, p) = (nodes[i], [xs[i], y]);
+                let other = &before[i.saturating_sub(1)..(i + 2).min(width)];
+                other.iter().for_each(|other| offer(&mut node, p, other.1));
+                if i > 0 {
+                    offer(&mut node, p, nodes[i - 1].1);
                 }
+                nodes[i] = node;
             }
-            for column in (0..width).rev().filter(|column| !open[row * width + column]) {
-                pass(&mut found, row, column, (0, 1));
+            for i in (0..width.saturating_sub(1)).rev().filter(|&i| !open[i]) {
+                let next = nodes[i + 1].1;
+                offer(&mut nodes[i], [xs[i], y], next);
             }
+            blank.copy_from_slice(nodes);
+            std::mem::swap(&mut blank, &mut before);
         }
+        blank.fill((f64::INFINITY, [f64::INFINITY; 2]));
     }
     found.into_iter().map(|(square, _)| square.sqrt()).collect()
 }

@@ -117,7 +117,7 @@ fn it_stops_when_it_is_cancelled_and_refuses_what_does_not_fit() {
     let surface = tube(24, 2, 0.0);
     let write = |volume: &LabelVolume, cancelled: bool| {
         let outputs = (Cursor::new(Vec::new()), Vec::new());
-        write_labels(&surface, &LAYERS, volume, &meta(), outputs, &|| cancelled).unwrap_err().kind()
+        write_labels(&surface, &|_| LAYERS, volume, &meta(), outputs, &|| cancelled).unwrap_err().kind()
     };
     assert_eq!(write(&VOLUME, true), io::ErrorKind::Interrupted);
     assert_eq!(write(&LabelVolume { voxel_um: 0.05, ..VOLUME }, false), io::ErrorKind::InvalidInput);
