@@ -159,7 +159,7 @@ export interface SlideOptions extends CallOptions {
    * True for the tissue label of each pixel as a grey value instead of a stain.
    *
    * 0 outside, 1 lumen, 2 epithelium, 3 lamina propria, 4 circular muscle, 5 longitudinal muscle, 6
-   * serosa.
+   * serosa, 7 subserosa, 8 inner longitudinal muscle, 9 vessel.
    */
   labels?: boolean | undefined;
 }

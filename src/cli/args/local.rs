@@ -151,7 +151,7 @@ pub(in crate::cli) struct SectionArgs {
     pub(in crate::cli) size: u32,
     /// Write the tissue label of each pixel as a grey value instead of a stained picture: 0
     /// outside, 1 lumen, 2 epithelium, 3 lamina propria, 4 circular muscle, 5 longitudinal muscle,
-    /// 6 serosa
+    /// 6 serosa, 7 subserosa, 8 inner longitudinal muscle, 9 vessel
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(in crate::cli) labels: bool,
     #[command(flatten)]
@@ -256,7 +256,7 @@ pub(in crate::cli) struct CutArgs {
     pub(in crate::cli) size: u32,
     /// For a .png: write the tissue label of each pixel as a grey value instead of a stained
     /// picture: 0 outside, 1 lumen, 2 epithelium, 3 lamina propria, 4 circular muscle, 5
-    /// longitudinal muscle, 6 serosa
+    /// longitudinal muscle, 6 serosa, 7 subserosa, 8 inner longitudinal muscle, 9 vessel
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(in crate::cli) labels: bool,
     /// Preset of the model, for the heights of its tissue layers

@@ -1,6 +1,6 @@
 //! `oviduct cut`: cuts a surface with a plane.
 
-use super::section::layers;
+use super::section::spec;
 use super::target::Target;
 use super::{folder, solid, surface};
 use crate::cli::args::CutArgs;
@@ -150,8 +150,9 @@ fn picture(args: &CutArgs, body: &Body<'_>, plane: &Plane, cut: &Cut) -> Result<
             )
         })?,
     };
-    let layers = layers(&args.preset, &args.layers)?;
-    let slide = Slide { borders, layers, seed: 0, index: plane.digest() as u32 };
+    let spec = spec(&args.preset, &args.layers)?;
+    let z_um = args.across_um().unwrap_or_else(|| spec.middle_um());
+    let slide = Slide { borders, layers: spec.layers_at_um(z_um, 0), seed: 0, index: plane.digest() as u32 };
     let drawn = if args.labels { slide.labels(args.size) } else { slide.stained(args.size) };
     Ok(drawn.context("the cut cannot be drawn")?)
 }

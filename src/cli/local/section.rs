@@ -8,7 +8,6 @@ use crate::cli::{scratch, term};
 use crate::export::sections_bin::SectionsReader;
 use crate::render::{Slide, um_per_pixel};
 use crate::spec::{ModelSpec, preset, presets};
-use crate::tissue::Layers;
 use anyhow::Context;
 use serde_json::{Map, Value, json};
 use std::fs::File;
@@ -44,21 +43,20 @@ fn draw(args: &SectionArgs) -> Result<Vec<u8>, Failure> {
     }
     let section = reader.section(args.index as usize).with_context(|| shown.to_string())?;
     let header = reader.header();
-    let layers = layers(&header.preset, &args.layers)?;
+    let spec = spec(&header.preset, &args.layers)?;
+    let layers = spec.layers_at_um(section.z_um, header.seed);
     let slide = Slide { borders: section.borders(), layers, seed: header.seed, index: args.index };
     let drawn = if args.labels { slide.labels(args.size) } else { slide.stained(args.size) };
     Ok(drawn.context("the section cannot be drawn")?)
 }
 
-/// Returns the layers of a preset, changed by the options. The options are checked like a spec.
-pub(super) fn layers(name: &str, args: &LayerArgs) -> Result<Layers, Failure> {
+/// Returns a preset, with its layers changed by the options. The options are checked like a spec.
+pub(super) fn spec(name: &str, args: &LayerArgs) -> Result<ModelSpec, Failure> {
     let given = args.lengths_um().into_iter().chain([("longitudinal_share", args.longitudinal_share)]);
     let given: Map<String, Value> = given.filter_map(|(name, value)| Some((name.to_owned(), value?.into()))).collect();
     let preset = preset(name).unwrap_or(&presets()[0]);
-    match ModelSpec::resolve(preset, &json!({ "histology": given })) {
-        Ok(spec) => Ok(spec.histology.layers()),
-        Err(faults) => Err(Failure::Usage(faults.iter().map(|f| format!("{}: {}", f.pointer, f.detail)).collect())),
-    }
+    ModelSpec::resolve(preset, &json!({ "histology": given }))
+        .map_err(|faults| Failure::Usage(faults.iter().map(|f| format!("{}: {}", f.pointer, f.detail)).collect()))
 }
 
 #[cfg(test)]

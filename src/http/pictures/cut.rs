@@ -94,6 +94,7 @@ pub(in crate::http) async fn cut(
     let job = find_model(&state, &caller, id).await?;
     let (plane, format, style) = read_parameters(&parameters, &headers)?;
     let (file, kind) = surfaces::file(&job)?;
+    let across = plane.z_um();
     let plane = plane.resolve(&job).await?;
     let key = format!("{}-{:x}", file.sha256, plane.digest());
     let vary = (header::VARY, HeaderValue::from_static("accept"));
@@ -101,7 +102,7 @@ pub(in crate::http) async fn cut(
         let source = SlideSource { job: &job, key: &key, index: plane.digest() as u32 };
         let read = async {
             let body = surfaces::read(&state, &file, kind).await?;
-            blocking("Making the cut", move || borders(&body, &plane)).await?
+            blocking("Making the cut", move || Ok((borders(&body, &plane)?, across))).await?
         };
         let mut response = respond(&state, &caller, source, style, &method, &headers, read).await?;
         response.headers_mut().insert(vary.0, vary.1);
@@ -136,6 +137,14 @@ enum CutPlane {
 }
 
 impl CutPlane {
+    /// Place along the tube, µm. `None` if the plane is not across the tube.
+    fn z_um(self) -> Option<f64> {
+        match self {
+            Self::Across(z_um) => Some(z_um),
+            Self::Through(_) => None,
+        }
+    }
+
     /// The plane in the coordinates of a model, which may be bent.
     async fn resolve(self, job: &Job) -> Result<Plane, Problem> {
         let z_um = match self {

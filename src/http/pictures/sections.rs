@@ -102,8 +102,8 @@ impl From<Ring> for RingAnswer {
 /// A section is available as points with the ids of particles, as a drawing, or as a picture. A
 /// picture is either stained with haematoxylin and eosin, or has the tissue of each pixel as its
 /// value: 0 outside, 1 lumen, 2 epithelium, 3 lamina propria, 4 circular muscle, 5 longitudinal
-/// muscle, 6 serosa. Both pictures have the same pixels. `histology` in the spec defines the
-/// heights of the layers.
+/// muscle, 6 serosa, 7 subserosa, 8 inner longitudinal muscle, 9 vessel. Both pictures have the same
+/// pixels. `histology` in the spec defines the layers.
 #[utoipa::path(
     get, path = "/models/{id}/sections/{k}", operation_id = "get_section", tag = "files",
     params(
@@ -147,7 +147,8 @@ pub(in crate::http) async fn section(
         let source = SlideSource { job: &job, key: &key, index: u32::try_from(k).unwrap_or(u32::MAX) };
         let read = async {
             let _permit = permit(&state)?;
-            Ok(read(&state, &file, k).await?.1.borders())
+            let section = read(&state, &file, k).await?.1;
+            Ok((section.borders(), Some(section.z_um)))
         };
         let mut response = respond(&state, &caller, source, style, &method, &headers, read).await?;
         response.headers_mut().insert(header::VARY, HeaderValue::from_static("accept"));

@@ -13,7 +13,6 @@ use crate::jobs::Job;
 use crate::model::Border;
 use crate::render::{Slide, um_per_pixel};
 use crate::spec::{ModelSpec, preset, presets};
-use crate::tissue::Layers;
 use axum::http::{HeaderMap, HeaderValue, Method};
 use axum::response::Response;
 use serde_json::{Value, json};
@@ -62,6 +61,10 @@ pub(super) struct SlideSource<'a> {
     pub(super) index: u32,
 }
 
+/// Borders of a section or cut, and its place along the tube, µm. `None` if it is not across the
+/// tube.
+pub(super) type Borders = ([Border; 2], Option<f64>);
+
 /// The picture of a section or cut; `read` reads its borders.
 pub(super) async fn respond(
     state: &AppState,
@@ -70,7 +73,7 @@ pub(super) async fn respond(
     style: SlideStyle,
     method: &Method,
     headers: &HeaderMap,
-    read: impl Future<Output = Result<[Border; 2], Problem>>,
+    read: impl Future<Output = Result<Borders, Problem>>,
 ) -> Result<Response, Problem> {
     let SlideSource { job, key, index } = source;
     let SlideStyle { size, labels } = style;
@@ -81,9 +84,10 @@ pub(super) async fn respond(
     if tag.matches_none(headers) {
         return tag.not_modified(A_DAY);
     }
-    let (layers, seed) = (layers(job)?, job.seed);
-    let png = picture(state, caller, &tag, read, move |borders| {
-        let slide = Slide { borders, layers, seed, index };
+    let (spec, seed) = (spec(job)?, job.seed);
+    let png = picture(state, caller, &tag, read, move |(borders, z_um)| {
+        let z_um = z_um.unwrap_or_else(|| spec.middle_um());
+        let slide = Slide { borders, layers: spec.layers_at_um(z_um, seed), seed, index };
         let drawn = if labels { slide.labels(size) } else { slide.stained(size) };
         drawn.map_err(DrawError::from)
     })
@@ -96,11 +100,11 @@ pub(super) async fn respond(
     Ok(response)
 }
 
-/// Layers of a model. Models of versions without these parameters have the layers of their preset.
-fn layers(job: &Job) -> Result<Layers, Problem> {
+/// Specification whose layers a model has. Models of versions without these parameters have the
+/// layers of their preset.
+fn spec(job: &Job) -> Result<ModelSpec, Problem> {
     let preset = preset(&job.preset).unwrap_or(&presets()[0]);
-    let of = |patch: &Value| ModelSpec::resolve(preset, patch).ok().map(|spec| spec.histology.layers());
-    let layers =
-        of(&job.spec).or_else(|| of(&json!({ "histology": job.spec["histology"] }))).or_else(|| of(&json!({})));
-    layers.ok_or_else(|| Problem::new(Kind::Internal, "The layers of the section are unknown."))
+    let of = |patch: &Value| ModelSpec::resolve(preset, patch).ok();
+    let spec = of(&job.spec).or_else(|| of(&json!({ "histology": job.spec["histology"] }))).or_else(|| of(&json!({})));
+    spec.ok_or_else(|| Problem::new(Kind::Internal, "The layers of the section are unknown."))
 }

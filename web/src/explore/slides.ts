@@ -12,6 +12,9 @@ export const TISSUES = [
   { name: "Circular muscle", color: "#c5543f" },
   { name: "Longitudinal muscle", color: "#e59a4c" },
   { name: "Serosa", color: "#5f93ad" },
+  { name: "Subserosa", color: "#a9c7d3" },
+  { name: "Inner longitudinal muscle", color: "#e0c04c" },
+  { name: "Vessel", color: "#a3122b" },
 ] as const;
 
 /** A picture over a cross section, micrometres. */

@@ -290,7 +290,8 @@ class Client(Driver):
         Args:
             size: Longer side in pixels, 32 to 2048; 1024 by default.
             labels: True for the tissue label of each pixel as a grey value: 0 outside, 1 lumen, 2
-                epithelium, 3 lamina propria, 4 circular muscle, 5 longitudinal muscle, 6 serosa.
+                epithelium, 3 lamina propria, 4 circular muscle, 5 longitudinal muscle, 6 serosa,
+                7 subserosa, 8 inner longitudinal muscle, 9 vessel.
         """
         return self._call(_calls.section_png(model, index, size, labels))
 

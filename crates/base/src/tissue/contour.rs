@@ -31,6 +31,13 @@ impl Edge {
         let (rx, ry) = (dx - t * (self.to[0] - self.from[0]), dy - t * (self.to[1] - self.from[1]));
         (rx * rx + ry * ry, self.start + t * self.length)
     }
+
+    /// Point of the edge that is nearest to a point.
+    pub(super) fn nearest_point(&self, p: [f64; 2]) -> [f64; 2] {
+        let (dx, dy) = (p[0] - self.from[0], p[1] - self.from[1]);
+        let t = (dx * self.per_square_length[0] + dy * self.per_square_length[1]).clamp(0.0, 1.0);
+        [0, 1].map(|axis| self.from[axis] + t * (self.to[axis] - self.from[axis]))
+    }
 }
 
 const EDGES_PER_GROUP: usize = 16;
@@ -87,6 +94,28 @@ impl Contour {
         let edge = &self.edges[after.saturating_sub(1)];
         let t = if edge.length > 0.0 { ((along - edge.start) / edge.length).clamp(0.0, 1.0) } else { 0.0 };
         [0, 1].map(|axis| edge.from[axis] + t * (edge.to[axis] - edge.from[axis]))
+    }
+
+    /// Mean of the middles of all edges, weighted by their length.
+    pub(super) fn centre(&self) -> [f64; 2] {
+        let sum = |axis: usize| -> f64 {
+            self.edges.iter().map(|edge| edge.length * 0.5 * (edge.from[axis] + edge.to[axis])).sum()
+        };
+        let length = if self.length > 0.0 { self.length } else { 1.0 };
+        [sum(0) / length, sum(1) / length]
+    }
+
+    /// Last point at which a ray meets the lines. `None` if it does not meet them.
+    pub(super) fn farthest(&self, from: [f64; 2], along: [f64; 2]) -> Option<[f64; 2]> {
+        let side = |p: [f64; 2]| along[0] * (p[1] - from[1]) - along[1] * (p[0] - from[0]);
+        let far = |p: [f64; 2]| along[0] * (p[0] - from[0]) + along[1] * (p[1] - from[1]);
+        let meet = |edge: &Edge| {
+            let (a, b) = (side(edge.from), side(edge.to));
+            let at = |t: f64| far(edge.from) + t * (far(edge.to) - far(edge.from));
+            ((a < 0.0) != (b < 0.0)).then(|| at(a / (a - b))).filter(|far| *far > 0.0)
+        };
+        let far = self.edges.iter().filter_map(meet).fold(0.0, f64::max);
+        (far > 0.0).then(|| [from[0] + far * along[0], from[1] + far * along[1]])
     }
 
     /// Distance of a point from the nearest line; infinite if there are no points.

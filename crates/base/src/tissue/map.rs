@@ -1,7 +1,8 @@
 //! The tissue of each pixel of a grid, and the position of the pixel within its layer.
 
 use super::contour::Edge;
-use super::wall::{Wall, WallLayer};
+use super::fill::inside;
+use super::wall::Wall;
 use super::{Contour, Grid, Layers, Tissue};
 use crate::model::Border;
 use std::ops::Range;
@@ -19,15 +20,23 @@ pub struct Place {
     pub lumen_um: f32,
     /// Arc length of the nearest point of the inner wall; 0 beyond the reach.
     pub along_um: f32,
-    /// Distance from the outer wall. 0 unless the tissue is serosa, muscle or lamina propria.
+    /// Distance from the outer wall. 0 in epithelium and outside tissue.
     pub depth_um: f32,
-    /// Arc length of the nearest point of the outer wall. 0 unless the tissue is serosa, muscle or
-    /// lamina propria.
+    /// Arc length of the nearest point of the outer wall. 0 in epithelium and outside tissue.
     pub around_um: f32,
+    /// Distance from the border of the vessel that contains the centre. 0 unless the tissue is
+    /// vessel.
+    pub within_um: f32,
 }
 
-const OUTSIDE: Place =
-    Place { tissue: Tissue::Outside, lumen_um: f32::INFINITY, along_um: 0.0, depth_um: 0.0, around_um: 0.0 };
+const OUTSIDE: Place = Place {
+    tissue: Tissue::Outside,
+    lumen_um: f32::INFINITY,
+    along_um: 0.0,
+    depth_um: 0.0,
+    around_um: 0.0,
+    within_um: 0.0,
+};
 
 /// The layers of one section.
 #[derive(Clone, Debug)]
@@ -45,8 +54,9 @@ impl TissueMap {
     #[must_use]
     pub fn new(mucosa: &Border, outside: &Border, layers: &Layers) -> Self {
         let lumen = Contour::new(mucosa);
-        let wall = Wall::new(Contour::new(outside), &lumen, layers);
-        Self { closing: [mucosa, outside].map(closing_edges), lumen, wall, layers: *layers }
+        let closing = [mucosa, outside].map(closing_edges);
+        let wall = Wall::new(Contour::new(outside), &lumen, &closing[0], layers);
+        Self { closing, lumen, wall, layers: *layers }
     }
 
     /// Border of the inner wall.
@@ -126,35 +136,13 @@ impl<'a> Band<'a> {
         [self.grid.y(self.rows.end.max(1) - 1), self.grid.y(self.rows.start)]
     }
 
-    /// Assigns `tissue` to the pixels inside closed edges: a ray to the left crosses an odd number
-    /// of them.
+    /// Assigns `tissue` to the pixels inside closed edges.
     fn fill<'e>(&mut self, edges: impl Iterator<Item = &'e Edge>, tissue: Tissue) {
-        let [low, high] = self.y_range();
-        let (width, first) = (self.grid.width as usize, self.rows.start);
-        let mut crossings: Vec<Vec<f64>> = vec![Vec::new(); self.rows.len()];
-        for edge in edges {
-            let (y0, y1) = (edge.from[1], edge.to[1]);
-            let (least, most) = (y0.min(y1), y0.max(y1));
-            if most < low || least > high {
-                continue;
-            }
-            for row in self.grid.rows(least, most) {
-                let row = row as u32;
-                let y = self.grid.y(row);
-                if self.rows.contains(&row) && (y0 <= y) != (y1 <= y) {
-                    let x = edge.from[0] + (y - y0) / (y1 - y0) * (edge.to[0] - edge.from[0]);
-                    crossings[(row - first) as usize].push(x);
-                }
-            }
-        }
-        for (xs, row) in crossings.iter_mut().zip(self.places.chunks_mut(width.max(1))) {
-            xs.sort_unstable_by(f64::total_cmp);
-            for pair in xs.chunks_exact(2) {
-                for place in &mut row[self.grid.columns(pair[0], pair[1])] {
-                    place.tissue = tissue;
-                }
-            }
-        }
+        let width = self.grid.width as usize;
+        let places = &mut self.places;
+        inside(self.grid, self.rows.clone(), edges, |row, columns| {
+            places[row * width..][columns].iter_mut().for_each(|place| place.tissue = tissue);
+        });
     }
 
     /// Sets the distance from the inner wall of all pixels within `reach`.
@@ -227,12 +215,9 @@ impl<'a> Band<'a> {
                     let depth = square.sqrt();
                     place.depth_um = depth as f32;
                     place.around_um = around as f32;
-                    place.tissue = match wall.layer(depth, around) {
-                        WallLayer::Serosa => Tissue::Serosa,
-                        WallLayer::Longitudinal => Tissue::LongitudinalMuscle,
-                        WallLayer::Circular => Tissue::CircularMuscle,
-                        WallLayer::Mucosa => Tissue::LaminaPropria,
-                    };
+                    let (tissue, within) = wall.tissue([self.grid.x(column as u32), y], depth);
+                    place.tissue = tissue;
+                    place.within_um = within as f32;
                 }
             }
         }

@@ -1,63 +1,107 @@
-//! Depth of the muscular wall, measured from the outer wall of the tube.
-//!
-//! The border between muscle and mucosa does not follow the folds. At a place of the outer wall,
-//! its depth is the distance of the nearest lumen minus epithelium and lamina propria. The depth is
-//! then replaced by the minimum, and after that by the mean, over a sixteenth of the circumference
-//! to both sides. The border therefore never lies deeper than the lumen permits, and varies slowly.
+//! Layers of the muscular wall, by the distance from its inner and its outer border.
 
-use super::{Contour, Layers};
+use super::contour::Edge;
+use super::field::Field;
+use super::vessels::{Side, Vessel, vessels};
+use super::{Contour, Layers, Tissue, bundles};
+use std::f64::consts::TAU;
 
-/// Number of places around the tube at which the depth is stored.
-const PLACES: usize = 512;
-/// Places to either side in the window of minimum and mean: a sixteenth of the circumference.
-const WINDOW: usize = PLACES / 16;
+/// Maximum share of the wall outside the lamina propria that the subserosa takes.
+const MAX_SUBSEROSA: f64 = 0.4;
+/// Maximum share of the muscle that the inner longitudinal layer takes.
+const MAX_INNER: f64 = 0.4;
+/// Factor by which the subserosa is thicker at the mesosalpinx, less 1.
+const MESOSALPINX: f64 = 2.0;
 
 /// The muscular wall of a section.
 #[derive(Clone, Debug)]
 pub(super) struct Wall {
     pub(super) outside: Contour,
-    /// Distance of the inner border of the muscle from the outer wall at each place, µm.
-    depths: Vec<f64>,
-    serosa_um: f64,
-    longitudinal_share: f64,
+    field: Field,
+    centre: [f64; 2],
+    /// True if the section lies across the tube. Angles have a meaning only there.
+    is_across: bool,
+    vessels: Vec<Vessel>,
+    layers: Layers,
 }
 
-/// A layer of the wall, ordered from the outside.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum WallLayer {
-    Serosa,
-    Longitudinal,
-    Circular,
-    Mucosa,
+/// Distances of a point of the wall from the borders of the muscle, µm.
+#[derive(Clone, Copy, Debug)]
+struct Span {
+    /// Distance from the inner border; negative in the lamina propria.
+    inner: f64,
+    /// Distance from the outer border; negative in the subserosa.
+    outer: f64,
 }
 
 impl Wall {
-    pub(super) fn new(outside: Contour, lumen: &Contour, layers: &Layers) -> Self {
-        let place = |k: usize| outside.at(outside.length() * k as f64 / PLACES as f64);
-        let mucosa = layers.epithelium_um + layers.lamina_um;
-        let raw: Vec<f64> = (0..PLACES).map(|k| (lumen.distance(place(k)) - mucosa).max(0.0)).collect();
-        let window = |k: usize| (k + PLACES - WINDOW..=k + PLACES + WINDOW).map(|at| at % PLACES);
-        let minima: Vec<f64> = (0..PLACES).map(|k| window(k).map(|at| raw[at]).fold(f64::INFINITY, f64::min)).collect();
-        let mean = |k: usize| window(k).map(|at| minima[at]).sum::<f64>() / (2 * WINDOW + 1) as f64;
-        let depths = (0..PLACES).map(mean).collect();
-        Self { outside, depths, serosa_um: layers.serosa_um, longitudinal_share: layers.longitudinal_share }
+    /// Computes the wall of a section. `closing` are the edges in the planes of caps that close the
+    /// lumen; a section across the tube has none.
+    pub(super) fn new(outside: Contour, lumen: &Contour, closing: &[Edge], layers: &Layers) -> Self {
+        let field = Field::new(lumen, lumen.edges.iter().chain(closing), &outside, layers);
+        let centre = outside.centre();
+        let mut wall =
+            Self { outside, field, centre, is_across: closing.is_empty(), vessels: Vec::new(), layers: *layers };
+        if wall.is_across {
+            wall.vessels = vessels(layers, &|turn| wall.side(turn));
+        }
+        wall
     }
 
-    /// Layer at `depth` below the point of the outer wall with the arc length `around`.
-    pub(super) fn layer(&self, depth: f64, around: f64) -> WallLayer {
-        if depth <= self.serosa_um {
-            return WallLayer::Serosa;
-        }
-        let at = around / self.outside.length() * PLACES as f64;
-        let (k, t) = (at.floor(), at - at.floor());
-        let k = k as usize % PLACES;
-        let border = self.depths[k] * (1.0 - t) + self.depths[(k + 1) % PLACES] * t;
-        if depth > border {
-            WallLayer::Mucosa
-        } else if depth <= self.serosa_um + self.longitudinal_share * (border - self.serosa_um) {
-            WallLayer::Longitudinal
+    /// Angle of a point around the middle of the outer contour, in turns.
+    fn turn(&self, p: [f64; 2]) -> f64 {
+        libm::atan2(p[1] - self.centre[1], p[0] - self.centre[0]) / TAU
+    }
+
+    /// The wall in a direction from the middle, in turns.
+    fn side(&self, turn: f64) -> Option<Side> {
+        let (sin, cos) = libm::sincos(turn * TAU);
+        let edge = self.outside.farthest(self.centre, [cos, sin])?;
+        let serosa = self.layers.serosa_um;
+        let Span { inner, outer } = self.span([edge[0] - serosa * cos, edge[1] - serosa * sin], serosa);
+        Some(Side { edge, out: [cos, sin], muscle_um: (inner + outer).max(0.0), subserosa_um: (-outer).max(0.0) })
+    }
+
+    /// Distances of a point at `depth` below the outer contour from the borders of the muscle.
+    fn span(&self, p: [f64; 2], depth: f64) -> Span {
+        let inner = self.field.at(p) + self.layers.opening_um;
+        let under_serosa = depth - self.layers.serosa_um;
+        let subserosa = if self.is_across && self.layers.subserosa_um > 0.0 {
+            let [dx, dy] = [p[0] - self.centre[0], p[1] - self.centre[1]];
+            let side = 0.5 - 0.5 * dy / dx.hypot(dy).max(1e-9);
+            self.layers.subserosa_um * (1.0 + MESOSALPINX * side.powi(4))
         } else {
-            WallLayer::Circular
+            self.layers.subserosa_um
+        };
+        Span { inner, outer: under_serosa - subserosa.min(MAX_SUBSEROSA * (inner + under_serosa).max(0.0)) }
+    }
+
+    /// Tissue at a point of the wall that is not epithelium, at `depth` below the outer contour,
+    /// and in a vessel the distance from its border.
+    pub(super) fn tissue(&self, p: [f64; 2], depth: f64) -> (Tissue, f64) {
+        if depth <= self.layers.serosa_um {
+            return (Tissue::Serosa, 0.0);
         }
+        let Span { inner, outer } = self.span(p, depth);
+        if inner < 0.0 {
+            return (Tissue::LaminaPropria, 0.0);
+        }
+        if let Some(within) = self.vessels.iter().find_map(|vessel| vessel.within(p)) {
+            return (Tissue::Vessel, within);
+        }
+        if outer < 0.0 {
+            return (Tissue::Subserosa, 0.0);
+        }
+        let whole = inner + outer;
+        if inner < self.layers.inner_longitudinal_um.min(MAX_INNER * whole) {
+            return (Tissue::InnerLongitudinalMuscle, 0.0);
+        }
+        let share = self.layers.longitudinal_share;
+        if outer > share * whole {
+            return (Tissue::CircularMuscle, 0.0);
+        }
+        let height = if self.is_across { bundles::height(self.turn(p), &self.layers) } else { 1.0 };
+        let is_bundle = height > 0.0 && outer <= height * share * whole;
+        (if is_bundle { Tissue::LongitudinalMuscle } else { Tissue::CircularMuscle }, 0.0)
     }
 }

@@ -255,8 +255,8 @@ fn write_labels(
         let mut ome = buffered(&ome_path)?;
         let mut nifti = hashed(&nifti_path)?;
         let cancelled = || cancel.is_cancelled();
-        let report =
-            labels::write_labels(mesh, &spec.histology.layers(), &volume, meta, (&mut ome, &mut nifti), &cancelled)?;
+        let layers = |z_um: f64| spec.layers_at_um(z_um, request.seed);
+        let report = labels::write_labels(mesh, &layers, &volume, meta, (&mut ome, &mut nifti), &cancelled)?;
         ome.flush()?;
         drop(ome);
         let (mut file, nifti) = nifti.finish();

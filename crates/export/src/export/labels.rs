@@ -31,7 +31,8 @@ struct LabelSlice {
     deflated: Vec<u8>,
 }
 
-/// Writes both files. Calls `cancelled` before each slice and stops if it returns true.
+/// Writes both files. `layers` returns the layers at a place along the tube, µm. Calls `cancelled`
+/// before each slice and stops if it returns true.
 ///
 /// # Errors
 /// Returns any error of writing, and:
@@ -43,7 +44,7 @@ struct LabelSlice {
 ///   more than 32,767 voxels.
 pub fn write_labels(
     surface: &Mesh,
-    layers: &Layers,
+    layers: &(dyn Fn(f64) -> Layers + Sync),
     volume: &LabelVolume,
     meta: &Metadata,
     outputs: (impl Write + Seek + Send, impl Write + Send),
@@ -66,7 +67,8 @@ pub fn write_labels(
                 if cancelled() {
                     return Err(io::ErrorKind::Interrupted.into());
                 }
-                walls.slice(volume.z_um(slice), &grid, layers)
+                let z_um = volume.z_um(slice);
+                walls.slice(z_um, &grid, &layers(z_um))
             })
             .collect::<io::Result<Vec<LabelSlice>>>()?;
         let (tiff, nifti) = rayon::join(

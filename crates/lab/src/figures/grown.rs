@@ -63,8 +63,9 @@ impl Grown {
 
     /// Returns a section for a stained picture.
     pub(super) fn slide(&self, index: usize) -> Slide {
-        let layers = self.request.spec.histology.layers();
-        Slide { borders: self.sections[index].borders(), layers, seed: self.request.seed, index: index as u32 }
+        let (section, seed) = (&self.sections[index], self.request.seed);
+        let layers = self.request.spec.layers_at_um(section.z_um, seed);
+        Slide { borders: section.borders(), layers, seed, index: index as u32 }
     }
 
     /// Returns preset and seed for captions.

@@ -1,7 +1,7 @@
 //! Layers of a section and size of the label volume, from `histology` and `labels` of a
 //! specification.
 
-use super::parameters::{Histology, Parameters};
+use super::parameters::Parameters;
 use crate::tissue::Layers;
 
 /// Sizes of a label volume are 16-bit numbers in NIfTI-1. The maximum side leaves a margin, because
@@ -11,20 +11,39 @@ pub(super) const MAX_SIDE_VOXELS: f64 = 16_384.0;
 /// Number of places at which the width is sampled.
 const PLACES: u32 = 64;
 
-impl Histology {
-    /// Layers of a section.
+impl Parameters {
+    /// Layers of a section at a place along the tube, as a fraction of its length.
     #[must_use]
-    pub fn layers(&self) -> Layers {
+    pub fn layers_at(&self, share: f64, seed: u64) -> Layers {
+        let of = &self.histology;
         Layers {
-            epithelium_um: self.epithelium_um,
-            lamina_um: self.lamina_um,
-            longitudinal_share: self.longitudinal_share,
-            serosa_um: self.serosa_um,
+            epithelium_um: of.epithelium_um.at(share),
+            lamina_um: of.lamina_um.at(share),
+            opening_um: of.opening_um.at(share),
+            inner_longitudinal_um: of.inner_longitudinal_um.at(share),
+            longitudinal_share: of.longitudinal_share.at(share),
+            longitudinal_cover: of.longitudinal_cover.at(share),
+            subserosa_um: of.subserosa_um.at(share),
+            serosa_um: of.serosa_um.at(share),
+            vessels: of.vessels.at(share),
+            z_um: share * self.length_mm * 1000.0,
+            seed,
         }
     }
-}
 
-impl Parameters {
+    /// Layers of a section at `z_um` from the isthmus end.
+    #[must_use]
+    pub fn layers_at_um(&self, z_um: f64, seed: u64) -> Layers {
+        self.layers_at(z_um / (self.length_mm * 1000.0), seed)
+    }
+
+    /// Place in the middle of the piece of the tube that is modelled, µm from the isthmus end.
+    #[must_use]
+    pub fn middle_um(&self) -> f64 {
+        let [begin, end] = self.piece_um();
+        0.5 * (begin + end)
+    }
+
     /// Number of slices of the label volume, at least 1.
     #[must_use]
     pub fn label_slices(&self) -> u32 {

@@ -485,20 +485,40 @@ group! {
 }
 
 group! {
-    /// Heights of the layers between the lumen and the outside, drawn in stained sections and
-    /// written as labels.
+    /// Layers between the lumen and the outside, drawn in stained sections and written as labels.
+    /// Keys of schedules are fractions of the length of the tube.
     #[derive(Clone, Debug, PartialEq)]
     pub struct Histology {
         /// Height of the epithelium along the lumen. Folds thinner than twice this height consist
         /// of epithelium only.
-        pub epithelium_um: f64 = "Epithelium height" ["µm"] Range::of(1.0, 200.0);
+        pub epithelium_um: Schedule = "Epithelium height" ["µm"] Range::of(1.0, 200.0).steady();
         /// Minimum thickness of the lamina propria between epithelium and muscle.
-        pub lamina_um: f64 = "Lamina propria under the epithelium" ["µm"] Range::of(0.0, 1000.0);
-        /// Fraction of the muscle's thickness that the longitudinal layer takes; the circular layer
-        /// takes the rest.
-        pub longitudinal_share: f64 = "Longitudinal share of the muscle" [""] Range::of(0.0, 1.0);
+        pub lamina_um: Schedule = "Lamina propria under the epithelium" ["µm"]
+            Range::of(0.0, 1000.0).steady();
+        /// Radius of a disc that fits into every part of the muscle: half the width of the widest
+        /// core of a fold that contains no muscle.
+        pub opening_um: Schedule = "Half width of a core without muscle" ["µm"]
+            Range::of(0.0, 5000.0).steady();
+        /// Thickness of a longitudinal layer inside the circular muscle. It takes at most 40 % of
+        /// the muscle.
+        pub inner_longitudinal_um: Schedule = "Inner longitudinal muscle" ["µm"]
+            Range::of(0.0, 1000.0).steady();
+        /// Fraction of the muscle's thickness that the outer longitudinal layer takes; the circular
+        /// layer takes the rest.
+        pub longitudinal_share: Schedule = "Longitudinal share of the muscle" [""]
+            Range::of(0.0, 1.0).steady();
+        /// Share of the circumference that the outer longitudinal layer covers. Below 1, it
+        /// consists of bundles with circular muscle between them.
+        pub longitudinal_cover: Schedule = "Cover of the longitudinal muscle" ["of the circumference"]
+            Range::of(0.0, 1.0).steady();
+        /// Thickness of the loose connective tissue between muscle and serosa; three times as much
+        /// at the mesosalpinx, which lies in the direction of −y.
+        pub subserosa_um: Schedule = "Subserosa thickness" ["µm"] Range::of(0.0, 1000.0).steady();
         /// Thickness of the serosa.
-        pub serosa_um: f64 = "Serosa thickness" ["µm"] Range::of(0.0, 1000.0);
+        pub serosa_um: Schedule = "Serosa thickness" ["µm"] Range::of(0.0, 1000.0).steady();
+        /// Number of larger vessels in a section: half of them between the muscles, half of them in
+        /// the subserosa.
+        pub vessels: Schedule = "Vessels" ["vessels"] Range::of(0.0, 64.0).steady();
     }
 }
 

@@ -8,13 +8,15 @@ use std::io::{Cursor, Read};
 use tiff::decoder::{Decoder, DecodingResult};
 use tiff::tags::Tag;
 
-const LAYERS: Layers = Layers { epithelium_um: 30.0, lamina_um: 40.0, longitudinal_share: 0.3, serosa_um: 25.0 };
+const LAYERS: Layers =
+    Layers { epithelium_um: 30.0, lamina_um: 40.0, longitudinal_share: 0.3, serosa_um: 25.0, ..Layers::NONE };
 const VOLUME: LabelVolume = LabelVolume { voxel_um: 10.0, slice_um: 50.0, from_um: 1000.0, slices: 20 };
 
 /// Writes both files of a tube of 4 mm with radii of 0.5 and 1 mm.
 fn written(volume: &LabelVolume) -> (Vec<u8>, Vec<u8>, LabelReport) {
     let (mut tiff, mut nifti) = (Cursor::new(Vec::new()), Vec::new());
-    let report = write_labels(&tube(96, 4, 0.0), &LAYERS, volume, &meta(), (&mut tiff, &mut nifti), &|| false).unwrap();
+    let report =
+        write_labels(&tube(96, 4, 0.0), &|_| LAYERS, volume, &meta(), (&mut tiff, &mut nifti), &|| false).unwrap();
     (tiff.into_inner(), nifti, report)
 }
 
@@ -115,7 +117,7 @@ fn it_stops_when_it_is_cancelled_and_refuses_what_does_not_fit() {
     let surface = tube(24, 2, 0.0);
     let write = |volume: &LabelVolume, cancelled: bool| {
         let outputs = (Cursor::new(Vec::new()), Vec::new());
-        write_labels(&surface, &LAYERS, volume, &meta(), outputs, &|| cancelled).unwrap_err().kind()
+        write_labels(&surface, &|_| LAYERS, volume, &meta(), outputs, &|| cancelled).unwrap_err().kind()
     };
     assert_eq!(write(&VOLUME, true), io::ErrorKind::Interrupted);
     assert_eq!(write(&LabelVolume { voxel_um: 0.05, ..VOLUME }, false), io::ErrorKind::InvalidInput);

@@ -2,12 +2,15 @@
 
 use super::*;
 use crate::model::{Ring, Section, sample};
+use crate::spec::{ModelSpec, presets};
 use crate::tissue::Tissue;
 
-const LAYERS: Layers = Layers { epithelium_um: 30.0, lamina_um: 40.0, longitudinal_share: 0.3, serosa_um: 25.0 };
+const LAYERS: Layers =
+    Layers { epithelium_um: 30.0, lamina_um: 40.0, longitudinal_share: 0.3, serosa_um: 25.0, ..Layers::NONE };
 
 fn slide(section: &Section) -> Slide {
-    Slide { borders: section.borders(), layers: LAYERS, seed: 7, index: 3 }
+    let layers = Layers { subserosa_um: 40.0, vessels: 16.0, ..LAYERS };
+    Slide { borders: section.borders(), layers, seed: 7, index: 3 }
 }
 
 /// Width, height, channels and pixels.
@@ -28,7 +31,7 @@ fn every_pixel_is_stained_as_it_is_labelled() {
     let (label_width, label_height, label_channels, labels) = decoded(&labels);
     assert_eq!((width, height, channels), (label_width, label_height, 3));
     assert_eq!((width.max(height), label_channels), (700, 1));
-    let mut sums = [(0.0, 0.0); 7];
+    let mut sums = [(0.0, 0.0); 10];
     for (pixel, &label) in rgb.chunks_exact(3).zip(&labels) {
         let is_glass = label <= Tissue::Lumen as u8;
         let red_of_blue = f64::from(pixel[0]) / f64::from(pixel[2]);
@@ -41,7 +44,7 @@ fn every_pixel_is_stained_as_it_is_labelled() {
         assert!(is_glass || pixel[1] < 246, "{pixel:?} in tissue {label}");
     }
     let hue = |tissue: Tissue| sums[tissue as usize].1 / sums[tissue as usize].0;
-    assert!(sums.iter().all(|(count, _)| *count > 500.0), "{sums:?}");
+    assert!(sums[..8].iter().chain(&sums[9..]).all(|(count, _)| *count > 500.0), "{sums:?}");
     // The epithelium is blue, because it contains many nuclei; muscle is pink.
     assert!(hue(Tissue::Epithelium) < 1.0 && hue(Tissue::CircularMuscle) > 1.03, "{sums:?}");
     assert!(hue(Tissue::LongitudinalMuscle) > 1.03 && hue(Tissue::LaminaPropria) > hue(Tissue::Epithelium), "{sums:?}");
@@ -58,7 +61,7 @@ fn a_picture_depends_on_section_layers_seed_and_index_only() {
         assert_ne!(one.0, other.stained(300).unwrap());
         assert_eq!(one.1, other.labels(300).unwrap());
     }
-    let thick = Slide { layers: Layers { epithelium_um: 60.0, ..LAYERS }, ..slide };
+    let thick = Slide { layers: Layers { epithelium_um: 60.0, ..slide.layers }, ..slide };
     assert_ne!(one.1, thick.labels(300).unwrap());
 }
 
@@ -81,6 +84,39 @@ fn odd_sizes_and_sections_are_drawn_or_refused() {
     for section in [Section::default(), Section { inner: line.clone(), outer: line, ..Section::default() }] {
         for size in [1, 33] {
             assert!(slide(&section).stained(size).is_ok() && slide(&section).labels(size).is_ok());
+        }
+    }
+}
+
+#[test]
+fn pictures_of_every_preset_have_its_layers() {
+    for preset in presets() {
+        let spec = ModelSpec::resolve(preset, &serde_json::json!({})).unwrap();
+        for share in [0.0, 0.9] {
+            let layers = spec.layers_at(share, 3);
+            let inner = spec.scale * 0.7 * spec.inner_radius_um(share);
+            let outer =
+                inner + layers.epithelium_um + layers.lamina_um + spec.scale * spec.containment.wall_um.at(share);
+            let circle = |radius: f64| {
+                let at = |k: u32| libm::sincosf(k as f32 * std::f32::consts::TAU / 360.0);
+                let points = (0..360).map(at).map(|(sin, cos)| [radius as f32 * cos, radius as f32 * sin]);
+                Border::closed(vec![points.collect()])
+            };
+            let slide = Slide { borders: [circle(inner), circle(outer)], layers, seed: 3, index: 0 };
+            let labels = decoded(&slide.labels(900).unwrap()).3;
+            let has = |tissue: Tissue| labels.contains(&(tissue as u8));
+            let name = preset.name.as_str();
+            for tissue in &Tissue::ALL[..7] {
+                assert!(has(*tissue), "{name} at {share}: no {tissue:?}");
+            }
+            assert_eq!(has(Tissue::Subserosa), layers.subserosa_um > 0.0, "{name} at {share}");
+            let is_intramural = name == "human" && share == 0.0;
+            assert_eq!(has(Tissue::InnerLongitudinalMuscle), is_intramural, "{name} at {share}");
+            // Vessels of a mouse are thinner than a pixel.
+            assert!(has(Tissue::Vessel) || name == "mouse", "{name} at {share}");
+            let area = |tissue: Tissue| labels.iter().filter(|&&label| label == tissue as u8).count();
+            let is_thin = matches!(name, "pig" | "human" | "cow" | "mouse");
+            assert!(!is_thin || area(Tissue::LaminaPropria) < area(Tissue::Epithelium), "{name} at {share}");
         }
     }
 }

@@ -25,6 +25,13 @@ const ACROSS: Scatter = Scatter { kind: 4, cell: [7.5, 7.5], share: 0.36, half: 
 /// Nuclei of the flat cells of the serosa.
 const FLAT: Scatter = Scatter { kind: 5, cell: [16.0, 7.0], share: 0.4, half: [5.0, 0.9], turned: false, period: 0 };
 
+/// Red cells in a vessel.
+const RED: Scatter = Scatter { kind: 6, cell: [6.2, 6.2], share: 0.85, half: [2.9, 2.5], turned: true, period: 0 };
+/// Nuclei of the wall of a vessel.
+const LINING: Scatter = Scatter { kind: 7, cell: [9.0, 9.0], share: 0.4, half: [2.6, 1.0], turned: true, period: 0 };
+/// Thickness of the wall of a vessel, µm; chosen by eye.
+const VESSEL_WALL_UM: f32 = 4.5;
+
 /// The texture of a section.
 pub(super) struct Texture {
     seed: u64,
@@ -62,8 +69,10 @@ impl Texture {
             Tissue::Epithelium => self.epithelium(place, p),
             Tissue::LaminaPropria => self.connective(place, p),
             Tissue::CircularMuscle => self.circular(place, p),
-            Tissue::LongitudinalMuscle => self.longitudinal(p),
+            Tissue::LongitudinalMuscle | Tissue::InnerLongitudinalMuscle => self.longitudinal(p),
             Tissue::Serosa => self.serosa(place, p),
+            Tissue::Subserosa => self.subserosa(p),
+            Tissue::Vessel => self.vessel(place, p),
         };
         // Variation of the thickness of the slice and of its uptake of dye.
         let cut = self.noise.at(p[0] / 420.0, p[1] / 420.0) + 0.4 * self.noise.at(p[0] / 90.0, p[1] / 90.0);
@@ -176,6 +185,32 @@ impl Texture {
         dyes = dyes.mixed(Dyes::of(0.04, 0.1 + 0.2 * fibre), 0.85 * between);
         let nuclei = self.nucleus(&ACROSS, p, dyes);
         dyes.mixed(nuclei, 1.0 - 0.8 * between)
+    }
+
+    fn subserosa(&self, p: [f32; 2]) -> Dyes {
+        let noise = &self.noise;
+        // Loose, wavy strands with wide clefts between them.
+        let (wx, wy) = (noise.at(p[0] / 38.0, p[1] / 38.0 + 9.0), noise.at(p[1] / 38.0 + 70.0, p[0] / 38.0));
+        let (x, y) = (p[0] + 60.0 * wx, p[1] + 60.0 * wy);
+        let strand = 0.5 * noise.at(x / 11.0, y / 5.0) + 0.3 * noise.at(y / 9.0 + 30.0, x / 4.0);
+        let strand = strand + 0.2 * noise.at(x / 2.4, y / 2.4);
+        let mut dyes = Dyes::of(0.03, 0.06).mixed(Dyes::of(0.09, 0.42), ramp(0.42, 0.66, strand));
+        dyes = dyes.mixed(Dyes::of(0.1, 0.5), 0.5 * ramp(0.62, 0.75, noise.at(x / 16.0, y / 6.0 + 40.0)));
+        let nuclei = self.nucleus(&CONNECTIVE, p, dyes);
+        dyes.mixed(nuclei, 0.8)
+    }
+
+    fn vessel(&self, place: &Place, p: [f32; 2]) -> Dyes {
+        let noise = &self.noise;
+        let wall_um = VESSEL_WALL_UM * (0.7 + 0.6 * noise.at(p[0] / 25.0, p[1] / 25.0));
+        // Red cells fill a part of the vessel; the rest is pale plasma.
+        let full = ramp(0.36, 0.5, noise.at(p[0] / 34.0 + 80.0, p[1] / 34.0));
+        let (cell, dark) = RED.at(self.seed, self.index, p, self.um_per_pixel);
+        let plasma = Dyes::of(0.03, 0.16 + 0.08 * noise.at(p[0] / 6.0, p[1] / 6.0));
+        let blood = plasma.mixed(Dyes::of(0.07, 0.92).scaled(dark), full * cell.max(0.35));
+        let fibre = noise.at(p[0] / 3.0, p[1] / 3.0);
+        let wall = self.nucleus(&LINING, p, Dyes::of(0.14, 0.46 + 0.2 * fibre));
+        wall.mixed(blood, ramp(wall_um - 0.5, wall_um + 0.5, place.within_um))
     }
 
     fn serosa(&self, place: &Place, p: [f32; 2]) -> Dyes {

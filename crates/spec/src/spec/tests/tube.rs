@@ -7,8 +7,14 @@ use super::*;
 fn layers_have_bounds_and_need_not_fit_into_the_wall() {
     assert_eq!(pointers(&json!({ "containment": { "wall_um": 20 }, "wall": { "lobing": 0 } })), [""; 0]);
     assert_eq!(pointers(&json!({ "histology": { "epithelium_um": 0.5 } })), ["/histology/epithelium_um"]);
-    let layers = resolved(&json!({ "histology": { "lamina_um": 55, "longitudinal_share": 0.25 } })).histology.layers();
-    assert_eq!((layers.lamina_um, layers.longitudinal_share, layers.epithelium_um), (55.0, 0.25, 30.0));
+    let keys = json!({ "keys": [[0, 10], [1, 20]] });
+    let spec = resolved(&json!({ "histology": { "lamina_um": 55, "longitudinal_share": 0.25, "serosa_um": keys } }));
+    let layers = spec.layers_at(0.5, 7);
+    assert_eq!((layers.lamina_um, layers.longitudinal_share, layers.serosa_um), (55.0, 0.25, 15.0));
+    assert_eq!((layers.z_um, layers.seed), (500.0 * spec.length_mm, 7));
+    assert_eq!(spec.layers_at_um(layers.z_um, 7), layers);
+    let wave = json!({ "fluctuation": { "amplitude": 2, "period": 100 } });
+    assert_eq!(pointers(&json!({ "histology": { "epithelium_um": wave } })).len(), 1);
 }
 
 #[test]

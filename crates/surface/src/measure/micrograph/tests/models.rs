@@ -74,9 +74,10 @@ fn images_of_the_sections_of_a_model_measure_what_the_model_does() {
             };
             let (inner, outer) = (centred(&section.inner.points), centred(&section.outer.points));
 
-            let slide = Slide { borders: section.borders(), layers: spec.histology.layers(), seed: 7, index: 0 };
+            let slide =
+                Slide { borders: section.borders(), layers: spec.layers_at_um(section.z_um, 7), seed: 7, index: 0 };
             let labels = slide.labels(size).unwrap();
-            let tissue = Some(Tissue::Values(vec![2, 3, 4, 5, 6]));
+            let tissue = Some(Tissue::Values((2..10).collect()));
             let reading = Reading { pixel_um: Some(pixel_um), tissue, threshold: None };
             let labels = Micrograph::read(&labels, &reading).unwrap();
             let pixels = [grid.width, grid.height].map(|side| side as usize);
