@@ -52,7 +52,7 @@ fn sections_in_images_are_targets() {
         ["section", "model/sections.bin", "--index", "4", "--labels", "--size", "1500", "--out", "labels.png"];
     let printed = String::from_utf8_lossy(&run(at.path(), &section).stdout).into_owned();
     let pixel_um = printed.split_whitespace().nth(1).expect("the size of a pixel");
-    let image = ["--image", "isthmus=labels.png", "--pixel-um", pixel_um, "--tissue", "2,3,4,5,6", "--json"];
+    let image = ["--image", "isthmus=labels.png", "--pixel-um", pixel_um, "--tissue", "2,3,4,5,6,7,8,9", "--json"];
     let result = json(&run(at.path(), &[&quick()[..], &image].concat()));
     let targets = result["targets"].as_array().expect("a list");
     assert!(targets.len() >= 5 && targets.iter().all(|target| target["region"] == "isthmus"), "{result}");

@@ -40,9 +40,9 @@ fn the_labels_of_a_section_measure_what_the_report_says() {
     );
     let printed = String::from_utf8_lossy(&output.stdout).into_owned();
     let pixel_um = printed.split_whitespace().nth(1).expect("the size of a pixel").to_owned();
-    let measure = ["measure", "labels.png", "--pixel-um", &pixel_um, "--tissue", "2,3,4,5,6"];
+    let measure = ["measure", "labels.png", "--pixel-um", &pixel_um, "--tissue", "2,3,4,5,6,7,8,9"];
     let found = json(&run(at.path(), &[&measure[..], &["--json"]].concat()));
-    assert_eq!(found["settings"]["tissue"], serde_json::json!([2, 3, 4, 5, 6]));
+    assert_eq!(found["settings"]["tissue"], serde_json::json!([2, 3, 4, 5, 6, 7, 8, 9]));
     assert_eq!(found["settings"]["pixel_um"].as_f64(), pixel_um.parse().ok());
     for name in
         ["lumen_area_mm2", "tissue_area_mm2", "outer_diameter_mm", "lumen_perimeter_mm", "hydraulic_diameter_um"]

@@ -48,7 +48,7 @@ def test_fits_are_validated(fitted, client, grown):
     assert valid.digest == fit.digest and valid.request == fit.request and valid.seconds > 0
     # The tissue labels of a section, as the bytes of an image.
     image = {"region": "ampulla", "image": client.section_png(grown, 0, labels=True), "pixel_um": 5}
-    image |= {"tissue": [2, 3, 4, 5, 6], "quantities": ["lumen_perimeter_mm"]}
+    image |= {"tissue": [2, 3, 4, 5, 6, 7, 8, 9], "quantities": ["lumen_perimeter_mm"]}
     (target,) = client.validate_fit(spec=FIT["spec"], images=[image]).request["targets"]
     assert target["quantity"] == "lumen_perimeter_mm" and target["value"] > 0 and target["source"]
     with pytest.raises(InvalidRequest) as caught:

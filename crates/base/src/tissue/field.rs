@@ -89,8 +89,11 @@ fn grid(outside: &Contour, reach: f64) -> Grid {
     if !(longer.is_finite() && longer > 0.0) {
         return Grid { width: 1, height: 1, um_per_pixel: 1.0, left_um: 0.0, top_um: 0.0 };
     }
-    let um_per_pixel = ((extent[0] * extent[1]).sqrt() / SIDE).max(longer / MAX_SIDE);
-    let margin = reach.min(longer) + 3.0 * um_per_pixel;
+    let margin = reach.min(longer);
+    // A section with almost no extent in one direction is mostly margin.
+    let shorter = extent[0].min(extent[1]).max(margin);
+    let um_per_pixel = ((longer * shorter).sqrt() / SIDE).max(longer / MAX_SIDE);
+    let margin = margin + 3.0 * um_per_pixel;
     let count = |axis: usize| ((extent[axis] + 2.0 * margin) / um_per_pixel).ceil().max(1.0) as u32;
     Grid {
         width: count(0),

@@ -22,7 +22,7 @@ pub fn micrograph(bytes: &[u8]) {
 /// Asserts that contours are simple and correctly oriented, that measures are finite, and that the
 /// message of a refusal is short.
 fn image(bytes: &[u8]) {
-    let labels = Tissue::Values(vec![2, 3, 4, 5, 6]);
+    let labels = Tissue::Values((2..=9).collect());
     for reading in [
         Reading::default(),
         Reading { pixel_um: Some(2.0), tissue: None, threshold: Some(100) },
