@@ -3,7 +3,7 @@
  * Do not make direct changes to the file.
  */
 
-// openapi.yaml: sha256 557336c53ecde5847abc328bfa77d531f5fab7a62d5832b868bc7fc5211f94fc
+// openapi.yaml: sha256 2dd50c50ee2344a9270715f85ee883561287937f21e3cd993bc3df6ed48be15b
 
 export interface paths {
     "/batches": {
@@ -748,8 +748,8 @@ export interface paths {
          *     A section is available as points with the ids of particles, as a drawing, or as a picture. A
          *     picture is either stained with haematoxylin and eosin, or has the tissue of each pixel as its
          *     value: 0 outside, 1 lumen, 2 epithelium, 3 lamina propria, 4 circular muscle, 5 longitudinal
-         *     muscle, 6 serosa. Both pictures have the same pixels. `histology` in the spec defines the
-         *     heights of the layers.
+         *     muscle, 6 serosa, 7 subserosa, 8 inner longitudinal muscle, 9 vessel. Both pictures have the same
+         *     pixels. `histology` in the spec defines the layers.
          *
          *     Needs a key with the scope `read`.
          */
@@ -2439,22 +2439,47 @@ export interface components {
              * Epithelium height
              * @description Height of the epithelium along the lumen. Folds thinner than twice this height consist of epithelium only.
              */
-            epithelium_um?: number | null;
+            epithelium_um?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Inner longitudinal muscle
+             * @description Thickness of a longitudinal layer inside the circular muscle. It takes at most 40 % of the muscle.
+             */
+            inner_longitudinal_um?: number | components["schemas"]["Schedule"] | null;
             /**
              * Lamina propria under the epithelium
              * @description Minimum thickness of the lamina propria between epithelium and muscle.
              */
-            lamina_um?: number | null;
+            lamina_um?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Cover of the longitudinal muscle
+             * @description Share of the circumference that the outer longitudinal layer covers. Below 1, it consists of bundles with circular muscle between them.
+             */
+            longitudinal_cover?: number | components["schemas"]["Schedule"] | null;
             /**
              * Longitudinal share of the muscle
-             * @description Fraction of the muscle's thickness that the longitudinal layer takes; the circular layer takes the rest.
+             * @description Fraction of the muscle's thickness that the outer longitudinal layer takes; the circular layer takes the rest.
              */
-            longitudinal_share?: number | null;
+            longitudinal_share?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Half width of a core without muscle
+             * @description Radius of a disc that fits into every part of the muscle: half the width of the widest core of a fold that contains no muscle.
+             */
+            opening_um?: number | components["schemas"]["Schedule"] | null;
             /**
              * Serosa thickness
              * @description Thickness of the serosa.
              */
-            serosa_um?: number | null;
+            serosa_um?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Subserosa thickness
+             * @description Thickness of the loose connective tissue between muscle and serosa; three times as much at the mesosalpinx, which lies in the direction of −y.
+             */
+            subserosa_um?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Vessels
+             * @description Number of larger vessels in a section: half of them between the muscles, half of them in the subserosa.
+             */
+            vessels?: number | components["schemas"]["Schedule"] | null;
         };
         /** @description A JSON Schema (draft 2020-12) of a spec or of a part of it. */
         JsonSchema: {
@@ -3024,6 +3049,11 @@ export interface components {
              */
             outer?: number | components["schemas"]["Schedule"] | null;
             /**
+             * Growth where edges have room
+             * @description Growth where edges have room: the logarithm of the growth rate of an edge is this weight times the relative excess of its length over `edge_um`. Compressed edges grow less.
+             */
+            room_weight?: number | components["schemas"]["Schedule"] | null;
+            /**
              * Growth at fold tips
              * @description Weight of the curvature at fold tips in the choice of the edge to split. At 0, only the length of an edge counts.
              */
@@ -3158,6 +3188,42 @@ export interface components {
             species: string;
             /** @description Title. */
             title: string;
+        };
+        /**
+         * Primary folds
+         * @description Clefts between the primary folds.
+         */
+        PrimaryPatch: {
+            /**
+             * Clefts
+             * @description Number of clefts, which is the number of primary folds. With 8.3, eight clefts act fully and a ninth acts with 0.3 of the strength. 0 disables the clefts.
+             */
+            clefts?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Guidance along rays
+             * @description Strength of the force toward the ray from the axis to the anchor. Folds then point from the wall to the axis.
+             */
+            guide?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Hold of a cleft
+             * @description Additional regulatory strength at the bottom of a cleft, which holds it at the wall.
+             */
+            hold?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Softening of the guidance
+             * @description Distance from the ray below which the guidance decreases to zero.
+             */
+            reach_um?: number | null;
+            /**
+             * Reduced growth in clefts
+             * @description Fraction by which growth is reduced at the bottom of a cleft.
+             */
+            spare?: number | null;
+            /**
+             * Width of a cleft
+             * @description Distance along the wall from the bottom of a cleft at which the hold falls to 1/e.
+             */
+            width_um?: number | null;
         };
         /** @description Body of an error response (RFC 9457, `application/problem+json`). */
         Problem: {
@@ -3642,6 +3708,7 @@ export interface components {
             outline?: components["schemas"]["OutlinePatch"] | null;
             particles?: components["schemas"]["ParticlesPatch"] | null;
             piece?: components["schemas"]["PiecePatch"] | null;
+            primary?: components["schemas"]["PrimaryPatch"] | null;
             regions?: components["schemas"]["RegionsPatch"] | null;
             regulatory?: components["schemas"]["RegulatoryPatch"] | null;
             /**
