@@ -98,8 +98,8 @@ pub struct Layers {
     pub epithelium_um: f64,
     /// Minimum thickness of the lamina propria between epithelium and muscle, µm.
     pub lamina_um: f64,
-    /// Radius of the disc that fits into every part of the muscle: half the width of the widest core
-    /// of a fold that contains no muscle, µm.
+    /// Radius of the disc that fits into every part of the muscle: half the width of the widest
+    /// core of a fold that contains no muscle, µm.
     pub opening_um: f64,
     /// Thickness of the inner longitudinal muscle, µm.
     pub inner_longitudinal_um: f64,

@@ -56,8 +56,8 @@ impl Vessel {
 }
 
 /// Vessels of a section. `side` returns the wall in a direction, in turns. The vessel `k` continues
-/// from section to section; it is thinner where the number of vessels falls from `k + 1` to `k`, and
-/// ends there.
+/// from section to section; it is thinner where the number of vessels falls from `k + 1` to `k`,
+/// and ends there.
 pub(super) fn vessels(layers: &Layers, side: &dyn Fn(f64) -> Option<Side>) -> Vec<Vessel> {
     (0..layers.vessels.max(0.0).ceil() as u32).filter_map(|k| vessel(layers, side, k)).collect()
 }

@@ -3,7 +3,8 @@
 //! number of particles also increases").
 //!
 //! Stratified tournaments decide which edges are split. The loop is divided into as many runs as
-//! there are splits to make. The runs have equal length or equal weight ([`Weights`]). Each run has one winner, and no edge wins twice.
+//! there are splits to make. The runs have equal length or equal weight ([`Weights`]). Each run has
+//! one winner, and no edge wins twice.
 
 use super::clefts::mean_anchor;
 use super::variety::{Around, HEAVIEST, WEIGHT};

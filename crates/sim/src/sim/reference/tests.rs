@@ -407,7 +407,8 @@ proptest! {
         static PLAN: LazyLock<Plan> = LazyLock::new(|| plan(&json!({})));
         let exact = Loop::from(&start);
         for (name, keep) in FORCES {
-            let row = StepRow { contortion: [0.8; 3], repulsion: 10.0, r_in: 100.0, hold: 0.6, guide: 0.2, reach: 70.0, ..*PLAN.at(1) };
+            let primary = StepRow { hold: 0.6, guide: 0.2, reach: 70.0, ..*PLAN.at(1) };
+            let row = StepRow { contortion: [0.8; 3], repulsion: 10.0, r_in: 100.0, ..primary };
             let row = keep(&row, bare(&row));
             let with = Coefficients::from(&row);
             let found = Loop::from(&cpu_step(&PLAN, &row, &start));
