@@ -2,8 +2,8 @@
 // copies to a staging buffer.
 //
 // The part of a member has a header, then the fields of its inner particles (id, x, y, velocity,
-// rest length, anchor, sign, scale, cleft, clearance), each `extent` words long, then the fields of its
-// outer particles, each `outer_extent` words long.
+// rest length, anchor, sign, scale, cleft, clearance), each `extent` words long, then the fields of
+// its outer particles, each `outer_extent` words long.
 
 fn keep_vector(at: u32, value: vec2<f32>) {
     record_out[at] = bitcast<u32>(value.x);

@@ -102,8 +102,8 @@ impl From<Ring> for RingAnswer {
 /// A section is available as points with the ids of particles, as a drawing, or as a picture. A
 /// picture is either stained with haematoxylin and eosin, or has the tissue of each pixel as its
 /// value: 0 outside, 1 lumen, 2 epithelium, 3 lamina propria, 4 circular muscle, 5 longitudinal
-/// muscle, 6 serosa, 7 subserosa, 8 inner longitudinal muscle, 9 vessel. Both pictures have the same
-/// pixels. `histology` in the spec defines the layers.
+/// muscle, 6 serosa, 7 subserosa, 8 inner longitudinal muscle, 9 vessel. Both pictures have the
+/// same pixels. `histology` in the spec defines the layers.
 #[utoipa::path(
     get, path = "/models/{id}/sections/{k}", operation_id = "get_section", tag = "files",
     params(

@@ -110,7 +110,7 @@ pub struct Plan {
     /// Directions of the region that contains the folds; empty if the region is the ellipse at
     /// every step.
     pub spokes: Vec<Spoke>,
-    /// Directions of the clefts between primary folds, in the flattened plane, in the order of their
+    /// Directions of the clefts between primary folds in the flattened plane, in the order of their
     /// appearance; empty without clefts.
     pub clefts: Vec<[f32; 2]>,
     /// Size of the organ divided by the size of the simulated organ.

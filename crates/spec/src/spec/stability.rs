@@ -13,12 +13,23 @@
 //! Containment, regulation and the forces of primary folds act like springs of strength/ramp,
 //! strength/softening, hold/softening and guide/reach, with the same bounds. Values within each
 //! bound may still be unstable together with Runge–Kutta. Therefore the factor by which a step
-//! multiplies each mode is computed, too. Forces between strands are ignored: the guard limits their
-//! effect per step.
+//! multiplies each mode is computed, too. Forces between strands are ignored: the guard limits
+//! their effect per step.
 
 use super::check::Checks;
 use super::parameters::{Integrator, Parameters};
 use super::schedule::Schedule;
+
+/// Parameters of the forces that act like springs to a fixed place.
+const PULLS: [&str; 7] = [
+    "/containment/strength",
+    "/containment/ramp_um",
+    "/regulatory/strength",
+    "/regulatory/softening_um",
+    "/primary/hold",
+    "/primary/guide",
+    "/primary/reach_um",
+];
 
 /// Number of modes that are examined, from the slowest to the fastest.
 const EXAMINED_MODES: u32 = 32;
@@ -41,16 +52,7 @@ impl Checks<'_> {
             + max_gradient(&p.primary.hold, &p.regulatory.softening_um)
             + max(&p.primary.guide) / p.primary.reach_um;
         let pull = field.sqrt();
-        let about = [
-            "/containment/strength",
-            "/containment/ramp_um",
-            "/regulatory/strength",
-            "/regulatory/softening_um",
-            "/primary/hold",
-            "/primary/guide",
-            "/primary/reach_um",
-        ];
-        self.require(pull < 2.83, "/containment/strength", &about, || {
+        self.require(pull < 2.83, "/containment/strength", &PULLS, || {
             format!(
                 "is unstable together with /containment/ramp_um, /regulatory and /primary: sqrt(strength/ramp_um + \
                  (regulatory strength + hold)/softening_um + guide/reach_um) reaches {pull:.3} 1/step and must stay \
@@ -67,19 +69,7 @@ impl Checks<'_> {
         let euler = p.solver.integrator == Integrator::Euler;
         if !euler && self.faults.is_empty() {
             let (growth, mode) = max_growth(k, c, kb, kf, field);
-            let about = [
-                "/spring/stiffness",
-                "/spring/damping",
-                "/bending",
-                "/friction",
-                "/containment/strength",
-                "/containment/ramp_um",
-                "/regulatory/strength",
-                "/regulatory/softening_um",
-                "/primary/hold",
-                "/primary/guide",
-                "/primary/reach_um",
-            ];
+            let about = [&["/spring/stiffness", "/spring/damping", "/bending", "/friction"], &PULLS[..]].concat();
             self.require(growth <= 1.0 + 1e-9, "/spring/stiffness", &about, || {
                 format!(
                     "is unstable together with /spring/damping, /bending, /friction and the pull of /containment, \
