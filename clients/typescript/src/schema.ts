@@ -3,7 +3,7 @@
  * Do not make direct changes to the file.
  */
 
-// openapi.yaml: sha256 2dd50c50ee2344a9270715f85ee883561287937f21e3cd993bc3df6ed48be15b
+// openapi.yaml: sha256 1a9854f8a3fa0da4d2a61df79bca077d9e188ab74a6c659460f2591dd98a4bb0
 
 export interface paths {
     "/batches": {
@@ -748,8 +748,8 @@ export interface paths {
          *     A section is available as points with the ids of particles, as a drawing, or as a picture. A
          *     picture is either stained with haematoxylin and eosin, or has the tissue of each pixel as its
          *     value: 0 outside, 1 lumen, 2 epithelium, 3 lamina propria, 4 circular muscle, 5 longitudinal
-         *     muscle, 6 serosa, 7 subserosa, 8 inner longitudinal muscle, 9 vessel. Both pictures have the same
-         *     pixels. `histology` in the spec defines the layers.
+         *     muscle, 6 serosa, 7 subserosa, 8 inner longitudinal muscle, 9 vessel. Both pictures have the
+         *     same pixels. `histology` in the spec defines the layers.
          *
          *     Needs a key with the scope `read`.
          */
