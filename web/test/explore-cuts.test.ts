@@ -135,12 +135,12 @@ test("what failed is loaded again when that is asked for", async (context) => {
 });
 
 test("labels become the colours of the legend", () => {
-  const pixels = Uint8ClampedArray.from([0, 1, 2, 6, 9].flatMap((value) => [value, value, value, 255]));
+  const pixels = Uint8ClampedArray.from([0, 1, 2, 6, 9, 10].flatMap((value) => [value, value, value, 255]));
   colour(pixels);
-  const rgba = Array.from({ length: 5 }, (_, i) => Buffer.from(pixels.subarray(4 * i, 4 * i + 4)).toString("hex"));
-  assert.deepEqual([rgba[0]!.slice(6), rgba[1]!.slice(6), rgba[4]!.slice(6)], ["00", "00", "00"]);
-  assert.deepEqual([rgba[2], rgba[3]], [TISSUES[0].color, TISSUES[4].color].map((color) => `${color.slice(1)}ff`));
-  assert.equal(new Set(TISSUES.map(({ color }) => color)).size, 5);
+  const rgba = Array.from({ length: 6 }, (_, i) => Buffer.from(pixels.subarray(4 * i, 4 * i + 4)).toString("hex"));
+  assert.deepEqual([rgba[0]!.slice(6), rgba[1]!.slice(6), rgba[5]!.slice(6)], ["00", "00", "00"]);
+  assert.deepEqual([rgba[2], rgba[3], rgba[4]], [TISSUES[0].color, TISSUES[4].color, TISSUES[7].color].map((color) => `${color.slice(1)}ff`));
+  assert.equal(new Set(TISSUES.map(({ color }) => color)).size, 8);
 });
 
 test("pictures are of few sizes, and stained or labels", () => {
