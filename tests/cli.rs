@@ -237,7 +237,7 @@ fn a_model_that_grew_poorly_is_reported_with_warnings() {
     let at = folder();
     let crowded = "particles.total={\"keys\":[[0,300],[1,2000]]}";
     let arguments =
-        ["generate", "--out", "a", "--seed", "2", "--backend", "cpu", "--json", "--set", "steps=60", "--set", crowded];
+        ["generate", "--out", "a", "--seed", "3", "--backend", "cpu", "--json", "--set", "steps=60", "--set", crowded];
     let output = run(at.path(), &arguments);
     let warnings = &json(&output)["warnings"];
     let codes: Vec<&Value> = warnings.as_array().expect("an array").iter().map(|warning| &warning["code"]).collect();
@@ -412,7 +412,7 @@ fn submit_over_http_and_a_graceful_shutdown() {
     assert_eq!(code(&output), 0);
     let line = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(line.ends_with(" succeeded\n"), "{line}");
-    let output = run(at.path(), &["submit", "--url", &url, "--set", "steps=60"]);
+    let output = run(at.path(), &[&["submit", "--url", &url, "--seed", "9"][..], &TINY].concat());
     assert_eq!((code(&output), output.stdout.len()), (0, 37), "an id");
 
     let output = run(at.path(), &["submit", "--url", &url, "--set", "collision.gap_um=-1", "--set", "colour=red"]);

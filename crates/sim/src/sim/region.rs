@@ -261,7 +261,7 @@ mod tests {
     use serde_json::{Value, json};
 
     fn plan(patch: &Value) -> Plan {
-        Plan::new(&ModelSpec::resolve(preset("pig").unwrap(), patch).unwrap(), 3)
+        Plan::new(&ModelSpec::resolve(preset("paper").unwrap(), patch).unwrap(), 3)
     }
 
     fn gauge(plan: &Plan, time: i64) -> Gauge {
@@ -293,7 +293,7 @@ mod tests {
             (json!({ "outline": { "kind": "superellipse" } }), false),
             (json!({ "folds": { "depth": 0.1 } }), false),
         ] {
-            let spec = ModelSpec::resolve(preset("pig").unwrap(), &patch).unwrap();
+            let spec = ModelSpec::resolve(preset("paper").unwrap(), &patch).unwrap();
             assert_eq!((spec.is_elliptic(), plan(&patch).spokes.is_empty()), (is_elliptic, is_elliptic), "{patch}");
         }
     }
@@ -362,7 +362,7 @@ mod tests {
     #[test]
     fn folds_stand_in_rows_and_pass_by() {
         let plan = plan(
-            &json!({ "folds": { "depth": 0.5, "rows": 2, "band": 0.2, "period_mm": 17, "stagger": 0.5, "irregularity": 0, "wall": 0.5 } }),
+            &json!({ "folds": { "depth": 0.5, "rows": 2, "band": 0.2, "period_mm": 21, "stagger": 0.5, "irregularity": 0, "wall": 0.5 } }),
         );
         // In the middle of a row, on either side, and in a band.
         let (mut lows, mut wall) = ([1.0f32; 2], 1.0f32);

@@ -43,15 +43,14 @@ fn an_empty_patch_gives_the_preset() {
 
 #[test]
 fn presets_have_the_sizes_that_the_paper_gives() {
-    for name in ["paper", "pig"] {
-        let spec = ModelSpec::resolve(preset(name).unwrap(), &json!({})).unwrap();
-        assert_eq!((spec.steps, spec.solver.record_every, spec.stations().count()), (2000, 10, 201), "{name}");
-        let total = |step: f64| spec.particles.total.at(step / 2000.0);
-        assert_eq!((total(0.0), total(425.0), total(2000.0)), (710.0, 1175.0, 8300.0), "{name}");
-        assert_eq!((spec.particles.outer.at(0.0), spec.particles.outer.at(1.0)), (110.0, 300.0), "{name}");
+    let [paper, pig] = ["paper", "pig"].map(|name| ModelSpec::resolve(preset(name).unwrap(), &json!({})).unwrap());
+    for spec in [&paper, &pig] {
+        assert_eq!((spec.steps, spec.solver.record_every, spec.stations().count()), (2000, 10, 201));
+        assert_eq!((spec.particles.total.at(1.0), spec.particles.outer.at(0.0)), (8300.0, 110.0));
     }
-    let z = |name| ModelSpec::resolve(preset(name).unwrap(), &json!({})).unwrap().z.at(425.0 / 2000.0);
-    assert_eq!((z("paper"), z("pig")), (0.2125, 0.35));
+    let total = |step: f64| paper.particles.total.at(step / 2000.0);
+    assert_eq!((total(0.0), total(425.0), paper.particles.outer.at(1.0)), (710.0, 1175.0, 300.0));
+    assert_eq!((paper.z.at(0.2125), pig.z.at(0.15), pig.z.at(0.45)), (0.2125, 0.3, 0.4));
 }
 
 #[test]
@@ -214,7 +213,7 @@ fn wrong_types_and_bounds_are_named_with_bound_and_unit() {
         assert_eq!(fault.pointer, pointer, "{fault}");
         assert!(fault.detail.contains(detail), "{fault}");
     }
-    assert_eq!(resolved(&json!({ "steps": 62.0 })).steps, 62);
+    assert_eq!(resolved(&json!({ "steps": 620.0 })).steps, 620);
 }
 
 #[test]
@@ -272,7 +271,10 @@ fn what_must_hold_between_parameters_is_checked() {
     let cases = [
         (json!({ "spring": { "stiffness": 1.8 } }), "/spring/stiffness", "must stay below 2.83"),
         (
-            json!({ "bending": { "fluctuation": { "amplitude": 0.14, "period": 9 } }, "spring": { "stiffness": 1 } }),
+            json!({
+                "bending": { "keys": [[0, 0.2], [1, 0.2]], "fluctuation": { "amplitude": 0.14, "period": 9 } },
+                "spring": { "stiffness": 1 },
+            }),
             "/spring/stiffness",
             "bending 0.34",
         ),
@@ -304,7 +306,7 @@ fn what_must_hold_between_parameters_is_checked() {
             "inner loop would shrink",
         ),
         (
-            json!({ "particles": { "outer": { "keys": [[0, 700], [1, 800]] } } }),
+            json!({ "particles": { "outer": { "keys": [[0, 550], [1, 640]] } } }),
             "/particles/total",
             "leaves 10 particles",
         ),

@@ -5,13 +5,22 @@ use crate::geometry::polygon::{check_contour, check_nested};
 use crate::spec::{ModelSpec, preset};
 use serde_json::{Value, json};
 
+/// A small tube of the preset `paper` with growth at fold tips, thickness field, variety and sway.
 fn simulation(patch: &Value, seed: u64, threads: usize) -> CpuSimulation {
     let mut whole = json!({
-        "steps": 150, "burn_in": 60,
-        "particles": { "total": { "keys": [[0, 260], [1, 900]] }, "outer": { "keys": [[0, 60], [1, 90]] } },
+        "steps": 150, "burn_in": 60, "bending": 0.2,
+        "particles": {
+            "total": { "keys": [[0, 260], [1, 900]] }, "outer": { "keys": [[0, 60], [1, 90]] },
+            "tip_weight": 0.5, "candidates": 6,
+        },
+        "containment": { "wall_um": { "keys": [[0, 900], [0.125, 900], [0.45, 680], [1, 680]] } },
+        "collision": { "gap_um": { "keys": [[0, 60], [0.125, 60], [0.45, 42], [1, 42]] }, "barrier_um": 7 },
+        "variation": { "amplitude": 0.35 },
+        "variety": { "asymmetry": 0.15, "height": 0.3, "thickness": 0.08, "shift": 0.05 },
+        "sway": { "strength": { "keys": [[0, 0], [0.1825, 0], [0.27, 2.5], [1, 2.5]] } },
     });
     json_patch::merge(&mut whole, patch);
-    let spec = ModelSpec::resolve(preset("pig").unwrap(), &whole).unwrap();
+    let spec = ModelSpec::resolve(preset("paper").unwrap(), &whole).unwrap();
     CpuSimulation::new(Plan::new(&spec, seed), threads)
 }
 
