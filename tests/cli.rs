@@ -6,6 +6,8 @@ mod cluster;
 #[allow(unreachable_pub, reason = "a module of its own")]
 #[path = "cli/collector.rs"]
 mod collector;
+#[path = "cli/compare.rs"]
+mod compare;
 #[path = "cli/convert.rs"]
 mod convert;
 #[path = "cli/cut.rs"]

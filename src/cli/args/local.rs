@@ -41,6 +41,10 @@ pub(in crate::cli) struct CompareArgs {
     /// First and last seed, such as 1..20
     #[arg(long, value_name = "FIRST..LAST", value_parser = units::seeds, default_value = "1..20")]
     pub(in crate::cli) seeds: std::ops::RangeInclusive<u64>,
+    /// Print how many models agree with each statement of the anatomical checklist
+    /// (references/checklist.json) instead of the tables of measures
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(in crate::cli) checklist: bool,
     /// Print JSON with the means of every model instead of tables
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(in crate::cli) json: bool,

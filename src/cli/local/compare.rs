@@ -1,12 +1,14 @@
 //! `oviduct compare`: compares models of several seeds with published anatomy, as Markdown tables
 //! or JSON.
 
+use super::checklist::{self, Tally, number, tally};
 use crate::cli::args::CompareArgs;
 use crate::cli::exit::{Ended, Failure};
 use crate::cli::interrupt::Signals;
 use crate::cli::scratch::Scratch;
 use crate::cli::term;
 use crate::generate::{Backend, CancelToken, Findings, Request, generate};
+use crate::measure::checklist::Checklist;
 use crate::measure::comparison::{Compared, Verdict};
 use crate::measure::morphometry::Quantity;
 use crate::spec::{ModelSpec, Preset, preset, presets};
@@ -33,9 +35,13 @@ pub(in crate::cli) async fn run(args: CompareArgs) -> Ended {
         }
     });
     let grown = Signals::listen().stoppable(task, &cancel, &bar).await?.context("growing panicked")??;
+    let tallies = || grown.iter().map(|(preset, models)| tally(&preset.name, &checklists(models)));
     if args.json {
-        let all: Vec<Value> = grown.iter().map(|(preset, models)| document(preset, models)).collect();
+        let all = grown.iter().zip(tallies());
+        let all: Vec<Value> = all.map(|((preset, models), tally)| document(preset, models, &tally)).collect();
         term::print_json(&all)?;
+    } else if args.checklist {
+        term::print(checklist::markdown(&tallies().collect::<Vec<_>>()).trim_end())?;
     } else {
         let tables: Vec<String> = grown.iter().map(|(preset, models)| markdown(preset, models)).collect();
         term::print(tables.join("\n").trim_end())?;
@@ -101,9 +107,8 @@ fn values(models: &[Model], quantity: &str, region: &str) -> Vec<f64> {
     models.iter().filter_map(along).map(of).collect()
 }
 
-fn number(value: f64) -> String {
-    let digits = if value == 0.0 { 0 } else { (2 - value.abs().log10().floor() as i32).clamp(0, 4) };
-    format!("{value:.*}", digits as usize)
+fn checklists(models: &[Model]) -> Vec<&Checklist> {
+    models.iter().filter_map(|(_, findings)| findings.checklist.as_ref()).collect()
 }
 
 fn markdown(preset: &Preset, models: &[Model]) -> String {
@@ -117,7 +122,9 @@ fn markdown(preset: &Preset, models: &[Model]) -> String {
             (None, None) => "–".to_owned(),
             (low, high) => format!("{} to {}", optional(low), optional(high)),
         };
-        let inside = if published.low.is_none() && published.high.is_none() {
+        let inside = if published.verdict == Verdict::Shortened {
+            "shortened by choice".to_owned()
+        } else if published.low.is_none() && published.high.is_none() {
             "–".to_owned()
         } else {
             format!("{inside} of {}", models.len())
@@ -146,12 +153,15 @@ fn markdown(preset: &Preset, models: &[Model]) -> String {
     text
 }
 
-fn document(preset: &Preset, models: &[Model]) -> Value {
-    let models: Vec<Value> = models
-        .iter()
-        .map(|(seed, findings)| {
-            json!({ "seed": seed, "means": findings.morphometry.means(), "comparison": findings.comparison })
+fn document(preset: &Preset, models: &[Model], tally: &Tally) -> Value {
+    let model = |(seed, findings): &Model| {
+        json!({
+            "seed": seed,
+            "means": findings.morphometry.means(),
+            "comparison": findings.comparison,
+            "checklist": findings.checklist,
         })
-        .collect();
-    json!({ "preset": preset.name, "models": models })
+    };
+    let models: Vec<Value> = models.iter().map(model).collect();
+    json!({ "preset": preset.name, "models": models, "checklist": tally })
 }

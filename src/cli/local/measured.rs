@@ -100,6 +100,7 @@ fn compared(all: &[Compared]) -> String {
             Verdict::Outside => "outside",
             Verdict::NoRange => "no range",
             Verdict::NotMeasured => "not measured",
+            Verdict::Shortened => "shortened",
         };
         let range = match (one.low, one.high) {
             (None, None) => shown(one.value),

@@ -1,6 +1,7 @@
 //! Commands that work on this machine without a service: they grow models and read files.
 
 pub(super) mod check;
+mod checklist;
 pub(super) mod compare;
 pub(super) mod convert;
 pub(super) mod cut;

@@ -22,12 +22,18 @@ export function deviation(sd: number | null | undefined): string | undefined {
   return `${size === "0.0" ? "±" : sd < 0 ? "−" : "+"}${size} SD`;
 }
 
-const VERDICTS: Record<Compared["verdict"], string> = { inside: "inside", outside: "outside", no_range: "no range", not_measured: "not measured" };
+const VERDICTS: Record<Compared["verdict"], string> = {
+  inside: "inside",
+  outside: "outside",
+  no_range: "no range",
+  not_measured: "not measured",
+  shortened: "shortened by choice",
+};
 /** Names of regions. The name of a measure of the tube already says so. */
 const REGIONS: Record<string, string> = { whole: "whole tube", tube: "" };
 
 export function ComparisonTable({ comparison }: { comparison: Comparison }) {
-  const { compared, inside, outside, organ, species } = comparison;
+  const { compared, inside, outside, organ, species, shortened } = comparison;
   if (compared.length === 0) return null;
   return (
     <section class="compared" aria-labelledby="compared">
@@ -37,6 +43,7 @@ export function ComparisonTable({ comparison }: { comparison: Comparison }) {
           ? `No range is published (${organ}, ${species}).`
           : `${inside} of ${inside + outside} measures with a published range (${organ}, ${species}) ${inside === 1 ? "is" : "are"} inside it.`}
       </p>
+      {shortened && <p class="soft">The tube is shortened by choice. {shortened}</p>}
       <div class="compared-scroll">
         <table class="num">
           <thead>

@@ -16,6 +16,7 @@ use crate::export::threemf::write_3mf;
 use crate::export::vtp::write_vtp;
 use crate::export::{Metadata, Shape, glb, labels, lod, sections_bin};
 use crate::measure::Certificate;
+use crate::measure::checklist::Checklist;
 use crate::measure::comparison::Comparison;
 use crate::measure::morphometry::{Cuts, Morphometry};
 use crate::mesh::lean::Leaned;
@@ -100,6 +101,10 @@ pub struct Report<'a> {
     /// Measures compared with published values for the organ and species of the preset.
     #[cfg_attr(feature = "schema", schema(value_type = Comparison, required = false))]
     comparison: Option<&'a Comparison>,
+    /// Judgement by the anatomical checklist; null if it has no statement about the organ and
+    /// species of the preset. Absent in models of version 0.3 and earlier.
+    #[cfg_attr(feature = "schema", schema(required = false, nullable = true))]
+    checklist: Option<&'a Checklist>,
     /// Levels of detail, the finest first. Absent if the model was grown without `lod`. A model
     /// that reuses this model has the same report, but only the files that its request names.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -160,6 +165,7 @@ pub(super) fn write(
         course: findings.course.as_ref(),
         contraction: findings.contraction.as_ref(),
         comparison: findings.comparison.as_ref(),
+        checklist: findings.checklist.as_ref(),
         levels: levels.iter().flatten().map(|level| &level.report).collect(),
         labels: labels.as_ref().map(|(_, volume)| volume),
         surfaces: &findings.surfaces,

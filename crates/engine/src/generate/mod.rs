@@ -4,6 +4,7 @@
 //! The worker and the command line both call [`generate`], which does not depend on jobs or HTTP.
 //! An [`Outcome`] exists only for a model that has passed its certificate.
 
+mod anatomy;
 mod batch;
 mod checkpoint;
 mod contraction;
@@ -43,14 +44,12 @@ use crate::geometry::cut::Body;
 use crate::lock::Mutex;
 use crate::measure;
 use crate::measure::Certificate;
-use crate::measure::comparison::compare;
 use crate::measure::morphometry::{Regions, cuts, morphometry};
 use crate::mesh::bend::{Leaning, bend_apart};
 use crate::mesh::contract::Rest;
 use crate::mesh::lean::{self, Lean, Leaned};
 use crate::model::{BodyKind, LengthUnit, Section};
 use crate::sim::{Plan, Statistics};
-use crate::spec::preset;
 use files::Inputs;
 use grow::GrownSections;
 use pace::ProgressMeter;
@@ -227,11 +226,13 @@ impl Finishing<'_> {
             sections: file?,
         };
         let (frames, contraction) = contraction.unzip();
+        let (comparison, checklist) = anatomy::compared(request, &morphometry).unzip();
         let findings = Findings {
             summary: self.summary(&certificate, inputs.meta.sections, added, ends, leaned, contraction.as_ref()),
             certificate,
             surfaces: others,
-            comparison: preset(&request.preset).map(|of| compare(&morphometry, &of.organ, &of.species)),
+            comparison,
+            checklist: checklist.flatten(),
             morphometry,
             cuts,
             lean: leaned,

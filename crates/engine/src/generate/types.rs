@@ -5,6 +5,7 @@ use super::warnings::Warning;
 use crate::ENGINE_VERSION;
 use crate::export::Metadata;
 use crate::export::sections_bin::SectionsError;
+use crate::measure::checklist::Checklist;
 use crate::measure::comparison::Comparison;
 use crate::measure::morphometry::{Cuts, Morphometry};
 use crate::measure::{Certificate, RegionsCertificate};
@@ -449,6 +450,8 @@ pub struct Findings {
     pub contraction: Option<ContractionReport>,
     /// Comparison of the measures with published ones; `None` without a known preset.
     pub comparison: Option<Comparison>,
+    /// Judgement by the anatomical checklist; `None` if it has no statement about the organ.
+    pub checklist: Option<Checklist>,
 }
 
 impl Findings {

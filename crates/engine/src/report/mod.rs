@@ -4,9 +4,13 @@
 //! |---|---|
 //! | `stored` | contents of `report.json` |
 //! | `page` | the page |
+//! | `checklist` | section with the anatomical checklist |
+//! | `number` | numbers and ranges as text |
 //! | `plots` | measures along the tube, with the published ranges |
 //! | `style.css` | style on screens and on paper |
 
+mod checklist;
+mod number;
 mod page;
 mod plots;
 mod stored;
@@ -118,6 +122,7 @@ pub fn html(report: &[u8], strip: &Strip, tube: &Mesh) -> Result<String, ReportE
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::measure::checklist::{Judged, judge};
     use crate::measure::comparison::compare;
     use crate::measure::morphometry::{Regions, morphometry};
     use crate::mesh::draft;
@@ -136,13 +141,24 @@ mod tests {
             &Regions { length_mm: 6.0, junction: [0.3, 0.4], piece: [0.0, 1.0] },
         );
         let preset = crate::spec::preset("pig").unwrap();
+        let checklist = judge(&Judged {
+            morphometry: &found,
+            organ: "oviduct",
+            species: "pig",
+            preset: "pig",
+            length_mm: 6.0,
+            shortened: preset.shortened.as_deref(),
+            tube: &[].into(),
+            parameter: &|_, _| Some(0.35),
+        });
         let spec = crate::spec::ModelSpec::resolve(preset, &json!({ "friction": 0.25 })).unwrap();
         json!({
             "digest": "d1gest", "preset": "pig", "seed": 7, "engine": "9.9.9",
             "spec": spec.to_json(),
             "summary": { "sections": 13, "warnings": [{ "code": "small-gap", "detail": "A <gap> is small." }] },
             "certificate": { "passed": true, "closed": true, "triangle_intersections": 0, "euler": 0, "min_gap_um": 4.0 },
-            "comparison": compare(&found, "oviduct", "pig"),
+            "comparison": compare(&found, "oviduct", "pig", preset.shortened.as_deref()),
+            "checklist": checklist,
             "morphometry": found,
         })
     }
@@ -167,6 +183,11 @@ mod tests {
             "/collision/gap_um",
             "<strong>the request</strong>",
             "Burkitt, Romano, Walker, Fazeli",
+            "Checklist of anatomy",
+            "The muscularis is thickest in the isthmus",
+            "The tube is shortened by choice. The preset has 60 mm",
+            "Shortened by choice: The preset has 60 mm",
+            "published order",
         ] {
             assert!(html.contains(text), "{text}");
         }
@@ -183,10 +204,11 @@ mod tests {
     #[test]
     fn the_page_of_an_older_model_has_no_morphometry() {
         let mut stored = stored();
-        for name in ["morphometry", "comparison"] {
+        for name in ["morphometry", "comparison", "checklist"] {
             stored.as_object_mut().unwrap().remove(name);
         }
         let html = page(&stored);
+        assert!(!html.contains("Checklist"));
         assert!(html.contains("did not measure its sections") && html.contains("Certificate"));
         assert!(matches!(html_of_garbage(), Err(ReportError::Json(_))));
     }

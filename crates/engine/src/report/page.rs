@@ -1,5 +1,7 @@
 //! Page of a report.
 
+use super::checklist::checklist;
+use super::number::{number, optional, range};
 use super::plots::Plot;
 use super::stored::{Course, Stored};
 use crate::measure::comparison::{Compared, Comparison, Verdict};
@@ -55,6 +57,7 @@ pub(super) fn page(stored: &Stored, pictures: &Pictures, plots: &[Plot]) -> Mark
                 @match (&stored.morphometry, &stored.comparison) {
                     (Some(morphometry), comparison) => {
                         @if let Some(comparison) = comparison { (anatomy(comparison)) }
+                        @if let Some(found) = &stored.checklist { (checklist(found)) }
                         (along(plots))
                         (regions(morphometry))
                     }
@@ -91,17 +94,6 @@ fn places(places_mm: &[f64]) -> String {
     places_mm.iter().map(|z| number(*z)).collect::<Vec<_>>().join(", ")
 }
 
-/// Formats a number with at least three digits and no exponent.
-fn number(value: f64) -> String {
-    let digits = if value == 0.0 { 0 } else { (2 - value.abs().log10().floor() as i32).clamp(0, 6) };
-    let text = format!("{value:.*}", digits as usize);
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
-}
-
-fn optional(value: Option<f64>) -> String {
-    value.map_or_else(|| "–".to_owned(), number)
-}
-
 fn unit(quantity: &str) -> (&str, &str) {
     let known = Quantity::named(quantity);
     known.map_or_else(
@@ -123,6 +115,7 @@ fn anatomy(comparison: &Comparison) -> Markup {
         p {
             (comparison.inside) " of " (comparison.inside + comparison.outside) " measures with a published range (" (comparison.organ) ", "
             (comparison.species) ") are inside it."
+            @if let Some(why) = &comparison.shortened { " The tube is shortened by choice. " (why) }
         }
         div.scroll { table {
             thead { tr {
@@ -136,10 +129,6 @@ fn anatomy(comparison: &Comparison) -> Markup {
 
 fn compared(one: &Compared) -> Markup {
     let (title, unit) = unit(&one.quantity);
-    let range = match (one.low, one.high) {
-        (None, None) => "–".to_owned(),
-        (low, high) => format!("{} to {}", optional(low), optional(high)),
-    };
     let n = one.n.map(|n| format!(" (n = {n})")).unwrap_or_default();
     html! {
         tr {
@@ -147,13 +136,14 @@ fn compared(one: &Compared) -> Markup {
             td { (one.region) }
             td.n { (optional(one.measured)) }
             td.n { (optional(one.value)) @if let Some(sd) = one.sd { ", SD " (number(sd)) } (n) }
-            td.n { (range) }
+            td.n { (range(one.low, one.high, false)) }
             td {
                 @match one.verdict {
                     Verdict::Inside => span.inside { "inside" },
                     Verdict::Outside => span.outside { "outside" },
                     Verdict::NoRange => span.soft { "no range" },
                     Verdict::NotMeasured => span.soft { "not measured" },
+                    Verdict::Shortened => span.soft { "shortened by choice" },
                 }
                 @if let Some(sd) = one.deviation_sd { " (" (format!("{sd:+.1}")) " SD)" }
             }

@@ -1,5 +1,6 @@
 //! Contents of `report.json` that the page shows, and errors of pages.
 
+use crate::measure::checklist::Checklist;
 use crate::measure::comparison::Comparison;
 use crate::measure::morphometry::{Cuts, Morphometry};
 use crate::render::RenderError;
@@ -19,6 +20,8 @@ pub(super) struct Stored {
     pub(super) certificate: Value,
     pub(super) morphometry: Option<Morphometry>,
     pub(super) comparison: Option<Comparison>,
+    /// Absent in models of version 0.3 and earlier.
+    pub(super) checklist: Option<Checklist>,
     pub(super) cuts: Option<Cuts>,
     pub(super) course: Option<Course>,
 }

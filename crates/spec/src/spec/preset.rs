@@ -42,6 +42,9 @@ pub struct Preset {
     pub species: String,
     /// Description of the preset.
     pub description: String,
+    /// Reason why the tube is shorter than that of the organ; absent if it is not.
+    #[serde(default)]
+    pub shortened: Option<String>,
     /// Values of all parameters.
     pub spec: Value,
     /// Source of each value, by the JSON pointer of the parameter.

@@ -73,6 +73,16 @@ fn every_value_of_a_preset_has_a_source() {
 }
 
 #[test]
+fn a_shortened_preset_says_why() {
+    let shortened: Vec<&str> = presets().iter().filter(|p| p.shortened.is_some()).map(|p| p.name.as_str()).collect();
+    assert_eq!(shortened, ["pig", "pig-luteal", "paper"]);
+    for preset in shortened.into_iter().filter_map(preset) {
+        let (why, length) = (preset.shortened.as_deref().unwrap(), &preset.spec["length_mm"]);
+        assert!(why.contains(&format!("{length} mm")) && why.contains("302 mm"), "{why}");
+    }
+}
+
+#[test]
 fn a_preset_that_is_not_complete_is_refused_with_what_is_missing() {
     let mut broken = pig().clone();
     broken.spec["spring"].as_object_mut().unwrap().remove("damping");

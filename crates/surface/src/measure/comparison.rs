@@ -73,6 +73,10 @@ pub struct Comparison {
     pub compared: Vec<Compared>,
     /// Quantities without a published value in any region.
     pub no_reference: Vec<String>,
+    /// Reason why the tube is shorter than published, if the preset was shortened by choice; null if
+    /// no length is too small.
+    #[serde(default)]
+    pub shortened: Option<String>,
 }
 
 /// Result of a comparison.
@@ -88,6 +92,8 @@ pub enum Verdict {
     NoRange,
     /// The model has no such measure, for example because it has no section in the region.
     NotMeasured,
+    /// The length is below the published one by choice: the preset is shorter than the organ.
+    Shortened,
 }
 
 /// A measure and a published value, in the unit of the measure.
@@ -124,12 +130,17 @@ pub struct Compared {
     pub confidence: String,
 }
 
-/// Compares a model with all published values of an organ and species.
+/// Measures that are too small if a preset is shorter than the organ.
+const LENGTHS: [&str; 3] = ["length_mm", "isthmus_length_mm", "ampulla_length_mm"];
+
+/// Compares a model with all published values of an organ and species. `shortened` is the reason
+/// why its preset is shorter than the organ.
 #[must_use]
-pub fn compare(morphometry: &Morphometry, organ: &str, species: &str) -> Comparison {
+pub fn compare(morphometry: &Morphometry, organ: &str, species: &str, shortened: Option<&str>) -> Comparison {
     let own = references().iter().filter(|r| r.organ == organ && r.species == species && !r.measure.is_empty());
     let mean = |reference: &Reference| morphometry.mean(&reference.measure, &reference.model_region);
-    let compared: Vec<Compared> = own.map(|reference| beside(mean(reference), reference)).collect();
+    let by_choice = |compared: Compared| if shortened.is_some() { compared.shortened() } else { compared };
+    let compared: Vec<Compared> = own.map(|reference| by_choice(beside(mean(reference), reference))).collect();
     let count = |verdict| compared.iter().filter(|c| c.verdict == verdict).count();
     let without = |quantity: &&'static Quantity| compared.iter().all(|c| c.quantity != quantity.name);
     Comparison {
@@ -138,7 +149,19 @@ pub fn compare(morphometry: &Morphometry, organ: &str, species: &str) -> Compari
         inside: count(Verdict::Inside),
         outside: count(Verdict::Outside),
         no_reference: Quantity::of_simulated().filter(without).map(|quantity| quantity.name.into()).collect(),
+        shortened: shortened.filter(|_| count(Verdict::Shortened) > 0).map(Into::into),
         compared,
+    }
+}
+
+impl Compared {
+    /// The comparison for a model of a shortened preset: a length below the published one is no
+    /// deviation.
+    fn shortened(self) -> Self {
+        let least = self.low.or(self.value);
+        let is_short = LENGTHS.contains(&self.quantity.as_str())
+            && self.measured.zip(least).is_some_and(|(measured, least)| measured < least);
+        if is_short { Self { verdict: Verdict::Shortened, deviation_sd: None, ..self } } else { self }
     }
 }
 
@@ -222,7 +245,7 @@ mod tests {
     #[test]
     fn every_preset_has_something_to_be_compared_with() {
         for preset in oviduct_spec::spec::presets() {
-            let found = compare(&Morphometry::default(), &preset.organ, &preset.species);
+            let found = compare(&Morphometry::default(), &preset.organ, &preset.species, None);
             assert!(!found.compared.is_empty(), "{}", preset.name);
             assert!(found.compared.iter().all(|c| c.measured.is_none() || c.region == "tube"));
         }
@@ -257,7 +280,29 @@ mod tests {
             tube: Tube { length_mm: 100.0, ..Tube::default() },
             ..Morphometry::default()
         };
-        compare(&morphometry, "oviduct", "human")
+        compare(&morphometry, "oviduct", "human", None)
+    }
+
+    #[test]
+    fn a_shortened_length_is_no_deviation() {
+        let lengths = |length_mm: f64, shortened: Option<&str>| -> Vec<(Verdict, Option<f64>)> {
+            let morphometry = Morphometry { tube: Tube { length_mm, ..Tube::default() }, ..Morphometry::default() };
+            let found = compare(&morphometry, "oviduct", "pig", shortened);
+            assert_eq!(found.shortened.as_deref(), shortened.filter(|_| length_mm < 277.0));
+            let verdicts = [Verdict::Inside, Verdict::Outside];
+            let counted = found.compared.iter().filter(|c| verdicts.contains(&c.verdict)).count();
+            assert_eq!(found.inside + found.outside, counted);
+            let lengths = found.compared.iter().filter(|c| c.quantity == "length_mm");
+            lengths.map(|c| (c.verdict, c.deviation_sd)).collect()
+        };
+        let short = lengths(60.0, Some("by choice"));
+        assert!(short.len() >= 3 && short.iter().all(|one| *one == (Verdict::Shortened, None)), "{short:?}");
+        let unexplained = lengths(60.0, None);
+        assert!(unexplained.iter().all(|one| one.0 == Verdict::Outside));
+        assert!(unexplained[0].1.unwrap() < -9.0);
+        // The whole length and a longer one are compared as usual.
+        assert_eq!(lengths(302.0, Some("by choice"))[0].0, Verdict::Inside);
+        assert_eq!(lengths(900.0, Some("by choice"))[0].0, Verdict::Outside);
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! ([`printable`]).
 
 mod certificate;
+pub mod checklist;
 pub mod comparison;
 pub mod micrograph;
 pub mod morphometry;
