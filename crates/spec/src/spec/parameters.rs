@@ -14,7 +14,7 @@ use std::sync::LazyLock;
 /// Maximum number of particles of both loops.
 pub const MAX_PARTICLES: u32 = 200_000;
 /// Maximum number of clefts.
-const MAX_CLEFTS: u32 = 64;
+const MAX_CLEFTS: u32 = 96;
 /// Maximum number of time steps.
 pub const MAX_STEPS: u32 = 100_000;
 /// Maximum number of steps between two recorded sections. They are kept in memory until the slab
