@@ -18,6 +18,7 @@ pub(super) struct Stored {
     pub(super) summary: Value,
     pub(super) certificate: Value,
     pub(super) morphometry: Option<Morphometry>,
+    pub(super) simulated: Option<Morphometry>,
     pub(super) comparison: Option<Comparison>,
     pub(super) cuts: Option<Cuts>,
     pub(super) course: Option<Course>,
