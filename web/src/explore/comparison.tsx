@@ -22,7 +22,7 @@ export function deviation(sd: number | null | undefined): string | undefined {
   return `${size === "0.0" ? "±" : sd < 0 ? "−" : "+"}${size} SD`;
 }
 
-const VERDICTS: Record<Compared["verdict"], string> = { inside: "inside", outside: "outside", no_range: "no range", not_measured: "not measured" };
+const VERDICTS: Record<Compared["verdict"], string> = { inside: "inside", outside: "outside", no_range: "no range", method_unknown: "method unknown", not_measured: "not measured" };
 /** Names of regions. The name of a measure of the tube already says so. */
 const REGIONS: Record<string, string> = { whole: "whole tube", tube: "" };
 
