@@ -34,6 +34,7 @@ SHAPES = {
     "arc": {"shape": "arc", "turn_deg": 150},
     "sigmoid": {"shape": "sigmoid", "turn_deg": 80},
     "coil": {"shape": "coil", "windings": 2.5, "pitch_mm": 8},
+    "turns": {"shape": "turns", "turns": [[0.25, 170, 0, 0.3], [0.7, 150, 90, 0.3]]},
     "points": {"shape": "points", "points_mm": [[0, 0, 0], [0, 0, 20], [8, 4, 34], [25, 4, 38], [40, -6, 30]]},
 }
 PLACES = 8

@@ -3,13 +3,14 @@
 //! Counts follow from the schedules. A section has one vertex per particle. A particle added
 //! between two sections is also inserted into the earlier one, on the edge that it split. A closed
 //! surface of Euler number 0 has twice as many triangles as vertices. The vertices of an even
-//! surface follow from the area of the walls. Sections added by mending are not predicted. Sizes
+//! surface follow from the area of the walls. Bending splits edges in tight bends. Sections added by mending are not predicted. Sizes
 //! and seconds follow from the constants below.
 
 use super::outputs::{Output, Outputs};
 use crate::export::labels::SLICES_AT_A_TIME;
 use crate::export::lod::LEVEL_TRIANGLES;
 use crate::measure::morphometry::cuts_of;
+use crate::mesh::bend::PART_OF_RADIUS;
 use crate::model::BodyKind;
 use crate::spec::{Integrator, ModelSpec, Search};
 use serde::{Deserialize, Serialize};
@@ -317,7 +318,9 @@ impl Counts {
         let vertices = if spec.mesh.resolution_um > 0.0 {
             0.5 * even_triangles(spec)
         } else {
-            section_points + points * (particles(*piece.end()) - particles(*piece.start()))
+            section_points
+                + points * (particles(*piece.end()) - particles(*piece.start()))
+                + points * split_edges(spec, particles)
         };
         let particles_end = u32::try_from(count(particles(*piece.end()))).unwrap_or(u32::MAX);
         let body = |body: BodyKind| f64::from(u8::from(outputs.bodies.contains(&body)));
@@ -334,6 +337,30 @@ impl Counts {
         let level = self.triangles.min(LEVEL_TRIANGLES[1] as f64);
         13.0 * self.triangles + 24.0 * level + frames * (12.0 * self.vertices + 16.0 * level + FRAME_FIXED)
     }
+}
+
+/// Edges between sections that bending splits, since they are too far from their images. Edges on
+/// the outer side of a bend are farthest; their neighbours are split with them.
+fn split_edges(spec: &ModelSpec, particles: impl Fn(u32) -> f64) -> f64 {
+    let Some(course) = spec.centre_line() else { return 0.0 };
+    let (turned, node_um) = (course.turned(), course.places()[1]);
+    let stations: Vec<(f64, f64, u32)> = spec
+        .stations()
+        .map(|step| {
+            let z_um = 1000.0 * spec.length_mm * spec.z.at(f64::from(step) / f64::from(spec.steps));
+            (z_um, turned[((z_um / node_um) as usize).min(turned.len() - 1)], step)
+        })
+        .collect();
+    let edges = stations.windows(2).map(|pair| {
+        let (z_um, angle, step) = pair[1];
+        let u = f64::from(step) / f64::from(spec.steps);
+        let (along, turn) = (z_um - pair[0].0, angle - pair[0].1);
+        let radius = spec.scale * (spec.inner_radius_um(u) + spec.containment.wall_um.at(u));
+        let off = turn * (along + turn * radius) / 8.0;
+        // Each split brings an edge four times closer and doubles the edges.
+        2.0 * particles(step) * ((off / (PART_OF_RADIUS * radius)).sqrt() - 1.0).max(0.0)
+    });
+    edges.sum()
 }
 
 /// Triangles of an even surface: areas of the walls divided by the areas of their triangles.

@@ -236,7 +236,10 @@ impl Finishing<'_> {
             simulated,
             cuts,
             lean: leaned,
-            course: along.as_ref().zip(refined).map(|(bent, refined)| Bending::of(bent, refined)),
+            course: along
+                .as_ref()
+                .zip(refined)
+                .map(|(bent, refined)| Bending::of(bent, request.spec.turning_points(), refined)),
             contraction,
         };
 

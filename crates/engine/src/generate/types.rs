@@ -17,7 +17,7 @@ use crate::model::{BodyKind, LengthUnit, Section};
 use crate::sim::SimError;
 use crate::sim::cpu::StateError;
 use crate::sim::gpu::GpuError;
-use crate::spec::{Bent, ModelSpec};
+use crate::spec::{Bent, ModelSpec, TurningPoint};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -235,7 +235,7 @@ pub struct Outcome {
 }
 
 /// Bending of a tube along its course.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Bending {
     /// Distance between the ends of the centre line, mm.
@@ -253,13 +253,15 @@ pub struct Bending {
     /// Lower bound of the distance between the outer walls of two distant parts of the tube, µm;
     /// null if the course turns too little for two parts to approach each other.
     pub far_parts_um: Option<f64>,
+    /// Turning points from the isthmus end, if the course has the shape `turns`.
+    pub turns: Vec<TurningPoint>,
     /// Statistics of the bending: intersecting triangles, and the changes that separated them.
     #[serde(flatten)]
     pub refined: Refined,
 }
 
 impl Bending {
-    pub(super) fn of(bent: &Bent, refined: Refined) -> Self {
+    pub(super) fn of(bent: &Bent, turns: Vec<TurningPoint>, refined: Refined) -> Self {
         let Bent { course, room, relaxed } = bent;
         Self {
             end_distance_mm: course.end_distance() / 1000.0,
@@ -269,6 +271,7 @@ impl Bending {
             curve_radius_mm: Some(room.bend.curve / 1000.0).filter(|radius| radius.is_finite()),
             wall_radius_mm: room.bend.tube / 1000.0,
             far_parts_um: room.near.map(|near| near.distance),
+            turns,
             refined,
         }
     }

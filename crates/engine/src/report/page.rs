@@ -6,7 +6,7 @@ use super::plots::Plot;
 use super::stored::{Course, Stored};
 use crate::measure::comparison::{Compared, Comparison, Verdict};
 use crate::measure::morphometry::{Basis, CHANGES, Cuts, Morphometry, QUANTITIES, Quantity};
-use crate::spec::{DEFAULT_PRESET, ModelSpec, preset};
+use crate::spec::{DEFAULT_PRESET, ModelSpec, TurningPoint, preset};
 use base64::Engine as _;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde_json::{Value, json};
@@ -181,10 +181,21 @@ fn bending(course: &Course) -> String {
     });
     let relaxed =
         if course.relaxed { ". It was relaxed: the course that was asked for has no room for the tube" } else { "" };
+    let turns = turning_points(course);
     format!(
-        "The tube follows a centre line of tortuosity {:.2}, whose ends are {:.1} mm apart{radius}{relaxed}. Places are those along the centre line, and sections lie across it.",
+        "The tube follows a centre line of tortuosity {:.2}, whose ends are {:.1} mm apart{radius}{relaxed}.{turns} Places are those along the centre line, and sections lie across it.",
         course.tortuosity, course.end_distance_mm
     )
+}
+
+/// Sentence about the turning points; empty if there are none.
+fn turning_points(course: &Course) -> String {
+    if course.turns.is_empty() {
+        return String::new();
+    }
+    let place = |turn: &TurningPoint| format!("{} at {:.2} mm ({})", turn.number, turn.z_mm, turn.region);
+    let places: Vec<String> = course.turns.iter().rev().map(place).collect();
+    format!(" Its turning points, counted from the ovary, are {}, each from the isthmus end.", places.join(", "))
 }
 
 /// Table of all quantities that the model has in some region.

@@ -4,6 +4,7 @@ use crate::measure::checklist::Checklist;
 use crate::measure::comparison::Comparison;
 use crate::measure::morphometry::{Cuts, Morphometry};
 use crate::render::RenderError;
+use crate::spec::TurningPoint;
 use serde::Deserialize;
 use serde_json::Value;
 
@@ -35,6 +36,9 @@ pub(super) struct Course {
     pub(super) curve_radius_mm: Option<f64>,
     pub(super) tightest_at_mm: f64,
     pub(super) relaxed: bool,
+    /// Models of version 0.3 and earlier have no turning points.
+    #[serde(default)]
+    pub(super) turns: Vec<TurningPoint>,
 }
 
 /// Reason why a page could not be created.

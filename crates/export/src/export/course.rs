@@ -1,7 +1,7 @@
 //! JSON document of the course of a tube: the centre line with its local frames.
 
 use crate::geometry::course::Course;
-use crate::spec::{CourseShape, ModelSpec};
+use crate::spec::{CourseShape, ModelSpec, TurningPoint};
 use serde::Serialize;
 use serde_json::Value;
 
@@ -34,6 +34,8 @@ pub struct CourseDocument {
     pub least_radius_mm: Option<f64>,
     /// True if the course was changed because it was too tight or approached itself too closely.
     pub relaxed: bool,
+    /// Turning points of the whole tube from the isthmus end; empty unless the shape is `turns`.
+    pub turns: Vec<TurningPoint>,
     /// Points at equal distances, from `from_mm` to `to_mm`.
     pub points: Vec<CoursePoint>,
 }
@@ -71,6 +73,7 @@ impl CourseDocument {
             twist_deg: spec.course.twist_deg,
             least_radius_mm: least_radius(course).map(|radius| radius / 1000.0),
             relaxed: bent.as_ref().is_some_and(|bent| bent.relaxed),
+            turns: spec.turning_points(),
             points: points(course, from, to),
         };
         match &bent {
@@ -132,6 +135,18 @@ mod tests {
         assert_eq!((found.tortuosity, found.end_distance_mm), (1.0, 60.0));
         assert_eq!((found.points[1].position_mm, found.points[1].u), ([0.0, 0.0, 60.0], [1.0, 0.0, 0.0]));
         assert!(course(&json!({ "course": { "twist_deg": 90 } })).points.len() > 50);
+    }
+
+    #[test]
+    fn turning_points_are_counted_from_the_ovary() {
+        let turns = json!([[0.2, 170, 0, 0.3], [0.8, 120, 90, 0.3]]);
+        let found = course(&json!({ "course": { "shape": "turns", "turns": turns } }));
+        let numbers: Vec<_> = found.turns.iter().map(|turn| (turn.number, turn.z_mm, turn.region.as_str())).collect();
+        assert_eq!(numbers, [(2, 12.0, "isthmus"), (1, 48.0, "ampulla")]);
+        let nearest = found.points.iter().min_by(|a, b| (a.s_mm - 12.0).abs().total_cmp(&(b.s_mm - 12.0).abs()));
+        let off = DVec3::from(nearest.unwrap().position_mm).distance(DVec3::from(found.turns[0].position_mm));
+        assert!(off < 1.0, "{off}");
+        assert_eq!(course(&json!({ "course": { "shape": "arc", "turns": [[0.2, 170, 0, 0.3]] } })).turns, []);
     }
 
     #[test]

@@ -4,9 +4,10 @@
 use super::fault::Fault;
 use super::parameters::{Course as Options, CourseShape, Parameters};
 use super::schedule::Schedule;
-use crate::geometry::course::{Course, RandomCourse, Relaxation, Room};
+use crate::geometry::course::{Course, RandomCourse, Relaxation, Room, Turn};
 use crate::model::Plane;
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 /// Maximum ratio of the tube's radius to the radius of the centre line. At 0.8, the inner side of a
 /// bend keeps a fifth of its length.
@@ -21,6 +22,11 @@ const PLACES: u32 = 512;
 const WALL_LAG_STEPS: f64 = 64.0;
 /// Maximum radius of the wall divided by its scheduled radius.
 const REACH_FACTOR: f64 = 1.01;
+/// Minimum angle of a turn, and minimum fraction of the length that a turn takes.
+const MIN_TURN_DEG: f64 = 1.0;
+const MIN_TURN_SHARE: f64 = 1e-3;
+/// Fraction of the length by which turns may overlap or leave the tube, for rounding.
+const TOLERANCE: f64 = 1e-9;
 /// Minimum clearance between walls, in units of the last place of single-precision positions.
 const MIN_CLEARANCE_ULPS: f64 = 4.0;
 
@@ -42,6 +48,28 @@ impl Parameters {
     #[must_use]
     pub fn bent_course(&self) -> Option<Bent> {
         if self.bends() { self.bent(&Reach::new(self)).ok() } else { None }
+    }
+
+    /// Turning points of a course of turns, from the isthmus end. Other courses have none.
+    #[must_use]
+    pub fn turning_points(&self) -> Vec<TurningPoint> {
+        let Some(Bent { course, .. }) = self.bent_course().filter(|_| self.course.shape == CourseShape::Turns) else {
+            return Vec::new();
+        };
+        let (count, regions) = (self.course.turns.len(), &self.regions);
+        let landmark = |(i, &[at, turn_deg, ..]): (usize, &[f64; 4])| TurningPoint {
+            number: (count - i) as u32,
+            z_mm: at * self.length_mm,
+            position_mm: (course.at(at * course.length()).origin / 1000.0).into(),
+            turn_deg,
+            region: match at {
+                at if at < regions.junction_from => "isthmus",
+                at if at <= regions.junction_to => "junction",
+                _ => "ampulla",
+            }
+            .to_owned(),
+        };
+        self.course.turns.iter().enumerate().map(landmark).collect()
     }
 
     /// Fault of the course, if there is one.
@@ -107,6 +135,7 @@ impl Parameters {
                 }
                 Course::through(&points, length, nodes, twist).ok_or_else(|| fault("is not a curve"))
             }
+            CourseShape::Turns => Ok(Course::turns(&self.course.checked_turns()?, length, nodes, twist)),
         }
     }
 
@@ -171,6 +200,22 @@ pub struct Bent {
     pub relaxed: bool,
 }
 
+/// Turning point of a course of turns: the middle of a turn, which is a landmark of the organ.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct TurningPoint {
+    /// Number, counted from the ovary, as in publications: 1 is nearest to the ovary.
+    pub number: u32,
+    /// Place along the centre line, mm from the isthmus end.
+    pub z_mm: f64,
+    /// Position on the centre line, mm.
+    pub position_mm: [f64; 3],
+    /// Angle by which the tube turns, degrees.
+    pub turn_deg: f64,
+    /// Region of the tube: `isthmus`, `junction` or `ampulla`.
+    pub region: String,
+}
+
 /// Planes across the tube of a model, straight or bent.
 #[derive(Clone, Debug)]
 pub struct Across {
@@ -218,7 +263,41 @@ impl Options {
             CourseShape::Coil => "/course/windings",
             CourseShape::Random => "/course/tortuosity",
             CourseShape::Points => "/course/points_mm",
+            CourseShape::Turns => "/course/turns",
         }
+    }
+
+    /// The turns of a course of turns, in order and within the tube.
+    fn checked_turns(&self) -> Result<Vec<Turn>, Fault> {
+        if self.turns.is_empty() {
+            return Err(Fault::new("/course/turns", "has 0 turns; a course of turns needs at least 1"));
+        }
+        let mut turns: Vec<Turn> = Vec::with_capacity(self.turns.len());
+        for (i, &[at, turn_deg, toward_deg, share]) in self.turns.iter().enumerate() {
+            let fault = |k: usize, detail: String| Err(Fault::new(format!("/course/turns/{i}/{k}"), detail));
+            if turn_deg < MIN_TURN_DEG {
+                return fault(1, format!("is {turn_deg}; a turn needs an angle of at least {MIN_TURN_DEG}°"));
+            }
+            if !(MIN_TURN_SHARE..=1.0).contains(&share) {
+                return fault(3, format!("is {share}; a turn takes from {MIN_TURN_SHARE} to 1 of the length"));
+            }
+            let turn = Turn { at, angle: turn_deg.to_radians(), toward: toward_deg.to_radians(), share };
+            let [from, to] = turn.ends();
+            if from < -TOLERANCE || to > 1.0 + TOLERANCE {
+                return fault(0, format!("is {at}; the turn takes {share} of the length and would leave the tube"));
+            }
+            let before = turns.last().map_or(0.0, |turn| turn.ends()[1]);
+            if from < before - TOLERANCE {
+                return fault(
+                    0,
+                    format!(
+                        "is {at}; the turn would begin at {from:.4}, before the turn before it ends at {before:.4}"
+                    ),
+                );
+            }
+            turns.push(turn);
+        }
+        Ok(turns)
     }
 }
 

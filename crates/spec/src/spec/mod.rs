@@ -52,7 +52,7 @@ mod tests;
 
 pub use batch_key::batch_key;
 pub use canonical::canonical_json;
-pub use course::{Across, Bent};
+pub use course::{Across, Bent, TurningPoint};
 pub use fault::{Fault, nearest, shorten};
 pub use lever::{End, Lever, Setting};
 pub use parameters::{

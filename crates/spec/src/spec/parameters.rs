@@ -421,6 +421,11 @@ group! {
         /// Points of the centre line, from the isthmus end. The centre line passes through all of
         /// them and is then scaled around the first point to the length `length_mm`.
         pub points_mm: Vec<[f64; 3]> = "Points" ["mm"] Range::of(-10_000.0, 10_000.0);
+        /// Turns from the isthmus end, each `[at, turn_deg, toward_deg, share]`: the turning point
+        /// as a fraction of the length, the angle by which the tube turns, the direction toward
+        /// which it turns (0 is x of the section without twist, 90 is y), and the fraction of the
+        /// length that the turn takes. The tube is straight between turns.
+        pub turns: Vec<[f64; 4]> = "Turns" [""] Range::of(-360.0, 360.0);
         /// Twist of the tube around the centre line from end to end, relative to frames of minimum
         /// rotation.
         pub twist_deg: f64 = "Twist" ["°"] Range::of(-3600.0, 3600.0);
@@ -554,6 +559,8 @@ choice! {
         Random = "random",
         /// Curve through `points_mm`.
         Points = "points",
+        /// Straight parts between `turns`, whose turning points are landmarks.
+        Turns = "turns",
     }
 }
 

@@ -110,7 +110,11 @@ impl JsonReader {
 
 /// Names of the coordinates of a point, for messages.
 fn coordinates(count: usize) -> &'static str {
-    if count == 2 { "x, y" } else { "x, y, z" }
+    match count {
+        2 => "x, y",
+        3 => "x, y, z",
+        _ => "at, turn_deg, toward_deg, share",
+    }
 }
 
 impl Parameter for f64 {

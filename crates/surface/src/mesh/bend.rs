@@ -1,19 +1,25 @@
 //! Bends a finished surface along a course.
 //!
 //! Inside the tube the bending map is injective, so a smooth surface cannot intersect itself after
-//! bending. Flat triangles can. Where two triangles intersect (`intersection`, exact), their edges
-//! and those of their neighbours are split at the midpoints. The straight surface stays the same,
-//! and the bent triangles follow the map more closely. Where a leaning surface comes so close to
-//! itself that finer triangles do not help, its lean is damped.
+//! bending. Flat triangles can, and they show as facets in tight bends. Edges farther from their
+//! image than the tolerance (`image`) are therefore split. Where two triangles still intersect
+//! (`intersection`, exact), their edges and those of their neighbours are split at the midpoints.
+//! The straight surface stays the same, and the bent triangles follow the map more closely. Where a
+//! leaning surface comes so close to itself that finer triangles do not help, its lean is damped.
+
+mod image;
+
+pub use image::PART_OF_RADIUS;
 
 use super::intersection::{IntersectionSearch, middle_of};
 use super::lean::{Centre, Lean};
 use crate::geometry::course::Course;
 use crate::model::{Mesh, Patch};
 use glam::{DVec3, Vec3};
+use image::{Tolerance, bent, middle, off, place};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use std::collections::{HashMap, HashSet};
+use std::collections::HashSet;
 
 /// Maximum number of rounds.
 const ROUNDS: u32 = 60;
@@ -24,10 +30,6 @@ const DROPPED: u32 = 40;
 /// Edges of a triangle are split if their distance from their image exceeds this fraction of the
 /// maximum of the three.
 const PART: f64 = 0.3;
-/// Distance of an edge from its image above which it is split before any search, µm. Edges of
-/// ordinary models are nearer. Triangles as long as the course is wide would intersect almost all
-/// others.
-const COARSE_UM: f64 = 50.0;
 /// Distance of an edge from its image below which finer triangles do not help, µm: a few units in
 /// the last place of positions.
 const FINE_UM: f64 = 0.02;
@@ -62,8 +64,8 @@ pub fn bend(mesh: &Mesh, course: &Course) -> Mesh {
     Mesh { positions: bent(&mesh.positions, course), ..mesh.clone() }
 }
 
-/// Bends a straight surface so that its triangles do not intersect. Splits edges of the straight
-/// surface as needed, and damps its lean as a last resort.
+/// Bends a straight surface so that its edges are near their images and its triangles do not
+/// intersect. Splits edges of the straight surface as needed, and damps its lean as a last resort.
 ///
 /// New vertices follow the others; none lies on an edge in a plane across the tube. Returns the
 /// bent surface, the statistics, and the edges whose midpoints the new vertices are, in order.
@@ -76,16 +78,20 @@ pub fn bend_apart(
 ) -> (Mesh, Refined, Vec<(u32, u32)>) {
     let (mut done, mut split) = (Refined::default(), Vec::new());
     let mut found = bend(straight, course);
+    let tolerance = Tolerance::of(straight, course);
+    let mut is_new: Option<Vec<bool>> = None;
     loop {
-        let edges = with_longest(straight, far_from_image(straight, &found, course));
+        let edges = with_longest(straight, tolerance.far_edges(straight, &found, course, is_new.as_deref()));
         if edges.is_empty() || stop() {
             break;
         }
         done.split += edges.len();
-        halve(straight, &edges);
+        let parts = halve(straight, &edges);
+        // All other triangles keep their edges, none of which is far.
+        is_new = Some((0..parts.len()).map(|t| is_part(&parts, t)).collect());
         split.extend_from_slice(&edges);
         leaning.iter_mut().for_each(|leaning| leaning.halve(&edges));
-        found = bend(straight, course);
+        found = extended(found, straight, course);
     }
     let mut pairs = IntersectionSearch::new(&found).all_pairs(&found);
     done.met = pairs.len();
@@ -124,19 +130,30 @@ pub fn bend_apart(
         if edges.is_empty() && !is_moved.contains(&true) {
             break;
         }
-        found = bend(straight, course);
+        found = if is_moved.contains(&true) { bend(straight, course) } else { extended(found, straight, course) };
         let is_changed: Vec<bool> = (0..parts.len())
             .map(|t| {
-                let is_part = |other: Option<&u32>| other == Some(&parts[t]);
                 is_met[parts[t] as usize]
-                    || is_part(parts.get(t + 1))
-                    || (t > 0 && is_part(parts.get(t - 1)))
+                    || is_part(&parts, t)
                     || straight.triangles[t].iter().any(|&v| is_moved[v as usize])
             })
             .collect();
         pairs = IntersectionSearch::new(&found).pairs_touching(&found, &is_changed);
     }
     (found, done, split)
+}
+
+/// Bent surface after edges of the straight surface were split.
+fn extended(before: Mesh, straight: &Mesh, course: &Course) -> Mesh {
+    let mut positions = before.positions;
+    positions.extend(bent(&straight.positions[positions.len()..], course));
+    Mesh { positions, body: straight.body, triangles: straight.triangles.clone(), patches: straight.patches.clone() }
+}
+
+/// True if a triangle is one of several parts of an old triangle, given the old triangle of each.
+fn is_part(parts: &[u32], t: usize) -> bool {
+    let is_of = |other: Option<&u32>| other == Some(&parts[t]);
+    is_of(parts.get(t + 1)) || (t > 0 && is_of(parts.get(t - 1)))
 }
 
 impl Leaning<'_> {
@@ -169,34 +186,6 @@ impl Leaning<'_> {
         }
         is_moved
     }
-}
-
-/// Images of points, metres.
-fn bent(positions: &[[f32; 3]], course: &Course) -> Vec<[f32; 3]> {
-    positions.par_iter().map(|p| place(course, p.map(f64::from)).map(|x| x as f32)).collect()
-}
-
-/// Image of a point, metres.
-fn place(course: &Course, p: [f64; 3]) -> [f64; 3] {
-    (course.place(p.map(|x| x * 1e6)) * 1e-6).into()
-}
-
-/// Edges that are split before any search because they are too far from their image. Each edge
-/// belongs to two triangles, in which its directions differ.
-fn far_from_image(mesh: &Mesh, bent: &Mesh, course: &Course) -> Vec<(u32, u32)> {
-    let edges = mesh.triangles.par_iter().flat_map_iter(|&[a, b, c]| [(a, b), (b, c), (c, a)]);
-    let image = |v: u32| Vec3::from(bent.positions[v as usize]).as_dvec3();
-    edges.filter(|&(v, w)| v < w && off(mesh, course, (v, w), image) > COARSE_UM).collect()
-}
-
-/// Distance of the midpoint of an edge from its image, µm, given the images of its ends. Zero
-/// across the tube, where the map is rigid.
-fn off(mesh: &Mesh, course: &Course, (v, w): (u32, u32), image: impl Fn(u32) -> DVec3) -> f64 {
-    let [p, q] = [v, w].map(|v| mesh.positions[v as usize].map(f64::from));
-    if p[2] == q[2] {
-        return 0.0;
-    }
-    1e6 * DVec3::from(place(course, middle(p, q))).distance((image(v) + image(w)) / 2.0)
 }
 
 /// Edges of a triangle that are far from their image. None of them lies across the tube.
@@ -252,20 +241,24 @@ fn edges_of([a, b, c]: [u32; 3]) -> [(u32, u32); 3] {
     [(a, b), (b, c), (c, a)].map(|(v, w)| (v.min(w), v.max(w)))
 }
 
-fn middle(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
-    [0, 1, 2].map(|axis| 0.5 * (p[axis] + q[axis]))
-}
-
 /// Splits the given edges, which must be sorted, at their midpoints. Returns for each new triangle
 /// the old one of which it is a part.
 fn halve(mesh: &mut Mesh, edges: &[(u32, u32)]) -> Vec<u32> {
-    let mut middles: HashMap<(u32, u32), u32> = HashMap::with_capacity(edges.len());
+    let first = mesh.positions.len() as u32;
+    // Index of the first edge of each vertex. Hashing is slower by far for many edges.
+    let mut starts = vec![0_u32; mesh.positions.len() + 1];
+    edges.iter().for_each(|&(v, _)| starts[v as usize + 1] += 1);
+    (1..starts.len()).for_each(|v| starts[v] += starts[v - 1]);
     for &(v, w) in edges {
-        middles.insert((v, w), mesh.positions.len() as u32);
         let [p, q] = [v, w].map(|v| mesh.positions[v as usize].map(f64::from));
         mesh.positions.push(middle(p, q).map(|x| x as f32));
     }
-    let middle_of = |v: u32, w: u32| middles.get(&(v.min(w), v.max(w))).copied();
+    let middle_of = |v: u32, w: u32| {
+        let (v, w) = (v.min(w), v.max(w));
+        let own = starts[v as usize]..starts[v as usize + 1];
+        let other = |edge: &u32| edges[*edge as usize].1 == w;
+        own.into_iter().find(other).map(|edge| first + edge)
+    };
     let mut triangles = Vec::with_capacity(mesh.triangles.len() + 2 * edges.len());
     let mut parts = Vec::with_capacity(mesh.triangles.len() + 2 * edges.len());
     let patches = mesh.patches.iter().map(|patch| {

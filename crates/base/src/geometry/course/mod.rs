@@ -7,6 +7,7 @@
 //! and are then turned by a uniform twist. The map is injective where [`Course::room`] finds room
 //! for the tube.
 
+mod integrate;
 mod relax;
 mod room;
 mod shapes;
@@ -16,7 +17,7 @@ mod tests;
 
 pub use relax::Relaxation;
 pub use room::{Bend, Near, Room};
-pub use shapes::RandomCourse;
+pub use shapes::{RandomCourse, Turn};
 
 use crate::model::Plane;
 use glam::{DQuat, DVec3};
@@ -182,6 +183,21 @@ impl Course {
     pub fn curvature(&self, place: f64) -> f64 {
         let jet = self.line.at(place);
         jet.first.cross(jet.second).length() / jet.first.length().powi(3)
+    }
+
+    /// Angle by which the local frames turn from the beginning up to each node, radians: the
+    /// integral of the curvature and of the twist.
+    #[must_use]
+    pub fn turned(&self) -> Vec<f64> {
+        let places = self.places();
+        let twist = self.twist.abs() / self.length;
+        let rates: Vec<f64> = places.iter().map(|&at| self.curvature(at) + twist).collect();
+        let mut sum = 0.0;
+        let rest = places.windows(2).zip(rates.windows(2)).map(|(place, rate)| {
+            sum += 0.5 * (rate[0] + rate[1]) * (place[1] - place[0]);
+            sum
+        });
+        std::iter::once(0.0).chain(rest).collect()
     }
 
     /// Distance between the two ends.

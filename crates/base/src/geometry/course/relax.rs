@@ -5,8 +5,9 @@
 //! distant parts are still too close, all curvature is scaled down. A course without curvature is
 //! straight and has room, so the search ends.
 
+use super::integrate::{Heading, integrate};
 use super::{Course, Room};
-use glam::{DQuat, DVec2, DVec3};
+use glam::DVec2;
 
 const NODES_PER_BEND: usize = 4;
 /// Number of scales tried, from 1 down to 0.
@@ -47,10 +48,12 @@ impl Course {
         let bends: Vec<DVec2> = (0..count).map(|i| self.bend(step * i as f64, step * (i + 1) as f64)).collect();
         let limits: Vec<f64> =
             (0..count).map(|i| CURVATURE_MARGIN * to.max_radius_ratio / (to.radius)(middle(i))).collect();
+        let (tangent, u) = self.untwisted(0.0);
+        let begin = Heading { at: self.at(0.0).origin, tangent, u };
         for part in (0..=SCALE_STEPS).rev() {
             let scale = f64::from(part) / f64::from(SCALE_STEPS);
             let bends = spread(bends.iter().map(|bend| *bend * scale).collect(), &limits);
-            let points = self.integrate(&bends, step);
+            let points = integrate(begin, bends, step);
             if let Some(found) = Self::through(&points, self.length(), nodes, self.twist)
                 && (part == 0 || to.is_met(&found.room(to.radius)))
             {
@@ -66,31 +69,6 @@ impl Course {
         let off = DVec2::new(next.dot(u), next.dot(tangent.cross(u)));
         let angle = tangent.angle_between(next);
         off.normalize_or_zero() * (angle / (to - from))
-    }
-
-    /// Integrates the curve that begins like this one and has these curvatures.
-    fn integrate(&self, bends: &[DVec2], step: f64) -> Vec<DVec3> {
-        let (mut tangent, mut u) = self.untwisted(0.0);
-        let mut at = self.at(0.0).origin;
-        let mut points = vec![at];
-        for bend in bends {
-            let v = tangent.cross(u);
-            let angle = bend.length() * step;
-            if angle > 0.0 {
-                let axis = tangent.cross(u * bend.x + v * bend.y).normalize();
-                // Chord of the arc.
-                at += DQuat::from_axis_angle(axis, 0.5 * angle)
-                    * tangent
-                    * (step * libm::sin(0.5 * angle) / (0.5 * angle));
-                let turn = DQuat::from_axis_angle(axis, angle);
-                (tangent, u) = ((turn * tangent).normalize(), turn * u);
-                u = (u - tangent * u.dot(tangent)).normalize();
-            } else {
-                at += tangent * step;
-            }
-            points.push(at);
-        }
-        points
     }
 }
 

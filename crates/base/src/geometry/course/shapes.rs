@@ -1,8 +1,9 @@
 //! Courses of named shapes.
 
 use super::Course;
+use super::integrate::{Heading, integrate};
 use crate::random::{self, Stream};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use std::f64::consts::TAU;
 
 const WAVES_PER_AXIS: u32 = 8;
@@ -10,6 +11,10 @@ const WAVES_PER_AXIS: u32 = 8;
 const MAX_AMPLITUDE: f64 = 3.0;
 const AMPLITUDE_STEP: f64 = 0.05;
 const BISECTIONS: u32 = 48;
+/// Fraction of a turn over which its curvature rises, and over which it falls again.
+const RAMP: f64 = 0.2;
+/// Steps of the integration of turns per node.
+const STEPS_PER_NODE: usize = 4;
 
 /// Parameters of a random course.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,6 +25,37 @@ pub struct RandomCourse {
     pub wavelength: f64,
     /// Length divided by the distance between the ends.
     pub tortuosity: f64,
+}
+
+/// A turn of a course between two straight parts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Turn {
+    /// The turning point, which is the middle of the turn, as a fraction of the length.
+    pub at: f64,
+    /// Angle by which the course turns, radians.
+    pub angle: f64,
+    /// Direction toward which the course turns, in the rotation-minimising frame: the angle from
+    /// its first vector to its second, radians.
+    pub toward: f64,
+    /// Fraction of the length that the turn takes.
+    pub share: f64,
+}
+
+impl Turn {
+    /// Ends of the turn as fractions of the length.
+    #[must_use]
+    pub fn ends(&self) -> [f64; 2] {
+        [self.at - 0.5 * self.share, self.at + 0.5 * self.share]
+    }
+
+    /// Curvature at a fraction of the length, per length: constant except for smooth ramps, so that
+    /// a spline can follow it.
+    fn curvature(&self, at: f64) -> DVec2 {
+        let inside = 0.5 - ((at - self.at) / self.share).abs();
+        let x = (inside / RAMP).clamp(0.0, 1.0);
+        let (sin, cos) = libm::sincos(self.toward);
+        DVec2::new(cos, sin) * (x * x * (3.0 - 2.0 * x) * self.angle / (self.share * (1.0 - RAMP)))
+    }
 }
 
 impl Course {
@@ -46,6 +82,19 @@ impl Course {
             DVec3::new(across * sin, rise, across * cos)
         };
         (rise < 1.0).then(|| Self::along(direction, length, nodes, twist))
+    }
+
+    /// Straight parts between turns, which must not overlap.
+    #[must_use]
+    pub fn turns(turns: &[Turn], length: f64, nodes: usize, twist: f64) -> Self {
+        let steps = nodes * STEPS_PER_NODE;
+        let bends = (0..steps).map(|i| {
+            let at = (i as f64 + 0.5) / steps as f64;
+            turns.iter().map(|turn| turn.curvature(at)).sum::<DVec2>() / length
+        });
+        let begin = Heading { at: DVec3::ZERO, tangent: DVec3::Z, u: DVec3::X };
+        let points = integrate(begin, bends, length / steps as f64);
+        Self::through_nodes(points.into_iter().step_by(STEPS_PER_NODE).collect(), length, twist)
     }
 
     /// Random course whose direction oscillates about z as a sum of cosines. The amplitude follows

@@ -14,7 +14,13 @@ fn courses() -> Vec<(&'static str, Course)> {
         ("coil", Course::coil(3.0, 5.0, 60.0, NODES, 0.0).unwrap()),
         ("random", Course::random(&random, 60.0, NODES, -2.0).unwrap()),
         ("points", Course::through(&knee, 60.0, NODES, 0.0).unwrap()),
+        ("turns", Course::turns(&turns(), 60.0, NODES, 0.0)),
     ]
+}
+
+/// Two hairpins of unequal length in planes across each other.
+fn turns() -> [Turn; 2] {
+    [Turn { at: 0.25, angle: PI, toward: 0.0, share: 0.3 }, Turn { at: 0.7, angle: 2.5, toward: FRAC_PI_2, share: 0.4 }]
 }
 
 #[test]
@@ -67,6 +73,29 @@ fn named_courses_have_the_form_of_their_name() {
         assert_ne!(course, Course::random(&RandomCourse { seed: seed + 10, ..of }, 60.0, NODES, 0.0).unwrap());
     }
     assert_eq!(Course::random(&RandomCourse { seed: 1, wavelength: 1e6, tortuosity: 3.0 }, 60.0, NODES, 0.0), None);
+}
+
+#[test]
+fn turns_are_at_their_turning_points_between_straight_parts() {
+    let course = Course::turns(&turns(), 60.0, 2048, 0.0);
+    let curvature = |at: f64| course.curvature(60.0 * at);
+    for Turn { at, angle, share, .. } in turns() {
+        let [before, after] = [at - 0.5 * share, at + 0.5 * share];
+        let [from, to] = [before, after].map(|at| course.at(60.0 * at).tangent);
+        // The angle between tangents is at most π.
+        assert!((from.angle_between(to) - angle).abs() < 2e-3, "{at}: {}", from.angle_between(to));
+        // As much of the turn lies before the turning point as after it.
+        let middle = course.at(60.0 * at).tangent;
+        assert!((middle.angle_between(from) - middle.angle_between(to)).abs() < 2e-3);
+        let flat = angle / (60.0 * share * 0.8);
+        assert!([-0.25, 0.0, 0.25].iter().all(|k| (curvature(at + k * share) / flat - 1.0).abs() < 1e-2), "{at}");
+        assert!(curvature(before - 0.01) < 1e-3 * flat && curvature(after + 0.01) < 1e-3 * flat, "{at}");
+    }
+    // The first turn is toward x, the second toward y of the section.
+    assert!(course.at(15.0).tangent.distance(DVec3::X) < 2e-3, "{}", course.at(15.0).tangent);
+    assert!(course.at(58.0).tangent.y > 0.5 && course.at(30.0).tangent.distance(-DVec3::Z) < 2e-3);
+    let turned = course.turned();
+    assert!((turned[turned.len() - 1] - (PI + 2.5)).abs() < 2e-3 && turned.is_sorted());
 }
 
 #[test]

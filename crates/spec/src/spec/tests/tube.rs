@@ -103,6 +103,18 @@ fn courses_without_room_are_refused_with_the_place_or_relaxed() {
         (json!({ "points_mm": [[0, 0, "a"]] }), "/course/points_mm/0/2", "must be a number"),
         (json!({ "points_mm": 3 }), "/course/points_mm", "must be an array of points"),
         (json!({ "shape": "knot" }), "/course/shape", "must be one of"),
+        (json!({ "shape": "turns" }), "/course/turns", "has 0 turns"),
+        (json!({ "shape": "turns", "turns": [[0.5, 0, 0, 0.2]] }), "/course/turns/0/1", "at least 1°"),
+        (json!({ "shape": "turns", "turns": [[0.5, 90, 0, 0]] }), "/course/turns/0/3", "is 0; a turn takes"),
+        (json!({ "shape": "turns", "turns": [[0.05, 90, 0, 0.2]] }), "/course/turns/0/0", "leave the tube"),
+        (
+            json!({ "shape": "turns", "turns": [[0.3, 90, 0, 0.2], [0.4, 90, 0, 0.2]] }),
+            "/course/turns/1/0",
+            "begin at 0.3000, before the turn before it ends at 0.4000",
+        ),
+        (json!({ "shape": "turns", "turns": [[0.5, 180, 0, 0.05]] }), "/course/turns", "is too tight at"),
+        (json!({ "turns": [[0.5, 180, 0]] }), "/course/turns/0", "[at, turn_deg, toward_deg, share]"),
+        (json!({ "turns": [[0.5, 400, 0, 0.1]] }), "/course/turns/0/1", "above the greatest"),
     ] {
         let found = faults(&course);
         assert!(
@@ -119,6 +131,28 @@ fn courses_without_room_are_refused_with_the_place_or_relaxed() {
         assert!(bent.relaxed && bent.room.bend.radius_ratio() <= 0.8, "{course}");
         assert!(bent.room.near.is_none_or(|near| near.distance >= 200.0));
     }
+}
+
+#[test]
+fn the_coil_of_the_mouse_has_its_turning_points() {
+    let spec = ModelSpec::resolve(preset("mouse").unwrap(), &json!({})).unwrap();
+    let turns = spec.turning_points();
+    assert_eq!(turns.iter().map(|turn| turn.number).collect::<Vec<_>>(), (1..=11).rev().collect::<Vec<_>>());
+    // Published: the ampulla ends at the third of eleven turns from the ovary.
+    let regions: Vec<&str> = turns.iter().rev().map(|turn| turn.region.as_str()).collect();
+    assert_eq!(regions[..3], ["ampulla", "ampulla", "junction"]);
+    assert!(regions[3..].iter().all(|region| *region == "isthmus"), "{regions:?}");
+    let course = spec.centre_line().unwrap();
+    for turn in &turns {
+        assert!((course.at(1000.0 * turn.z_mm).origin / 1000.0).distance(turn.position_mm.into()) < 1e-9);
+        assert!(course.curvature(1000.0 * turn.z_mm) > 1.0 / 1000.0, "{turn:?}");
+    }
+    // The turns of an animal are unequal, unlike those of a helix.
+    let parts: Vec<f64> = turns.windows(2).map(|pair| pair[1].z_mm - pair[0].z_mm).collect();
+    let [least, most] = [f64::min, f64::max].map(|pick| parts.iter().copied().reduce(pick).unwrap());
+    assert!(most > 1.3 * least, "{parts:?}");
+    let shorter = ModelSpec::resolve(preset("mouse").unwrap(), &json!({ "course": { "shape": "straight" } })).unwrap();
+    assert_eq!(shorter.turning_points(), []);
 }
 
 #[test]

@@ -1,9 +1,11 @@
 //! Bent surfaces: what bending preserves, and that mended surfaces do not intersect themselves.
 
 use super::*;
+use crate::geometry::course::{RandomCourse, Turn};
 use crate::mesh::lean::tests::{leaning, pressed};
 use crate::mesh::{intersection, regions};
 use crate::model::sample::tube;
+use proptest::prelude::*;
 use std::collections::HashSet;
 use std::f64::consts::PI;
 
@@ -33,6 +35,72 @@ fn a_bent_tube_keeps_its_volume_and_its_sections() {
     for (v, w) in [(0, 48), (96, 120), (64 * 96, 64 * 96 + 20)] {
         assert_eq!(straight.positions[v][2], straight.positions[w][2]);
         assert!((distance(&bent, v, w) - distance(&straight, v, w)).abs() < 1e-9);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn no_edge_is_farther_from_its_image_than_a_hundredth_of_the_radius(
+        slabs in 6_u32..80,
+        shape in 0_usize..5,
+        bend in 0.25..0.75,
+        seed in 0_u64..100,
+    ) {
+        // The outer wall has a radius of 1 mm, and the tightest bend about one of 1 mm / `bend`.
+        // All courses have room for the tube, so that few pairs of triangles intersect.
+        let radius = 1000.0;
+        let tight = radius / bend;
+        let length = match shape {
+            0 => 4.0 * tight,
+            1 => 1.2 * PI * tight,
+            _ => 40_000.0,
+        };
+        let mut mesh = tube(24, slabs, 0.2);
+        mesh.positions.iter_mut().for_each(|p| p[2] *= (length / 4000.0) as f32);
+        let course = match shape {
+            0 => Course::arc(4.0, length, 2048, 0.0),
+            1 => Course::sigmoid(1.2, length, 2048, 1.0),
+            2 => Course::coil(length / (2.0 * PI * tight), 2500.0, length, 2048, 0.0).unwrap(),
+            3 => {
+                let random = RandomCourse { seed, wavelength: 25_000.0, tortuosity: 1.2 };
+                Course::random(&random, length, 2048, -1.0).unwrap()
+            }
+            _ => {
+                let share = PI * tight / (0.8 * length);
+                let turn = |at, toward| Turn { at, angle: PI, toward, share };
+                Course::turns(&[turn(0.25, seed as f64), turn(0.75, 1.0)], length, 2048, 0.0)
+            }
+        };
+        let before = mesh.positions.len();
+        let (bent, done, _) = bend_apart(&mut mesh, None, &course, &|| false);
+        prop_assert_eq!(mesh.positions.len(), before + done.split);
+        prop_assert!(is_closed(&bent));
+        for edge in mesh.triangles.iter().flat_map(|&triangle| edges_of(triangle)) {
+            let [p, q] = [edge.0, edge.1].map(|v| mesh.positions[v as usize].map(f64::from));
+            for part in [0.25, 0.5, 0.75] {
+                let between = |a: f64, b: f64| a + part * (b - a);
+                let straight = [0, 1, 2].map(|axis| between(p[axis], q[axis]));
+                let image = DVec3::from(place(&course, straight));
+                let chord = DVec3::from(place(&course, p)).lerp(DVec3::from(place(&course, q)), part);
+                let off = 1e6 * image.distance(chord);
+                prop_assert!(off < 1.05 * image::PART_OF_RADIUS * radius, "{:?}: {} um at {}", edge, off, part);
+            }
+        }
+    }
+}
+
+#[test]
+fn straight_parts_of_a_course_are_not_split() {
+    let mut mesh = tube(24, 20, 0.2);
+    mesh.positions.iter_mut().for_each(|p| p[2] *= 10.0);
+    let turn = Turn { at: 0.5, angle: PI, toward: 0.0, share: 0.2 };
+    let before = mesh.positions.len();
+    let (_, done, _) = bend_apart(&mut mesh, None, &Course::turns(&[turn], 40_000.0, 2048, 0.0), &|| false);
+    assert!(done.split > 0);
+    for p in &mesh.positions[before..] {
+        assert!((0.39..0.61).contains(&(f64::from(p[2]) / 0.04)), "{p:?}");
     }
 }
 
