@@ -13,13 +13,16 @@
 //! | `wall` | layers of the wall |
 //! | `bundles`, `vessels` | longitudinal bundles and vessels, which continue along the tube |
 //! | `map` | tissue of each pixel |
+//! | `relief`, `lattice` | texture of mucosa and serosa seen from outside, for pictures |
 
 mod bundles;
 mod contour;
 mod field;
 mod fill;
 mod grid;
+mod lattice;
 mod map;
+mod relief;
 #[cfg(test)]
 mod tests;
 mod vessels;
@@ -31,6 +34,7 @@ use std::f64::consts::TAU;
 pub use contour::Contour;
 pub use grid::Grid;
 pub use map::{Place, TissueMap, bands};
+pub use relief::{Relief, Sampling, WallTexture};
 
 /// Content of a pixel or voxel. The discriminant is the value in label images and volumes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

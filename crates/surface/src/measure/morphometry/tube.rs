@@ -41,8 +41,8 @@ pub struct Tube {
     pub isthmus_length_mm: f64,
     /// Length of the part of the ampulla in the model.
     pub ampulla_length_mm: f64,
-    /// Number of folds on the counting ring in the ampulla divided by the number in the isthmus;
-    /// both are means over the region.
+    /// Number of primary folds in the ampulla divided by the number in the isthmus; both are means
+    /// over the region.
     pub fold_ratio: Option<f64>,
     /// Volume of the lumen: the areas of the sections, integrated by the trapezoidal rule.
     pub lumen_volume_mm3: f64,
@@ -213,7 +213,7 @@ impl Found {
             Some((name.to_owned(), region(range, name == "whole" || name == "ampulla", &z_mm, &along)?))
         });
         let regions_found: BTreeMap<String, Region> = regions_found.collect();
-        let folds = |name: &str| Some(regions_found.get(name)?.quantities.get("folds_on_ring")?.mean);
+        let folds = |name: &str| Some(regions_found.get(name)?.quantities.get("primary_folds")?.mean);
         let fold_ratio = folds("isthmus").filter(|&n| n > 0.0).and_then(|n| Some(folds("ampulla")? / n));
         let tube = Tube { fold_ratio, fold_continuity, twist_deg, ..tube(regions, &z_mm, &measures) };
         let settings = Settings {
