@@ -122,7 +122,7 @@ fn a_bent_model_has_certified_bodies_and_the_sections_and_labels_of_the_straight
     assert_eq!(straight.course, None);
     let half_turn = json!({ "shape": "arc", "turn_deg": 180 });
     let (bent, files, ends) = grown(half_turn.clone());
-    let course = bent.course.unwrap();
+    let course = bent.course.clone().unwrap();
     assert!((course.tortuosity - std::f64::consts::FRAC_PI_2).abs() < 1e-3 && !course.relaxed, "{course:?}");
     assert!(bent.certificate.passed);
     assert!(bent.surfaces.iter().all(has_passed));

@@ -82,7 +82,7 @@ fn the_ends_of_a_tube_are_stained_and_a_lumen_is_not() {
     let view = View { cut: Vec::new(), ..end_on(0.0) };
     let colors = |mesh: &Mesh| {
         let picture = mesh_drawing(mesh, &view, Some(&finish)).unwrap().pixmap;
-        let shades = (20..110).filter_map(|y| picture.pixel(400, y)).map(|pixel| pixel.green());
+        let shades = (20..110).filter_map(|y| picture.pixel(400, y)).map(tiny_skia::PremultipliedColorU8::green);
         shades.collect::<std::collections::BTreeSet<u8>>().len()
     };
     assert!(colors(&mesh) > 25, "{}", colors(&mesh));
