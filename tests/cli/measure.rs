@@ -48,7 +48,7 @@ fn the_labels_of_a_section_measure_what_the_report_says() {
         ["lumen_area_mm2", "tissue_area_mm2", "outer_diameter_mm", "lumen_perimeter_mm", "hydraulic_diameter_um"]
     {
         let value = |value: &Value| value.as_f64().unwrap_or_else(|| panic!("{name}: {value}"));
-        let (found, own) = (value(&found["quantities"][name]), value(&report["morphometry"]["along"][name][index]));
+        let (found, own) = (value(&found["quantities"][name]), value(&report["simulated"]["along"][name][index]));
         assert!((found / own - 1.0).abs() < 0.02, "{name}: {found}, not {own}");
     }
     let table = run(at.path(), &measure);

@@ -10,7 +10,7 @@ use crate::cli::term;
 use crate::generate::{Backend, CancelToken, Findings, Request, generate};
 use crate::measure::checklist::Checklist;
 use crate::measure::comparison::{Compared, Verdict};
-use crate::measure::morphometry::Quantity;
+use crate::measure::morphometry::{CHANGES, QUANTITIES};
 use crate::spec::{ModelSpec, Preset, preset, presets};
 use anyhow::{Context, anyhow};
 use serde_json::{Value, json};
@@ -124,6 +124,8 @@ fn markdown(preset: &Preset, models: &[Model]) -> String {
         };
         let inside = if published.verdict == Verdict::Shortened {
             "shortened by choice".to_owned()
+        } else if published.verdict == Verdict::MethodUnknown {
+            "method unknown".to_owned()
         } else if published.low.is_none() && published.high.is_none() {
             "–".to_owned()
         } else {
@@ -141,10 +143,10 @@ fn markdown(preset: &Preset, models: &[Model]) -> String {
         );
     }
     text += "\n| quantity | isthmus | junction | ampulla |\n|---|---|---|---|\n";
-    for quantity in Quantity::of_simulated() {
-        let _ = write!(text, "| `{}` |", quantity.name);
+    for name in QUANTITIES.iter().map(|quantity| quantity.name).chain(CHANGES.map(|(name, ..)| name)) {
+        let _ = write!(text, "| `{name}` |");
         for region in REGIONS {
-            let (mean, sd) = spread(&values(models, quantity.name, region));
+            let (mean, sd) = spread(&values(models, name, region));
             let cell = if mean.is_finite() { format!("{} ± {}", number(mean), number(sd)) } else { "–".into() };
             let _ = write!(text, " {cell} |");
         }

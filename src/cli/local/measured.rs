@@ -88,7 +88,7 @@ fn table(measures: &Measures) -> String {
 fn compared(all: &[Compared]) -> String {
     let mut text = String::from("\nPublished values\n");
     let mut line = |name: &str, measured: &str, range: &str, verdict: &str, source: &str| {
-        text += &format!("{name:<32} {measured:>12} {range:>20}  {verdict:<12} {source}\n");
+        text += &format!("{name:<32} {measured:>12} {range:>20}  {verdict:<14} {source}\n");
     };
     if !all.is_empty() {
         line("quantity (region)", "this section", "published", "verdict", "source");
@@ -99,6 +99,7 @@ fn compared(all: &[Compared]) -> String {
             Verdict::Inside => "inside",
             Verdict::Outside => "outside",
             Verdict::NoRange => "no range",
+            Verdict::MethodUnknown => "method unknown",
             Verdict::NotMeasured => "not measured",
             Verdict::Shortened => "shortened",
         };

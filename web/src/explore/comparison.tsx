@@ -26,6 +26,7 @@ const VERDICTS: Record<Compared["verdict"], string> = {
   inside: "inside",
   outside: "outside",
   no_range: "no range",
+  method_unknown: "method unknown",
   not_measured: "not measured",
   shortened: "shortened by choice",
 };

@@ -38,6 +38,8 @@ const PLOTTED = [
   "lumen_area_mm2",
   "tissue_area_mm2",
   "outer_diameter_mm",
+  "muscle_thickness_um",
+  "free_lumen",
   "perimeter_ratio",
   "tissue_thickness_p50_um",
   "lumen_gap_p50_um",
@@ -45,15 +47,17 @@ const PLOTTED = [
   "fractal_dimension",
 ] as const;
 
-/** Quantities of the shape tree, which is computed only for some sections. */
+/** Quantities of the shape tree and of layers, which are computed only for some sections. */
 const OF_TREES: ReadonlySet<string> = new Set(["branching_order_mean", "fold_height_p50_um"]);
+const OF_LAYERS: ReadonlySet<string> = new Set(["muscle_thickness_um", "free_lumen"]);
 
 /** The series of a model, without quantities that have no values. */
 export function seriesOf(morphometry: Morphometry, comparison: Comparison | undefined): Series[] {
   const { along, settings } = morphometry;
   const places = along["z_mm"] ?? [];
   return PLOTTED.flatMap((name) => {
-    const points = known(places, along[name] ?? [], OF_TREES.has(name) ? settings.tree_every : 1);
+    const stride = OF_LAYERS.has(name) ? settings.layers_every : OF_TREES.has(name) ? settings.tree_every : 1;
+    const points = known(places, along[name] ?? [], stride ?? 1);
     return points.z.length > 0 ? [{ ...quantity(name), ...points, bands: bandsOf(name, morphometry, comparison) }] : [];
   });
 }

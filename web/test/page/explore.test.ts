@@ -295,7 +295,7 @@ test("charts along the tube are the measures of the report, with the published r
   const panel = page.getByRole("region", { name: "Along the tube" });
   const chart = panel.getByRole("img", { name: /^Tissue area along the tube: / });
   await chart.waitFor();
-  assert.equal(await panel.getByRole("img").count(), 10);
+  assert.equal(await panel.getByRole("img").count(), 12);
   const three = (value: number) => String(Number(value.toPrecision(3)));
   const own = compared.filter(({ quantity, low, high }) => quantity === "tissue_area_mm2" && low != null && high != null);
   const ranges = own.map(({ low, high }) => `${three(low!)} to ${three(high!)}`).join(" or ");
@@ -328,7 +328,9 @@ test("charts along the tube are the measures of the report, with the published r
     assert.equal(await read(title), `${three(along[name]![nearest]!)}${unit} at ${three(z[nearest]!)} mm`);
   }
   await chart.click({ position: at });
-  await page.getByText(`${nearest + 1} of 201`).waitFor();
+  // The charts show cuts, the picture the section next to the cut.
+  const section = nearestIndex(report.simulated!.along["z_mm"] as number[], z[nearest]!);
+  await page.getByText(`${section + 1} of 201`).waitFor();
 
   // The comparison, whose sources can be opened by keyboard.
   const table = page.getByRole("region", { name: "Beside published anatomy" });

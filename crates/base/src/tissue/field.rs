@@ -57,6 +57,11 @@ impl Field {
         Self { grid, values }
     }
 
+    /// Distance between neighbouring nodes, µm.
+    pub(super) fn side_um(&self) -> f64 {
+        self.grid.um_per_pixel
+    }
+
     /// Value at a point, interpolated between nodes; that of the nearest node outside the grid.
     pub(super) fn at(&self, p: [f64; 2]) -> f64 {
         let grid = &self.grid;
@@ -166,16 +171,17 @@ fn distances(grid: &Grid, edges: &[Edge], open: &[bool], limit: f64) -> Vec<f64>
 fn connected(depth: &[f64], width: usize, height: usize) -> Vec<bool> {
     let mut reached = vec![false; depth.len()];
     let is_rim = |i: &usize| [0, width - 1].contains(&(i % width)) || [0, height - 1].contains(&(i / width));
-    let mut next: Vec<usize> = (0..depth.len()).filter(is_rim).collect();
+    let mut next: Vec<usize> = (0..depth.len()).filter(|i| is_rim(i) && depth[*i] >= 0.0).collect();
+    next.iter().for_each(|&i| reached[i] = true);
     while let Some(i) = next.pop() {
-        if reached[i] || depth[i] < 0.0 {
-            continue;
-        }
-        reached[i] = true;
         let (column, row) = (i % width, i / width);
         for row in row.saturating_sub(1)..(row + 2).min(height) {
-            let columns = column.saturating_sub(1)..(column + 2).min(width);
-            next.extend(columns.map(|column| row * width + column).filter(|&k| !reached[k]));
+            for k in row * width + column.saturating_sub(1)..row * width + (column + 2).min(width) {
+                if !reached[k] && depth[k] >= 0.0 {
+                    reached[k] = true;
+                    next.push(k);
+                }
+            }
         }
     }
     reached

@@ -77,6 +77,13 @@ impl TissueMap {
         &self.layers
     }
 
+    /// Distance from a point of the mucosa to the muscle beyond it, along a unit vector out of the
+    /// lumen, µm. 0 at most if there is no mucosa in between.
+    #[must_use]
+    pub fn muscle_beyond_um(&self, p: [f64; 2], out: [f64; 2]) -> f64 {
+        self.wall.muscle_beyond(p, out)
+    }
+
     /// Maximum distance from the inner wall at which [`Place::lumen_um`] is finite.
     #[must_use]
     pub fn reach_um(&self, grid: &Grid) -> f64 {

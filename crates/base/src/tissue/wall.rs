@@ -62,6 +62,14 @@ impl Wall {
         Some(Side { edge, out: [cos, sin], muscle_um: (inner + outer).max(0.0), subserosa_um: (-outer).max(0.0) })
     }
 
+    /// Distance from a point of the mucosa to the muscle, along a unit vector out of the lumen.
+    pub(super) fn muscle_beyond(&self, p: [f64; 2], out: [f64; 2]) -> f64 {
+        // Nodes inside the lumen have no distance, so the field is read beyond their neighbours.
+        let step = 2.0 * self.field.side_um();
+        let beyond = [p[0] + step * out[0], p[1] + step * out[1]];
+        step - (self.field.at(beyond) + self.layers.opening_um)
+    }
+
     /// Distances of a point at `depth` below the outer contour from the borders of the muscle.
     fn span(&self, p: [f64; 2], depth: f64) -> Span {
         let inner = self.field.at(p) + self.layers.opening_um;

@@ -147,6 +147,7 @@ fn measured(
             junction: [spec.regions.junction_from, spec.regions.junction_to],
             piece: [0.0, 1.0],
         },
+        None,
     ))
 }
 

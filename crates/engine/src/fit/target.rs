@@ -119,6 +119,9 @@ pub(super) fn refused(region: &str, quantity: &str) -> Option<(&'static str, Str
             format!("`{name}` is no measure of the tube; those are {}{hint}", known.join(", "))
         }
         "least_gap_um" => format!("`{name}` comes from the certificate of a surface, which a fit does not make"),
+        _ if Quantity::named(quantity).is_some_and(|of| of.of_layers) => {
+            format!("`{name}` is a measure of the layers of a finished model, which a fit does not make")
+        }
         _ if STEPS.contains(&quantity) || Quantity::named(quantity).is_some() => return None,
         _ => {
             let names = Quantity::of_simulated().map(|quantity| quantity.name).chain(STEPS);
@@ -189,6 +192,8 @@ mod tests {
             ("whole", "least_gap_um", "quantity"),
             ("ampulla", "islands", "quantity"),
             ("tube", "islands", "quantity"),
+            ("isthmus", "muscle_thickness_um", "quantity"),
+            ("ampulla", "fold_splits_per_mm", "quantity"),
         ] {
             assert_eq!(refused(region, quantity).map(|(member, _)| member), Some(member), "{region}/{quantity}");
         }

@@ -9,6 +9,7 @@
 use super::outputs::{Output, Outputs};
 use crate::export::labels::SLICES_AT_A_TIME;
 use crate::export::lod::LEVEL_TRIANGLES;
+use crate::measure::morphometry::cuts_of;
 use crate::model::BodyKind;
 use crate::spec::{Integrator, ModelSpec, Search};
 use serde::{Deserialize, Serialize};
@@ -38,6 +39,12 @@ const TRIANGLE_SECONDS: f64 = 0.65e-6;
 const LEVELS_SECONDS: f64 = 1.3e-6;
 /// Seconds per triangle for morphometry. Measured on `paper`.
 const MEASURE_SECONDS: f64 = 0.45e-6;
+/// Time for morphometry if cuts are measured in addition to sections, divided by the time without.
+/// Measured on `pig`.
+const CUTS_FACTOR: f64 = 1.35;
+/// Seconds per section whose layers are measured, on one core: one of twelve, at most 16. Measured
+/// on `pig`.
+const LAYER_SECONDS: f64 = 0.02;
 /// Memory that does not depend on the model. Assumed.
 const BASE_BYTES: u64 = 32 << 20;
 /// Memory per vertex and per triangle of the surface: position, indices.
@@ -77,7 +84,7 @@ const PLACES: u32 = 256;
 const SECTIONS_FIXED: f64 = 4096.0;
 const SECTIONS_POINT_BYTES: f64 = 9.0;
 /// Bytes of the report without sections. Assumed.
-const REPORT_FIXED: u64 = 65_536;
+const REPORT_FIXED: u64 = 131_072;
 /// Bytes of both files of the centre line, without sections and per section.
 const CENTRELINE_FIXED: f64 = 2600.0;
 const CENTRELINE_SECTION_BYTES: f64 = 270.0;
@@ -110,8 +117,10 @@ const FRAME_FIXED: f64 = 1024.0;
 /// Bytes of the certificate of a frame in the report.
 const FRAME_REPORT_BYTES: u64 = 2600;
 
-/// Bytes of the measures of a section in the report. Measured on the default model.
+/// Bytes of the measures of a simulated section and of a planar cut in the report. Measured on the
+/// default model.
 const REPORT_SECTION_BYTES: u64 = 850;
+const REPORT_CUT_BYTES: u64 = 1300;
 /// Bytes of the compressed text of 3MF per triangle, including vertices. Measured on pieces of
 /// `pig`.
 const THREEMF_TRIANGLE_BYTES: f64 = 13.1;
@@ -179,7 +188,12 @@ impl Cost {
             .collect();
         bytes.insert("sections".to_owned(), count(SECTIONS_FIXED + SECTIONS_POINT_BYTES * section_points));
         let frames = spec.contraction.frames;
-        let report = REPORT_FIXED + u64::from(sections) * REPORT_SECTION_BYTES + u64::from(frames) * FRAME_REPORT_BYTES;
+        let measured = if has_cuts(spec) {
+            u64::from(sections) * REPORT_SECTION_BYTES + cuts_of(sections as usize) as u64 * REPORT_CUT_BYTES
+        } else {
+            u64::from(sections) * REPORT_CUT_BYTES
+        };
+        let report = REPORT_FIXED + measured + u64::from(frames) * FRAME_REPORT_BYTES;
         bytes.insert("report".to_owned(), report);
         if spec.contracts() {
             bytes.insert("contraction".to_owned(), count(counts.frames_bytes(f64::from(frames))));
@@ -195,6 +209,11 @@ impl Cost {
             seconds: seconds(spec, outputs, &counts),
         }
     }
+}
+
+/// True if planar cuts of the surface are measured, because they differ from the sections.
+fn has_cuts(spec: &ModelSpec) -> bool {
+    spec.leans() || spec.mesh.resolution_um > 0.0
 }
 
 /// Peak memory, bytes.
@@ -365,7 +384,9 @@ fn seconds(spec: &ModelSpec, outputs: &Outputs, counts: &Counts) -> BTreeMap<Str
         0.0
     };
     let levels = if_so(outputs.has(Output::Lod), LEVELS_SECONDS);
-    let surface = more + labels + triangles * (TRIANGLE_SECONDS + MEASURE_SECONDS + levels);
+    let measure = MEASURE_SECONDS * if has_cuts(spec) { CUTS_FACTOR } else { 1.0 };
+    let layers = LAYER_SECONDS * f64::from(counts.sections.min(192)) / 12.0;
+    let surface = more + labels + layers + triangles * (TRIANGLE_SECONDS + measure + levels);
     let one = simulation_seconds(spec) + surface;
     let work = match spec.solver.search {
         Search::Lists => "pairs within reach of neighbour lists",

@@ -81,11 +81,15 @@ pub struct Report<'a> {
     summary: &'a Summary,
     /// Certificate of the tissue in metres.
     certificate: &'a Certificate,
-    /// Measures of the sections. Absent in models of version 0.2 and earlier.
+    /// Measures of planar cuts across the surface before bending; in models of version 0.3.0 and
+    /// earlier, of the simulated sections. Absent in models of version 0.2 and earlier.
     #[cfg_attr(feature = "schema", schema(required = false))]
     morphometry: &'a Morphometry,
-    /// Measures of planar cuts across the ampulla; null if the surface does not lean, because its
-    /// cuts then equal its sections.
+    /// Measures of the simulated sections; null if they are the cuts, because the surface neither
+    /// leans nor is even.
+    #[cfg_attr(feature = "schema", schema(required = false, nullable = true))]
+    simulated: Option<&'a Morphometry>,
+    /// Islands, thickness and gaps in the cuts across the ampulla; null like `simulated`.
     #[cfg_attr(feature = "schema", schema(required = false, nullable = true))]
     cuts: Option<&'a Cuts>,
     /// Displacement of the surface; null if it does not lean.
@@ -160,6 +164,7 @@ pub(super) fn write(
         summary: &findings.summary,
         certificate: &findings.certificate,
         morphometry: &findings.morphometry,
+        simulated: findings.simulated.as_ref(),
         cuts: findings.cuts.as_ref(),
         lean: findings.lean.as_ref(),
         course: findings.course.as_ref(),

@@ -40,15 +40,14 @@ pub use warnings::Warning;
 
 use crate::clock::Stopwatch;
 use crate::export::centreline::Centreline;
-use crate::geometry::cut::Body;
 use crate::lock::Mutex;
 use crate::measure;
 use crate::measure::Certificate;
-use crate::measure::morphometry::{Regions, cuts, morphometry};
+use crate::measure::morphometry::{Cuts, Morphometry, Regions, morphometry, morphometry_of_cuts};
 use crate::mesh::bend::{Leaning, bend_apart};
 use crate::mesh::contract::Rest;
 use crate::mesh::lean::{self, Lean, Leaned};
-use crate::model::{BodyKind, LengthUnit, Section};
+use crate::model::{BodyKind, LengthUnit, Mesh, Section};
 use crate::sim::{Plan, Statistics};
 use files::Inputs;
 use grow::GrownSections;
@@ -202,12 +201,12 @@ impl Finishing<'_> {
         (self.stage)(Stage::Measure, 0.0)?;
         let watch = Stopwatch::start();
         let (request, cancel, regions) = (self.request, self.cancel, self.regions());
-        let (morphometry, file) = rayon::join(
-            || morphometry(&sections, &certificate.section_gaps_um, &regions),
+        let gaps_um = &certificate.section_gaps_um;
+        let (shapes, file) = rayon::join(
+            || ShapesFound::measure(request, &sections, gaps_um, straight, leaned.is_some(), &regions),
             || files::write_sections(request, &sections, cancel),
         );
-        // Planes across the straight tube are planes across the centre line.
-        let cuts = leaned.and_then(|_| cuts(&Body::from(straight), &regions));
+        let ShapesFound { morphometry, simulated, cuts } = shapes;
         let centreline = Centreline::new(&sections, course);
         let meta = self.request.metadata(sections.len());
         let added = sections.iter().filter(|s| s.added).count();
@@ -234,6 +233,7 @@ impl Finishing<'_> {
             comparison,
             checklist: checklist.flatten(),
             morphometry,
+            simulated,
             cuts,
             lean: leaned,
             course: along.as_ref().zip(refined).map(|(bent, refined)| Bending::of(bent, refined)),
@@ -311,6 +311,38 @@ impl Finishing<'_> {
             warnings,
             certificate: None,
         }
+    }
+}
+
+/// Measures of the surface, and of the sections from which it was made.
+struct ShapesFound {
+    /// Measures of planar cuts.
+    morphometry: Morphometry,
+    /// Measures of the sections; `None` if the cuts are the sections.
+    simulated: Option<Morphometry>,
+    cuts: Option<Cuts>,
+}
+
+impl ShapesFound {
+    /// Planes across the straight tube are planes across the centre line, so a bent tube is measured
+    /// before bending.
+    fn measure(
+        request: &Request,
+        sections: &[Section],
+        gaps_um: &[Option<f64>],
+        straight: &Mesh,
+        leans: bool,
+        regions: &Regions,
+    ) -> Self {
+        let layers = |z_um: f64| request.spec.layers_at_um(z_um, request.seed);
+        // A lofted surface contains the sections. An even surface is only near them.
+        if !leans && request.spec.mesh.resolution_um == 0.0 {
+            let morphometry = morphometry(sections, gaps_um, regions, Some(&layers));
+            return Self { morphometry, simulated: None, cuts: None };
+        }
+        let simulated = morphometry(sections, gaps_um, regions, None);
+        let (morphometry, cuts) = morphometry_of_cuts(straight, regions, &layers, &simulated);
+        Self { morphometry, simulated: Some(simulated), cuts }
     }
 }
 

@@ -3,6 +3,7 @@
 mod random;
 
 use super::*;
+use crate::measure::morphometry::Basis;
 use crate::model::{BodyKind, LengthUnit};
 use crate::spec::{ModelSpec, preset};
 use serde_json::json;
@@ -128,9 +129,13 @@ fn a_bent_model_has_certified_bodies_and_the_sections_and_labels_of_the_straight
     assert!((bent.certificate.volume_mm3 / straight.certificate.volume_mm3 - 1.0).abs() < 0.02);
     let distance = (0..3).map(|axis| (ends[1][axis] - ends[0][axis]).powi(2)).sum::<f64>().sqrt();
     assert!((distance - 40.0 / std::f64::consts::PI).abs() < 0.1, "{distance}");
-    assert_eq!(bent.morphometry, straight.morphometry);
+    assert_eq!(bent.simulated, straight.simulated);
     // Planes across the centre line show the same as planes across the straight tube, with more
     // vertices.
+    for (region, name) in [("whole", "muscle_thickness_um"), ("ampulla", "free_lumen"), ("whole", "tissue_area_mm2")] {
+        let [bent, straight] = [&bent, &straight].map(|of| of.morphometry.mean(name, region).unwrap());
+        assert!((bent / straight - 1.0).abs() < 1e-3, "{name}: {bent} and {straight}");
+    }
     let [straight, bent] = [straight.cuts, bent.cuts].map(Option::unwrap);
     assert_eq!((bent.count, bent.with_islands), (straight.count, straight.with_islands));
     for (bent, straight) in [(bent.thickness_um, straight.thickness_um), (bent.gap_um, straight.gap_um)] {
@@ -285,16 +290,25 @@ fn a_leaning_surface_is_certified_in_every_form_and_reported() {
     assert!(done.met > 0 && done.damped > 0 && done.rounds > 0 && done.scale > 0.0, "{done:?}");
     assert!(leaning.certificate.passed);
     let cuts = leaning.cuts.unwrap();
-    assert_eq!((cuts.count, cuts.to_mm), (40, 20.0));
+    assert_eq!((cuts.count, cuts.to_mm), (8, 20.0));
     assert!(cuts.gap_um.unwrap().p5 > 0.0 && cuts.thickness_um.unwrap().p5 > 0.0);
 
-    // The sections are the sections of the simulation.
+    // The cuts lean, the simulated sections do not.
+    let simulated = leaning.simulated.unwrap();
+    assert_eq!([&leaning.morphometry, &simulated].map(|of| of.settings.basis), [Basis::Cuts, Basis::Sections]);
+    let folds = |of: &Morphometry| of.mean("fold_height_p50_um", "ampulla").unwrap();
+    assert_ne!(folds(&leaning.morphometry), folds(&simulated));
+    let figures = Findings { morphometry: leaning.morphometry.clone(), ..Findings::default() }.figures();
+    assert_eq!(figures["morphometry"]["ampulla"]["fold_height_p50_um"], folds(&leaning.morphometry));
     let mut straight = json!({ "lean": { "strength_um": 0 } });
     json_patch::merge(&mut straight, &shape);
     let other = tempfile::tempdir().unwrap();
     let straight = generate(&self::request(small(&straight), Backend::Cpu, other.path()), &(), &CancelToken::default());
     let straight = straight.unwrap().findings;
-    assert!(straight.morphometry == leaning.morphometry && straight.cuts.is_none() && straight.lean.is_none());
+    assert!(straight.simulated.is_none() && straight.cuts.is_none() && straight.lean.is_none());
+    for (name, values) in &simulated.along {
+        assert_eq!(straight.morphometry.along[name], *values, "{name}");
+    }
     assert_ne!(straight.summary.volume_mm3, leaning.summary.volume_mm3);
     assert_eq!((straight.surfaces.len(), leaning.surfaces.len()), (5, 5), "all bodies in both units");
     // An even surface does not lean, and warns about it.

@@ -437,10 +437,12 @@ pub struct Findings {
     /// Certificates of the other surfaces that are written: all bodies and units except the tissue
     /// in metres.
     pub surfaces: Vec<SurfaceFinding>,
-    /// Measures of the sections.
+    /// Measures of planar cuts across the surface before bending.
     pub morphometry: Morphometry,
-    /// Measures of planar cuts across the ampulla, if the surface leans. Without a lean, the cuts
-    /// are the sections.
+    /// Measures of the simulated sections; `None` if the cuts are the sections, because the surface
+    /// neither leans nor is even.
+    pub simulated: Option<Morphometry>,
+    /// Islands, thickness and gaps in the cuts across the ampulla; `None` like `simulated`.
     pub cuts: Option<Cuts>,
     /// Displacement of the surface, if it leans.
     pub lean: Option<Leaned>,

@@ -134,13 +134,17 @@ mod tests {
     }
 
     fn stored() -> Value {
+        let preset = crate::spec::preset("pig").unwrap();
+        let spec = crate::spec::ModelSpec::resolve(preset, &json!({ "friction": 0.25 })).unwrap();
         let sections = sections();
         let found = morphometry(
             &sections,
             &[Some(4.0); 13],
             &Regions { length_mm: 6.0, junction: [0.3, 0.4], piece: [0.0, 1.0] },
+            Some(&|z_um: f64| spec.layers_at_um(z_um, 7)),
         );
-        let preset = crate::spec::preset("pig").unwrap();
+        let simulated =
+            morphometry(&sections, &[], &Regions { length_mm: 6.0, junction: [0.3, 0.4], piece: [0.0, 1.0] }, None);
         let checklist = judge(&Judged {
             morphometry: &found,
             organ: "oviduct",
@@ -151,7 +155,6 @@ mod tests {
             tube: &[].into(),
             parameter: &|_, _| Some(0.35),
         });
-        let spec = crate::spec::ModelSpec::resolve(preset, &json!({ "friction": 0.25 })).unwrap();
         json!({
             "digest": "d1gest", "preset": "pig", "seed": 7, "engine": "9.9.9",
             "spec": spec.to_json(),
@@ -160,6 +163,7 @@ mod tests {
             "comparison": compare(&found, "oviduct", "pig", preset.shortened.as_deref()),
             "checklist": checklist,
             "morphometry": found,
+            "simulated": simulated,
         })
     }
 
@@ -193,7 +197,10 @@ mod tests {
         }
         assert_eq!(html.matches("<strong>the request</strong>").count(), 1, "one value differs from the preset");
         assert_eq!(html.matches("data:image/png;base64,").count(), 2);
-        assert_eq!(html.matches("<svg").count(), 10);
+        assert_eq!(html.matches("<svg").count(), 12);
+        let first = |text: &str| html.find(text).unwrap_or_else(|| panic!("{text}"));
+        assert!(first("Planar cuts of the surface, by region") < first("Simulated sections, by region"));
+        assert!(html.contains("method unknown") && html.contains("Muscle thickness, µm"));
         for outside in ["<script", "http:", "https:", "url(", "@import"] {
             let found = html.replace("http://www.w3.org/2000/svg", "").contains(outside);
             assert!(!found, "{outside}");

@@ -5,7 +5,7 @@ use super::number::{number, optional, range};
 use super::plots::Plot;
 use super::stored::{Course, Stored};
 use crate::measure::comparison::{Compared, Comparison, Verdict};
-use crate::measure::morphometry::{Cuts, Morphometry, Quantity};
+use crate::measure::morphometry::{Basis, CHANGES, Cuts, Morphometry, QUANTITIES, Quantity};
 use crate::spec::{DEFAULT_PRESET, ModelSpec, preset};
 use base64::Engine as _;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
@@ -60,6 +60,8 @@ pub(super) fn page(stored: &Stored, pictures: &Pictures, plots: &[Plot]) -> Mark
                         @if let Some(found) = &stored.checklist { (checklist(found)) }
                         (along(plots))
                         (regions(morphometry))
+                        (whole_tube(morphometry))
+                        @if let Some(simulated) = &stored.simulated { (regions(simulated)) }
                     }
                     (None, _) => {
                         h2 { "Morphometry" }
@@ -102,7 +104,9 @@ fn unit(quantity: &str) -> (&str, &str) {
             "isthmus_length_mm" => ("Length of the isthmus", "mm"),
             "ampulla_length_mm" => ("Length of the ampulla", "mm"),
             "fold_ratio" => ("Folds, ampulla over isthmus", ""),
-            other => (other, ""),
+            other => {
+                CHANGES.iter().find(|change| change.0 == other).map_or((other, ""), |&(_, title, unit)| (title, unit))
+            }
         },
         |q| (q.title, q.unit),
     )
@@ -142,6 +146,7 @@ fn compared(one: &Compared) -> Markup {
                     Verdict::Inside => span.inside { "inside" },
                     Verdict::Outside => span.outside { "outside" },
                     Verdict::NoRange => span.soft { "no range" },
+                    Verdict::MethodUnknown => span.soft { "method unknown" },
                     Verdict::NotMeasured => span.soft { "not measured" },
                     Verdict::Shortened => span.soft { "shortened by choice" },
                 }
@@ -182,8 +187,34 @@ fn bending(course: &Course) -> String {
     )
 }
 
+/// Table of all quantities that the model has in some region.
 fn regions(morphometry: &Morphometry) -> Markup {
     let names = ["isthmus", "junction", "ampulla", "whole"].map(|name| (name, morphometry.regions.get(name)));
+    let quantities = QUANTITIES.iter().map(|quantity| (quantity.name, quantity.title, quantity.unit)).chain(CHANGES);
+    let is_known = |name: &str| names.iter().any(|(_, of)| of.is_some_and(|of| of.quantities.contains_key(name)));
+    html! {
+        h2 { (if morphometry.settings.basis == Basis::Cuts { "Planar cuts of the surface" } else { "Simulated sections" }) ", by region" }
+        p.soft { "Mean ± standard deviation along the region." }
+        div.scroll { table {
+            thead { tr { th { "Measure" } @for (name, _) in names { th.n { (name) } } } }
+            tbody { @for (name, title, unit) in quantities.filter(|(name, ..)| is_known(name)) {
+                tr {
+                    td { (title) @if !unit.is_empty() { ", " (unit) } }
+                    @for (_, region) in names {
+                        td.n {
+                            @match region.and_then(|region| region.quantities.get(name)) {
+                                Some(along) => { (number(along.mean)) " ± " (number(along.sd)) }
+                                None => "–",
+                            }
+                        }
+                    }
+                }
+            } }
+        } }
+    }
+}
+
+fn whole_tube(morphometry: &Morphometry) -> Markup {
     let tube = &morphometry.tube;
     let whole = [
         ("Length, mm", Some(tube.length_mm)),
@@ -197,24 +228,6 @@ fn regions(morphometry: &Morphometry) -> Markup {
         ("Folds, ampulla over isthmus", tube.fold_ratio),
     ];
     html! {
-        h2 { "By region" }
-        p.soft { "Mean ± standard deviation along the region." }
-        div.scroll { table {
-            thead { tr { th { "Measure" } @for (name, _) in names { th.n { (name) } } } }
-            tbody { @for quantity in Quantity::of_simulated() {
-                tr {
-                    td { (quantity.title) @if !quantity.unit.is_empty() { ", " (quantity.unit) } }
-                    @for (_, region) in names {
-                        td.n {
-                            @match region.and_then(|region| region.quantities.get(quantity.name)) {
-                                Some(along) => { (number(along.mean)) " ± " (number(along.sd)) }
-                                None => "–",
-                            }
-                        }
-                    }
-                }
-            } }
-        } }
         h2 { "The whole tube" }
         table { tbody { @for (title, value) in whole { tr { td { (title) } td.n { (optional(value)) } } } } }
     }

@@ -20,12 +20,14 @@ pub(super) struct Plot {
 }
 
 /// Titles and quantities of the plots.
-const PLOTS: [(&str, &[&str]); 10] = [
+const PLOTS: [(&str, &[&str]); 12] = [
     ("Folds on the ring", &["folds_on_ring"]),
     ("Branching order, mean", &["branching_order_mean"]),
     ("Lumen area, mm²", &["lumen_area_mm2"]),
     ("Tissue area, mm²", &["tissue_area_mm2"]),
     ("Outer diameter, mm", &["outer_diameter_mm"]),
+    ("Muscle thickness, µm", &["muscle_thickness_um"]),
+    ("Free lumen", &["free_lumen"]),
     ("Perimeter ratio", &["perimeter_ratio"]),
     (
         "Tissue thickness, µm: 5th, 50th, 95th percentile",

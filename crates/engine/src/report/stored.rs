@@ -19,6 +19,7 @@ pub(super) struct Stored {
     pub(super) summary: Value,
     pub(super) certificate: Value,
     pub(super) morphometry: Option<Morphometry>,
+    pub(super) simulated: Option<Morphometry>,
     pub(super) comparison: Option<Comparison>,
     /// Absent in models of version 0.3 and earlier.
     pub(super) checklist: Option<Checklist>,

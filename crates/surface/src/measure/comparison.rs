@@ -4,7 +4,7 @@
 //! source and the confidence in it. Column `measure` names the quantity of a model that the value
 //! can be compared with, and `model_region` the region.
 
-use super::morphometry::{Measures, Morphometry, Quantity};
+use super::morphometry::{Measures, Morphometry, QUANTITIES, Quantity};
 use serde::{Deserialize, Serialize};
 use std::sync::LazyLock;
 
@@ -41,6 +41,10 @@ pub struct Reference {
     pub model_region: String,
     /// Factor from the published unit to that of the model.
     pub factor: Option<f64>,
+    /// `unknown` if the source does not state what it measured or how, so that a value of a model
+    /// may be another measure. The column may be missing at the end of a row.
+    #[serde(default)]
+    pub method: String,
 }
 
 const FILE: &str = include_str!("../../../../references/morphometry.csv");
@@ -49,8 +53,8 @@ const FILE: &str = include_str!("../../../../references/morphometry.csv");
 #[must_use]
 pub fn references() -> &'static [Reference] {
     static REFERENCES: LazyLock<Vec<Reference>> = LazyLock::new(|| {
-        let rows = csv::Reader::from_reader(FILE.as_bytes()).into_deserialize();
-        rows.collect::<Result<_, _>>().expect("the file is tested to be valid")
+        let mut rows = csv::ReaderBuilder::new().flexible(true).from_reader(FILE.as_bytes());
+        rows.deserialize().collect::<Result<_, _>>().expect("the file is tested to be valid")
     });
     &REFERENCES
 }
@@ -90,6 +94,8 @@ pub enum Verdict {
     Outside,
     /// A value is published, but no range.
     NoRange,
+    /// A value is published, but not how it was measured.
+    MethodUnknown,
     /// The model has no such measure, for example because it has no section in the region.
     NotMeasured,
     /// The length is below the published one by choice: the preset is shorter than the organ.
@@ -148,7 +154,7 @@ pub fn compare(morphometry: &Morphometry, organ: &str, species: &str, shortened:
         species: species.into(),
         inside: count(Verdict::Inside),
         outside: count(Verdict::Outside),
-        no_reference: Quantity::of_simulated().filter(without).map(|quantity| quantity.name.into()).collect(),
+        no_reference: QUANTITIES.iter().filter(without).map(|quantity| quantity.name.into()).collect(),
         shortened: shortened.filter(|_| count(Verdict::Shortened) > 0).map(Into::into),
         compared,
     }
@@ -189,6 +195,7 @@ fn beside(measured: Option<f64>, reference: &Reference) -> Compared {
         [reference.value, reference.low, reference.high, reference.sd].map(|x| x.map(|x| x * factor));
     let verdict = match (measured, low, high) {
         (None, ..) => Verdict::NotMeasured,
+        (Some(_), ..) if reference.method == "unknown" => Verdict::MethodUnknown,
         (Some(_), None, None) => Verdict::NoRange,
         (Some(x), low, high) => {
             let inside = low.is_none_or(|low| x >= low) && high.is_none_or(|high| x <= high);
@@ -228,6 +235,7 @@ mod tests {
             let numbers = [r.low, r.value, r.high];
             let known: Vec<f64> = numbers.into_iter().flatten().collect();
             assert!(!known.is_empty() && known.is_sorted(), "{r:?}");
+            assert!(["", "unknown"].contains(&r.method.as_str()), "{r:?}");
             assert!(!r.source.is_empty() && !r.confidence.is_empty() && !r.unit.is_empty(), "{r:?}");
             if let (Some(sd), Some(value), Some(high)) = (r.sd, r.value, r.high) {
                 assert!((value + sd - high).abs() < 0.011, "{r:?}");
@@ -306,6 +314,20 @@ mod tests {
     }
 
     #[test]
+    fn a_value_whose_method_is_unknown_is_neither_inside_nor_outside() {
+        let along = Along { mean: 1.6, median: 1.6, sd: 0.0, min: 1.6, max: 1.6 };
+        let quantities = [("fractal_dimension".to_owned(), along)].into();
+        let junction = Region { from_mm: 0.0, to_mm: 30.0, sections: 5, quantities };
+        let morphometry = Morphometry { regions: [("junction".to_owned(), junction)].into(), ..Morphometry::default() };
+        let found = compare(&morphometry, "oviduct", "pig", None);
+        let dimension = found.compared.iter().find(|c| c.quantity == "fractal_dimension").unwrap();
+        assert_eq!((dimension.measured, dimension.verdict), (Some(1.6), Verdict::MethodUnknown));
+        assert_eq!((dimension.low, dimension.high), (Some(1.559), Some(1.77)));
+        assert_eq!((found.inside, found.outside), (0, 0));
+        assert_eq!(serde_json::json!(dimension.verdict), "method_unknown");
+    }
+
+    #[test]
     fn inside_outside_and_how_far() {
         let folds = |n: f64| {
             let found = human(n).compared.into_iter().find(|c| c.n == Some(100) && c.region == "isthmus").unwrap();
@@ -324,9 +346,7 @@ mod tests {
         assert_eq!(of("outer_diameter_mm"), Verdict::NotMeasured);
         assert_eq!(of("fold_ratio"), Verdict::NotMeasured);
         assert!(found.no_reference.iter().any(|name| name == "lacunarity"));
-        for name in ["folds_on_ring", "islands"] {
-            assert!(!found.no_reference.iter().any(|other| other == name), "{name}");
-        }
+        assert!(!found.no_reference.iter().any(|name| name == "folds_on_ring"));
         let count = |verdict| found.compared.iter().filter(|c| c.verdict == verdict).count();
         assert_eq!((found.inside, found.outside), (count(Verdict::Inside), count(Verdict::Outside)));
     }

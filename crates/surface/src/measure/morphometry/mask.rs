@@ -23,7 +23,8 @@ pub(super) fn pixel(shape: &Shape<'_>, wanted: f64) -> f64 {
     wanted * (side / wanted / MAX_SIDE).max(1.0).ceil()
 }
 
-fn bounds(shape: &Shape<'_>) -> [[f64; 2]; 2] {
+/// Minimum and maximum of x and y over the boundary of the lumen.
+pub(super) fn bounds(shape: &Shape<'_>) -> [[f64; 2]; 2] {
     let mut bounds = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
     for point in shape.lumen.iter().copied().flatten().map(|&p| widen2(p)) {
         for k in 0..2 {
@@ -41,6 +42,11 @@ pub(super) fn lumen(shape: &Shape<'_>, pixel: f64) -> Bits {
         return Bits { words: 1, data: Vec::new(), extent: [0; 2] };
     }
     let extent = [0, 1].map(|k| (((high[k] - low[k]) / pixel).ceil() as usize).max(1));
+    lumen_within(shape, pixel, low, extent)
+}
+
+/// Pixels of a mask with a given lower corner and size whose centres lie in the lumen.
+pub(super) fn lumen_within(shape: &Shape<'_>, pixel: f64, low: [f64; 2], extent: [usize; 2]) -> Bits {
     let (words, height) = (extent[0] / 64 + 1, extent[1]);
     // Visits the places (pixels) at which edges cross the centre line of each row.
     let crossings = |visit: &mut dyn FnMut(usize, f32)| {
@@ -101,6 +107,67 @@ impl Bits {
 
     pub(super) fn row(&self, row: usize) -> &[u64] {
         &self.data[row * self.words..(row + 1) * self.words]
+    }
+
+    /// Calls `visit` with the first column and the end of each run of set pixels of a row.
+    pub(super) fn runs(&self, row: usize, mut visit: impl FnMut(usize, usize)) {
+        let mut start = None;
+        for (w, &word) in self.row(row).iter().enumerate() {
+            let mut at = 0;
+            while at < 64 {
+                let wanted = if start.is_some() { !word } else { word };
+                let next = at + (wanted >> at).trailing_zeros().min(64 - at);
+                if next == 64 {
+                    break;
+                }
+                match start.take() {
+                    Some(from) => visit(from, 64 * w + next as usize),
+                    None => start = Some(64 * w + next as usize),
+                }
+                at = next;
+            }
+        }
+        if let Some(from) = start {
+            visit(from, 64 * self.words);
+        }
+    }
+
+    /// Number of set pixels in a part of a row.
+    pub(super) fn count(&self, row: usize, from: usize, to: usize) -> u32 {
+        if from >= to {
+            return 0;
+        }
+        let (first, last) = (from / 64, (to - 1) / 64);
+        let ones = |(w, word): (usize, &u64)| {
+            let head = if w == first { !0 << (from % 64) } else { !0 };
+            let tail = if w == last { !0 >> (63 - (to - 1) % 64) } else { !0 };
+            (word & head & tail).count_ones()
+        };
+        self.row(row).iter().enumerate().take(last + 1).skip(first).map(ones).sum()
+    }
+
+    /// Pixels within a square of `reach` pixels to all sides of a set pixel.
+    pub(super) fn dilated(&self, reach: usize) -> Self {
+        let mut wide = self.data.clone();
+        for out in wide.chunks_exact_mut(self.words) {
+            for _ in 0..reach {
+                let mut carry = 0;
+                let before = out.to_vec();
+                for (w, word) in out.iter_mut().enumerate() {
+                    let right = before.get(w + 1).map_or(0, |next| next << 63);
+                    *word |= before[w] << 1 | carry | before[w] >> 1 | right;
+                    carry = before[w] >> 63;
+                }
+            }
+        }
+        let rows = self.rows();
+        let mut data = vec![0; self.data.len()];
+        for (row, out) in data.chunks_exact_mut(self.words).enumerate() {
+            for other in row.saturating_sub(reach)..(row + reach + 1).min(rows) {
+                out.iter_mut().zip(&wide[other * self.words..]).for_each(|(word, more)| *word |= more);
+            }
+        }
+        Self { data, ..*self }
     }
 
     /// Set pixels that share a side with a clear pixel.

@@ -14,34 +14,44 @@
 //! | `tree` | folds, their heights and branches by the shape tree |
 //! | `around` | distribution of the mucosa around the tube |
 //! | `mask`, `fractal` | fractal dimension and lacunarity |
-//! | `cuts` | planar cuts across the ampulla |
+//! | `layers` | layers of the wall: muscle, lamina propria, epithelium, vessels |
+//! | `disc` | the largest disc in the lumen |
+//! | `track` | folds that split or join along the tube, clefts that end blind |
+//! | `sections` | all sections of a simulation |
+//! | `cuts` | planar cuts across a surface |
 //! | `tube` | measures along the tube, by region, and of the whole tube |
 //! | `spread` | percentiles and variation of a sample |
 
 mod around;
 mod cuts;
+mod disc;
 mod fractal;
+mod layers;
 mod mask;
 mod quantity;
 mod rays;
 mod ring;
 mod section;
+mod sections;
 mod shape;
 mod spread;
+mod track;
 mod tree;
 mod tube;
 mod walls;
 
 pub use around::Around;
-pub use cuts::{AmongCuts, Cuts, cuts};
+pub use cuts::{AmongCuts, Cuts, cuts_of, morphometry_of_cuts};
 pub use fractal::Dimension;
-pub use quantity::{ISLANDS, QUANTITIES, Quantity};
+pub use layers::LayerMeasures;
+pub use quantity::{CHANGES, ISLANDS, QUANTITIES, Quantity};
 pub use section::{Measures, measure};
+pub use sections::{LayersAt, morphometry};
 pub use shape::Shape;
 pub(in crate::measure) use shape::edges;
 pub use spread::Spread;
 pub use tree::Folds;
-pub use tube::{Along, Morphometry, Region, Regions, Settings, Tube, morphometry};
+pub use tube::{Along, Basis, Morphometry, Region, Regions, Settings, Tube};
 
 #[cfg(test)]
 mod tests;

@@ -4,6 +4,7 @@
 //! Rays start at equal distances along the boundary, and normals are perpendicular to chords. The
 //! distributions therefore do not depend on how a contour is divided.
 
+use super::disc::Chord;
 use super::shape::{Shape, edges};
 use super::spread::Spread;
 use super::walls::Walls;
@@ -21,6 +22,8 @@ const RAYS: [f64; 2] = [4096.0, 1_048_576.0];
 /// µm. The direction of a single edge depends on the sampling of the contour, and a few degrees
 /// decide which wall is hit.
 const REACH_UM: f64 = 15.0;
+/// Gap below which two walls touch in a histological section, µm; chosen.
+const TOUCHING_UM: f32 = 10.0;
 /// Minimum cosine between a chord and the edge in its middle. At a sharper corner the edge defines
 /// the normal.
 const LEAST_COSINE: f64 = 0.2;
@@ -31,22 +34,28 @@ pub(super) struct Distances {
     pub(super) thickness: Option<Spread>,
     /// Distances through the lumen.
     pub(super) gap: Option<Spread>,
+    /// Share of the rays through the lumen that are shorter than [`TOUCHING_UM`].
+    pub(super) touching: Option<f64>,
+    /// Rays through the lumen, if they were asked for.
+    pub(super) chords: Vec<Chord>,
 }
 
-pub(super) fn distances(shape: &Shape<'_>) -> Distances {
-    pulp::Arch::new().dispatch(Rays(shape))
+/// Distances of a section. `with_chords` also keeps each ray through the lumen.
+pub(super) fn distances(shape: &Shape<'_>, with_chords: bool) -> Distances {
+    pulp::Arch::new().dispatch(Rays(shape, with_chords))
 }
 
 /// Compiled for the widest vectors of the processor. No operation is reordered or fused, so results
 /// are the same on all processors.
-struct Rays<'a, 'b>(&'a Shape<'b>);
+struct Rays<'a, 'b>(&'a Shape<'b>, bool);
 
 impl pulp::WithSimd for Rays<'_, '_> {
     type Output = Distances;
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) -> Distances {
-        let Self(shape) = self;
+        let Self(shape, with_chords) = self;
+        let mut chords = Vec::new();
         let perimeter = shape.perimeter();
         let count = (perimeter / SPACING_UM).clamp(RAYS[0], RAYS[1]).ceil();
         let spacing = perimeter / count;
@@ -66,13 +75,22 @@ impl pulp::WithSimd for Rays<'_, '_> {
                 let (chord, _) = direction([behind.at(next + length - reach), ahead.at(next + reach)]);
                 let cosine = dot(chord, here.along);
                 let [x, y] = (if cosine < LEAST_COSINE { here.along } else { chord }).map(|x| x as f32);
-                gap.extend(walls.first(from, [-y, x]));
+                if let Some(length) = walls.first(from, [-y, x]) {
+                    gap.push(length);
+                    if with_chords {
+                        let half = f64::from(length) / 2.0;
+                        let middle = [from[0] - half * f64::from(y), from[1] + half * f64::from(x)];
+                        chords.push(Chord { length, middle });
+                    }
+                }
                 thickness.extend(walls.first(from, [y, -x]));
                 next += spacing;
             }
             next -= length;
         }
-        Distances { thickness: Spread::of(thickness), gap: Spread::of(gap) }
+        let near = gap.iter().filter(|gap| **gap < TOUCHING_UM).count();
+        let touching = (!gap.is_empty()).then(|| near as f64 / gap.len() as f64);
+        Distances { thickness: Spread::of(thickness), gap: Spread::of(gap), touching, chords }
     }
 }
 

@@ -1,13 +1,16 @@
 //! Measures of one section.
 
 use super::around::{Around, around};
+use super::disc::largest_radius;
 use super::fractal::{Dimension, dimension, lacunarity};
+use super::layers::{self, LayerMeasures};
 use super::mask;
 use super::rays::distances;
 use super::ring;
 use super::shape::{Ellipse, Shape};
 use super::spread::Spread;
 use super::tree::{self, Folds};
+use crate::tissue::Layers;
 
 /// Side of the pixels of masks, µm. Larger if the lumen is wider than 8192 of them.
 pub(super) const PIXEL_UM: f64 = 4.0;
@@ -41,12 +44,21 @@ pub struct Measures {
     pub folds_on_ring: u32,
     /// Folds by the shape tree; `None` if the tree was not built for this section.
     pub folds: Option<Folds>,
+    /// Median height of the primary folds over half the mean diameter of the base ellipse.
+    pub fold_height_share: Option<f64>,
+    /// Diameter of the largest disc in the lumen over the mean diameter of the base ellipse; `None`
+    /// if the shape tree was not built.
+    pub lumen_disc_share: Option<f64>,
+    /// Layers of the wall; `None` if they were not measured in this section.
+    pub layers: Option<LayerMeasures>,
     /// Distribution of the boundary of the lumen around the tube.
     pub around: Option<Around>,
     /// Distances from the boundary of the lumen along its normals through tissue to the next wall, µm.
     pub thickness_um: Option<Spread>,
     /// Distances from the boundary of the lumen along its normals through the lumen to the next wall, µm.
     pub gap_um: Option<Spread>,
+    /// Share of the boundary of the lumen with a gap below 10 µm.
+    pub touching_share: Option<f64>,
     /// Box-counting dimension of the area of the lumen.
     pub area_dimension: Option<Dimension>,
     /// Box-counting dimension of the outline of the lumen.
@@ -59,13 +71,19 @@ pub struct Measures {
 /// measures.
 #[must_use]
 pub fn measure(shape: &Shape<'_>, trees: bool) -> Measures {
-    measure_with(shape, &shape.base_ellipse(), trees)
+    measure_with(shape, &shape.base_ellipse(), trees, None)
 }
 
-pub(super) fn measure_with(shape: &Shape<'_>, base: &Ellipse, trees: bool) -> Measures {
+/// Measures a section with its base ellipse, and its layers if they are known.
+pub(super) fn measure_with(shape: &Shape<'_>, base: &Ellipse, trees: bool, layers: Option<&Layers>) -> Measures {
     let (lumen, outer, perimeter) = (shape.lumen_area(), shape.outer_area(), shape.perimeter());
-    let along = distances(shape);
+    let along = distances(shape, trees);
     let bits = mask::lumen(shape, mask::pixel(shape, PIXEL_UM));
+    let folds = if trees { tree::folds(shape, base) } else { None };
+    let clefts = folds.as_ref().map_or(&[][..], |folds| &folds.clefts);
+    let layers = layers.filter(|_| !shape.lumen.is_empty());
+    let layers = layers.map(|layers| layers::measured(shape, layers, clefts, base.centre));
+    let height = folds.as_ref().and_then(|folds| folds.height_um);
     Measures {
         lumen_area_mm2: lumen / MM2_UM2,
         tissue_area_mm2: (outer - lumen) / MM2_UM2,
@@ -77,10 +95,14 @@ pub(super) fn measure_with(shape: &Shape<'_>, base: &Ellipse, trees: bool) -> Me
         hydraulic_diameter_um: 4.0 * lumen / perimeter,
         islands: shape.islands(),
         folds_on_ring: ring::count(shape, base),
-        folds: if trees { tree::folds(shape) } else { None },
+        folds,
+        fold_height_share: height.map(|height| 2.0 * height.p50 / base.mean_diameter()),
+        lumen_disc_share: trees.then(|| 2.0 * largest_radius(shape, along.chords) / base.mean_diameter()),
+        layers,
         around: around(shape, base),
         thickness_um: along.thickness,
         gap_um: along.gap,
+        touching_share: along.touching,
         area_dimension: dimension(&bits),
         outline_dimension: dimension(&bits.outline()),
         lacunarity: lacunarity(&bits),

@@ -71,7 +71,7 @@ pub(in crate::measure) fn edges(ring: &[[f32; 2]]) -> impl Iterator<Item = (P2, 
 /// An ellipse.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Ellipse {
-    centre: P2,
+    pub(super) centre: P2,
     /// Direction of the major axis.
     axis: P2,
     /// Ratio of the minor to the major axis.
@@ -127,6 +127,21 @@ impl Ellipse {
         [x * c + y * s, (y * c - x * s) / self.ratio]
     }
 
+    /// Mean of both diameters.
+    pub(super) fn mean_diameter(&self) -> f64 {
+        self.semi_major * (1.0 + self.ratio)
+    }
+
+    /// Range of x in which the line of constant `y` has an elliptic radius of at most `reach`.
+    pub(super) fn chord(&self, y: f64, reach: f64) -> Option<[f64; 2]> {
+        let [c, s] = self.axis;
+        // Squared elliptic radius of (centre.x + t, y) as a polynomial a·t² + 2·b·t + d.
+        let (y, square) = (y - self.centre[1], self.ratio * self.ratio);
+        let (a, b, d) = (c * c + s * s / square, y * s * c * (1.0 - 1.0 / square), y * y * (s * s + c * c / square));
+        let root = (b * b - a * (d - reach * reach)).sqrt();
+        (root >= 0.0).then(|| [-b - root, -b + root].map(|t| self.centre[0] + t / a))
+    }
+
     pub(super) fn area(&self) -> f64 {
         PI * self.semi_major * self.semi_major * self.ratio
     }
@@ -173,6 +188,17 @@ mod tests {
         assert!((base.centre[0] - 70.0).abs() < 1e-2 && (base.centre[1] + 20.0).abs() < 1e-2, "{base:?}");
         assert!((shape.perimeter() / base.circumference() - 1.0).abs() < 2e-4);
         assert!((shape.lumen_area() / base.area() - 1.0).abs() < 2e-4);
+    }
+
+    #[test]
+    fn ends_of_chords_lie_on_the_ellipse() {
+        let base = Ellipse { centre: [5.0, -3.0], axis: [0.8, 0.6], ratio: 0.5, semi_major: 1.0 };
+        for y in [-4.0, -3.0, -1.5] {
+            for x in base.chord(y, 3.0).unwrap() {
+                assert!((base.radius([x, y].map(|c| c as f32)) - 3.0).abs() < 1e-5, "{x} {y}");
+            }
+        }
+        assert_eq!(base.chord(1.0, 3.0), None);
     }
 
     #[test]

@@ -1,7 +1,9 @@
 //! Shapes whose measures are known.
 
+use super::section::measure_with;
 use super::*;
 use crate::model::{Ring, Section};
+use crate::tissue::Layers;
 use std::f32::consts::TAU;
 
 type Points = Vec<[f32; 2]>;
@@ -127,6 +129,48 @@ fn a_comb_of_plain_folds() {
     // opposite side.
     within_one_percent(measures.thickness_um.unwrap().p50, 80.0);
     within_one_percent(measures.fill, 1.0 - area / (std::f64::consts::PI * 0.64));
+    within_one_percent(measures.fold_height_share.unwrap(), 0.5);
+    // The tips of the folds leave half of the radius free.
+    within_one_percent(measures.lumen_disc_share.unwrap(), 0.5);
+    assert!(folds.angle_deg.unwrap() < 3.0, "{folds:?}");
+    assert_eq!((measures.touching_share, measures.layers), (Some(0.0), None));
+}
+
+#[test]
+fn the_angle_of_folds_is_that_of_their_axes() {
+    for degrees in [15.0_f32, 40.0] {
+        // Pointed folds whose tips are displaced along the wall, all in the same direction.
+        let tip = [400.0, 400.0 * degrees.to_radians().tan()];
+        let folds = of(&comb(8, &[[0.0, -40.0], tip, [0.0, 40.0]]), &circle(1200.0, 240)).folds.unwrap();
+        assert_eq!(folds.branches[0], 8);
+        let found = folds.angle_deg.unwrap();
+        assert!((found - f64::from(degrees)).abs() < 1.5, "{found}°, not {degrees}°");
+    }
+}
+
+#[test]
+fn walls_touch_below_ten_micrometres() {
+    for (width, share) in [(8.0, 1.0), (12.0, 0.0)] {
+        let slit = dense(&[[0.0, 0.0], [1000.0, 0.0], [1000.0, width], [0.0, width]], 4.0);
+        let found = of(&slit, &circle(2000.0, 200)).touching_share.unwrap();
+        assert!((found - share).abs() < 0.06, "{width} µm: {found}");
+    }
+}
+
+#[test]
+fn lamina_below_clefts_is_measured_at_their_deepest_points() {
+    let (lumen, outer) = (comb(12, &plain()), circle(1200.0, 720));
+    let shape = Shape { outer: &outer, lumen: vec![&lumen] };
+    let layers = Layers { epithelium_um: 30.0, lamina_um: 50.0, opening_um: 40.0, serosa_um: 20.0, ..Layers::NONE };
+    let measures = measure_with(&shape, &shape.base_ellipse(), true, Some(&layers));
+    let clefts = &measures.folds.as_ref().unwrap().clefts;
+    assert_eq!(clefts.len(), 12);
+    assert!(clefts.iter().all(|[x, y]| (x.hypot(*y) - 800.0).abs() < 2.0), "{clefts:?}");
+    let found = measures.layers.unwrap();
+    assert!((found.cleft_lamina_um.unwrap() - 50.0).abs() < 3.0, "{found:?}");
+    // Folds of 80 µm are 60 µm of epithelium and 20 µm of lamina; no muscle enters them.
+    assert!(found.lamina_over_epithelium.unwrap() > 0.6, "{found:?}");
+    assert_eq!((found.vessels, found.subserosa_um), (0, 0.0));
 }
 
 #[test]
@@ -264,7 +308,8 @@ fn a_turning_tube() {
     // Sections added to mend a slab are not measured.
     sections.insert(4, Section { added: true, ..section(circle(100.0, 50), 3500.0) });
     let gaps: Vec<Option<f64>> = (0..sections.len()).map(|k| Some(k as f64)).collect();
-    let found = morphometry(&sections, &gaps, &Regions { length_mm: 10.0, junction: [0.25, 0.45], piece: [0.0, 1.0] });
+    let found =
+        morphometry(&sections, &gaps, &Regions { length_mm: 10.0, junction: [0.25, 0.45], piece: [0.0, 1.0] }, None);
     assert!((found.tube.twist_deg - 20.0).abs() < 0.01, "{}", found.tube.twist_deg);
     assert_eq!(found.tube.fold_continuity, Some(1.0));
     let area = std::f64::consts::PI * 0.64 - 12.0 * AREA;
@@ -280,7 +325,7 @@ fn a_turning_tube() {
     assert_eq!(found.mean("length_mm", "tube"), Some(10.0));
     assert!((found.mean("twist_deg_per_mm", "isthmus").unwrap() - 2.0).abs() < 0.01);
     let piece = Regions { length_mm: 10.0, junction: [0.25, 0.45], piece: [0.1, 0.4] };
-    let found_there = morphometry(&sections[1..6], &gaps[1..6], &piece).tube;
+    let found_there = morphometry(&sections[1..6], &gaps[1..6], &piece, None).tube;
     assert_eq!((found_there.length_mm, found_there.isthmus_length_mm), ((0.4 - 0.1) * 10.0, 1.5));
     assert_eq!(found_there.ampulla_length_mm, 0.0);
     assert!(found.along.values().all(|values| values.len() == 11));
@@ -312,8 +357,12 @@ fn a_fold_that_divides_does_not_continue() {
     }
     next.inner.ids = ids;
     let sections = [section(many, 0.0), next];
-    let found =
-        morphometry(&sections, &[None, None], &Regions { length_mm: 1.0, junction: [0.3, 0.4], piece: [0.0, 1.0] });
+    let found = morphometry(
+        &sections,
+        &[None, None],
+        &Regions { length_mm: 1.0, junction: [0.3, 0.4], piece: [0.0, 1.0] },
+        None,
+    );
     assert_eq!(found.along["fold_continuity"], [Some(0.5), None]);
     assert!(!found.regions.contains_key("junction"));
 }
@@ -325,7 +374,9 @@ fn results_do_not_depend_on_the_threads() {
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            morphometry(&sections, &[None; 8], &Regions { length_mm: 3.5, junction: [0.3, 0.4], piece: [0.0, 1.0] })
+            let regions = Regions { length_mm: 3.5, junction: [0.3, 0.4], piece: [0.0, 1.0] };
+            let layers = |_| crate::tissue::Layers { epithelium_um: 30.0, ..crate::tissue::Layers::NONE };
+            morphometry(&sections, &[None; 8], &regions, Some(&layers))
         })
     };
     assert_eq!(on(1), on(3));

@@ -6,12 +6,12 @@
 //! bottom of the valley on one side to the bottom on the other side. The axis runs through the
 //! midpoints of the edges between neighbours.
 
-use super::shape::Shape;
+use super::shape::{Ellipse, Shape};
 use super::spread::Spread;
 use crate::geometry::polygon::signed_area;
 use crate::geometry::predicates::widen2;
 use crate::geometry::triangulate::{Linked, NO_NEIGHBOUR, perforated};
-use crate::geometry::vector::distance;
+use crate::geometry::vector::{cross2, distance, dot, sub};
 use serde::Serialize;
 
 type P2 = [f64; 2];
@@ -40,6 +40,12 @@ pub struct Folds {
     pub orders: [u32; GENERATIONS],
     /// Height of the primary folds, along their axis from the base to the farthest tip, µm.
     pub height_um: Option<Spread>,
+    /// Angle between the axis of a primary fold, from the middle of its base to its farthest tip,
+    /// and the direction from there to the centre of the tube, degrees. Median, weighted by height.
+    pub angle_deg: Option<f64>,
+    /// Deepest point of the lumen between each two neighbouring primary folds, µm.
+    #[serde(skip)]
+    pub(super) clefts: Vec<P2>,
 }
 
 impl Folds {
@@ -66,6 +72,8 @@ impl Folds {
 #[derive(Clone, Copy, Default)]
 struct Branch {
     height: f64,
+    /// End of the axis at the farthest tip.
+    end: P2,
     /// Branches by generation, including this one.
     branches: [u32; GENERATIONS],
     /// True if the branch is only a tip: all of it lies within [`TIP`] widths of its base from the
@@ -80,7 +88,7 @@ impl Branch {
 }
 
 /// Folds of a section; `None` if its tissue cannot be triangulated. Islands have no folds.
-pub(super) fn folds(shape: &Shape<'_>) -> Option<Folds> {
+pub(super) fn folds(shape: &Shape<'_>, ellipse: &Ellipse) -> Option<Folds> {
     let holes: Vec<&[[f32; 2]]> = shape.lumen.iter().copied().filter(|ring| signed_area(ring) > 0.0).collect();
     let tissue = perforated(&holes, shape.outer).ok()?;
     let points: Vec<P2> = holes.iter().copied().chain([shape.outer]).flatten().map(|&p| widen2(p)).collect();
@@ -95,21 +103,41 @@ pub(super) fn folds(shape: &Shape<'_>) -> Option<Folds> {
     let mut trees =
         Trees { tissue: &tissue, points: &points, rings: &rings, branch: vec![None; tissue.triangles.len()] };
     trees.peel();
-    let mut folds = Folds { branches: [0; GENERATIONS], orders: [0; GENERATIONS], height_um: None };
-    let mut heights = Vec::new();
+    let none = [0; GENERATIONS];
+    let mut folds = Folds { branches: none, orders: none, height_um: None, angle_deg: None, clefts: Vec::new() };
+    let (mut heights, mut angles, mut bases) = (Vec::new(), Vec::new(), Vec::new());
     for (t, neighbours) in tissue.neighbours.iter().enumerate().filter(|&(t, _)| trees.branch[t].is_none()) {
         for (side, &neighbour) in neighbours.iter().enumerate() {
             let branch = trees.branch.get(neighbour as usize).copied().flatten();
             let Some(branch) = branch.filter(|branch| trees.counts(t, side, branch)) else { continue };
             if trees.side(t, side).iter().all(|&point| point < mucosa) {
                 heights.push(branch.height as f32);
+                let base = trees.middle(t, side);
+                let (axis, inward) = (sub(branch.end, base), sub(ellipse.centre, base));
+                angles.push((cross2(axis, inward).atan2(dot(axis, inward)).abs().to_degrees(), branch.height));
+                let [to, from] = trees.side(t, side);
+                bases.push([from, to]);
                 folds.orders[branch.order() - 1] += 1;
                 folds.branches.iter_mut().zip(branch.branches).for_each(|(sum, count)| *sum += count);
             }
         }
     }
     folds.height_um = Spread::of(heights);
+    folds.angle_deg = weighted_median(angles);
+    folds.clefts = trees.clefts(bases, |point| ellipse.radius(points[point as usize].map(|x| x as f32)));
     Some(folds)
+}
+
+/// Smallest value up to which half of the weight lies.
+fn weighted_median(mut values: Vec<(f64, f64)>) -> Option<f64> {
+    values.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    let total: f64 = values.iter().map(|(_, weight)| weight).sum();
+    let mut passed = 0.0;
+    let mut reached = values.iter().filter(|(_, weight)| {
+        passed += weight;
+        2.0 * passed >= total
+    });
+    reached.next().map(|(value, _)| *value)
 }
 
 struct Trees<'a> {
@@ -160,22 +188,24 @@ impl Trees<'_> {
                         branches[(generation + 1).min(GENERATIONS - 1)] += count;
                     }
                 }
-                Branch { height: reach(main), branches, tip: main.1.tip && other.1.tip }
+                Branch { height: reach(main), end: main.1.end, branches, tip: main.1.tip && other.1.tip }
             }
             _ => {
                 let mut branches = [0; GENERATIONS];
                 branches[0] = 1;
                 let apex = self.points[self.tissue.triangles[t][(toward + 2) % 3] as usize];
-                Branch { height: distance(base, apex), branches, tip: true }
+                Branch { height: distance(base, apex), end: apex, branches, tip: true }
             }
         };
         if branch.tip {
             let [a, b] = self.side(t, toward);
-            let farthest = self.arc(a, b).map(|p| distance(base, self.points[p as usize])).fold(0.0, f64::max);
+            let places = self.arc(a, b).map(|p| self.points[p as usize]);
+            let far = places.map(|p| (distance(base, p), p));
+            let (farthest, end) = far.fold((0.0, base), |most, one| if one.0 > most.0 { one } else { most });
             let width = distance(self.points[a as usize], self.points[b as usize]);
             branch.tip = farthest <= TIP * width;
             if branch.tip {
-                branch.height = farthest;
+                (branch.height, branch.end) = (farthest, end);
             }
         }
         branch
@@ -188,6 +218,17 @@ impl Trees<'_> {
         let (start, end) = (self.rings[ring - 1], self.rings[ring]);
         let count = if to >= from { to - from } else { end - from + to - start };
         (0..=count).map(move |k| if from + k < end { from + k } else { from + k - end + start })
+    }
+
+    /// Deepest point between each two neighbouring folds of a contour, that with the largest
+    /// `depth`. A base is given by the first and the last point of its fold.
+    fn clefts(&self, mut bases: Vec<[u32; 2]>, depth: impl Fn(u32) -> f64) -> Vec<P2> {
+        bases.sort_unstable();
+        let ring = |base: &[u32; 2]| self.rings.partition_point(|&start| start <= base[0]);
+        let of_rings = bases.chunk_by(|a, b| ring(a) == ring(b));
+        let pairs = of_rings.flat_map(|own| (0..own.len()).map(|i| (own[i][1], own[(i + 1) % own.len()][0])));
+        let deepest = pairs.filter_map(|(from, to)| self.arc(from, to).max_by(|&a, &b| depth(a).total_cmp(&depth(b))));
+        deepest.map(|point| self.points[point as usize]).collect()
     }
 
     /// True if a tree on a side of a triangle is high enough to count.

@@ -1,17 +1,19 @@
-//! Measures along the tube: of every section, by region, and of the whole tube.
+//! Measures of a tube: of every section or cut, by region, and of the whole tube.
 
 use super::quantity::Quantity;
-use super::ring::{Marked, Step};
-use super::section::{Measures, PIXEL_UM, measure_with};
-use super::shape::Shape;
+use super::section::{Measures, PIXEL_UM};
 use super::{fractal, ring, tree};
-use crate::model::Section;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Maximum number of sections whose shape tree is built; they are evenly spread.
 const TREES: usize = 31;
+/// Number of recorded sections per section whose layers are measured, and the minimum number of
+/// such sections. Layers take longer than all other measures and change slowly along the tube.
+const SECTIONS_PER_LAYERED: usize = 12;
+const LEAST_LAYERED: usize = 5;
+/// Maximum number of sections whose layers are measured.
+const LAYERED: usize = 16;
 
 /// Measures of a model. `docs/morphometry.md` defines them.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -22,8 +24,8 @@ pub struct Morphometry {
     /// Measures by region: `isthmus`, `junction`, `ampulla` and `whole`. A region without sections
     /// is absent.
     pub regions: BTreeMap<String, Region>,
-    /// One value per section, by quantity; null if the section lacks the quantity. Sections that
-    /// were added to mend a slab are left out.
+    /// One value per section or cut, by quantity; null if it lacks the quantity. Sections that were
+    /// added to mend a slab are left out.
     pub along: BTreeMap<String, Vec<Option<f64>>>,
     /// Settings of the measurement.
     pub settings: Settings,
@@ -69,7 +71,7 @@ pub struct Region {
     pub from_mm: f64,
     /// End, measured like `from_mm`.
     pub to_mm: f64,
-    /// Number of sections in the region.
+    /// Number of measured sections or cuts in the region.
     #[cfg_attr(feature = "schema", schema(minimum = 0))]
     pub sections: usize,
     /// Values along the region, by quantity. A quantity that no section has is absent.
@@ -92,10 +94,27 @@ pub struct Along {
     pub max: f64,
 }
 
+/// Contours that were measured.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[serde(rename_all = "lowercase")]
+pub enum Basis {
+    /// Sections of the simulation.
+    #[default]
+    Sections,
+    /// Planar cuts across the surface before bending.
+    Cuts,
+}
+
 /// Settings with which a model was measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Settings {
+    /// Measured contours. Reports of version 0.3.0 and earlier lack this member; they measured
+    /// sections.
+    #[serde(default)]
+    #[cfg_attr(feature = "schema", schema(required = false))]
+    pub basis: Basis,
     /// Side of a pixel of the masks. Pixels are larger if the lumen is wider than 8192 of them.
     pub pixel_um: f64,
     /// Minimum and maximum side of the counted boxes, pixels.
@@ -106,8 +125,13 @@ pub struct Settings {
     pub least_height_um: f64,
     /// Minimum ratio of the height of a fold or branch to the width of its base.
     pub least_slenderness: f64,
-    /// Interval of sections at which the shape tree is built.
+    /// Interval of sections or cuts at which the shape tree is built.
     pub tree_every: u32,
+    /// Interval of sections or cuts at which layers are measured. Reports of version 0.3.0 and
+    /// earlier lack this member.
+    #[serde(default)]
+    #[cfg_attr(feature = "schema", schema(required = false))]
+    pub layers_every: u32,
 }
 
 impl Morphometry {
@@ -159,62 +183,82 @@ impl Regions {
     }
 }
 
-/// Measures a model. `gaps_um` contains the minimum gap between walls of each section, from its
-/// certificate.
-#[must_use]
-#[inline(never)] // counted by scripts/counts
-pub fn morphometry(sections: &[Section], gaps_um: &[Option<f64>], regions: &Regions) -> Morphometry {
-    let recorded: Vec<(usize, &Section)> = sections.iter().enumerate().filter(|(_, section)| !section.added).collect();
-    // Interval of recorded sections at which the shape tree is built.
-    let every = recorded.len().saturating_sub(1).div_ceil(TREES - 1).max(1);
-    let measured: Vec<(Measures, Marked)> = recorded
-        .par_iter()
-        .enumerate()
-        .map(|(k, (_, section))| {
-            let shape = Shape::from(*section);
-            let trees = k.is_multiple_of(every) || k + 1 == recorded.len();
-            let base = shape.base_ellipse();
-            (measure_with(&shape, &base, trees), Marked::new(section, &base))
-        })
-        .collect();
-    let steps: Vec<Step> = measured.windows(2).map(|pair| pair[0].1.step(&pair[1].1)).collect();
-    let measured: Vec<Measures> = measured.into_iter().map(|(measures, _)| measures).collect();
-    let z_mm: Vec<f64> = recorded.iter().map(|(_, section)| section.z_um / 1e3).collect();
-    let mut along: BTreeMap<String, Vec<Option<f64>>> = Quantity::of_simulated()
-        .map(|quantity| (quantity.name.to_owned(), measured.iter().map(|m| quantity.of(m)).collect()))
-        .collect();
-    let gaps = recorded.iter().map(|&(place, _)| gaps_um.get(place).copied().flatten());
-    along.insert("least_gap_um".into(), gaps.collect());
-    let forth = |of: fn(&Step, f64) -> Option<f64>| -> Vec<Option<f64>> {
-        let lengths = z_mm.windows(2).map(|z| z[1] - z[0]);
-        steps.iter().zip(lengths).map(|(step, length)| of(step, length)).chain([None]).collect()
-    };
-    along.insert("fold_continuity".into(), forth(|step, _| step.continued));
-    along.insert("twist_deg_per_mm".into(), forth(|step, length| Some(step.turn.to_degrees() / length)));
-    let regions_found = regions.ranges().into_iter().filter_map(|(name, range)| {
-        Some((name.to_owned(), region(range, name == "whole" || name == "ampulla", &z_mm, &along)?))
-    });
-    let regions_found: BTreeMap<String, Region> = regions_found.collect();
-    let folds = |name: &str| Some(regions_found.get(name)?.quantities.get("folds_on_ring")?.mean);
-    let tube = tube(regions, &z_mm, &measured, &steps);
-    // Inserted after the regions, which do not summarize places and steps.
-    along.insert("z_mm".into(), z_mm.into_iter().map(Some).collect());
-    along.insert("step".into(), recorded.iter().map(|(_, section)| Some(section.step)).collect());
-    Morphometry {
-        tube: Tube {
-            fold_ratio: folds("isthmus").filter(|&n| n > 0.0).and_then(|n| Some(folds("ampulla")? / n)),
-            ..tube
-        },
-        regions: regions_found,
-        along,
-        settings: Settings {
+/// Measured sections or cuts of a model, in ascending order along the tube.
+pub(super) struct Found {
+    pub(super) basis: Basis,
+    pub(super) intervals: Intervals,
+    pub(super) z_mm: Vec<f64>,
+    pub(super) measures: Vec<Measures>,
+    /// Further values along the tube that regions summarize.
+    pub(super) steps: BTreeMap<String, Vec<Option<f64>>>,
+    /// Mean continuity of the folds, and twist from end to end.
+    pub(super) fold_continuity: Option<f64>,
+    pub(super) twist_deg: f64,
+}
+
+impl Found {
+    /// Summarizes the values by region and over the whole tube. `quantities` are those of each
+    /// section.
+    pub(super) fn summarized(
+        self,
+        quantities: impl Iterator<Item = &'static Quantity>,
+        regions: &Regions,
+    ) -> Morphometry {
+        let Self { basis, intervals, z_mm, measures, steps, fold_continuity, twist_deg } = self;
+        let values = |of: &Quantity| measures.iter().map(|m| of.of(m)).collect();
+        let mut along: BTreeMap<String, Vec<Option<f64>>> =
+            quantities.map(|quantity| (quantity.name.to_owned(), values(quantity))).collect();
+        along.extend(steps);
+        let regions_found = regions.ranges().into_iter().filter_map(|(name, range)| {
+            Some((name.to_owned(), region(range, name == "whole" || name == "ampulla", &z_mm, &along)?))
+        });
+        let regions_found: BTreeMap<String, Region> = regions_found.collect();
+        let folds = |name: &str| Some(regions_found.get(name)?.quantities.get("folds_on_ring")?.mean);
+        let fold_ratio = folds("isthmus").filter(|&n| n > 0.0).and_then(|n| Some(folds("ampulla")? / n));
+        let tube = Tube { fold_ratio, fold_continuity, twist_deg, ..tube(regions, &z_mm, &measures) };
+        let settings = Settings {
+            basis,
             pixel_um: PIXEL_UM,
             boxes_px: [2, 1 << fractal::LEVELS],
             ring_share: ring::SHARE,
             least_height_um: tree::LEAST_HEIGHT_UM,
             least_slenderness: tree::LEAST_SLENDERNESS,
-            tree_every: every as u32,
-        },
+            tree_every: intervals.tree as u32,
+            layers_every: intervals.layers as u32,
+        };
+        // Inserted after the regions, which do not summarize places.
+        along.insert("z_mm".into(), z_mm.into_iter().map(Some).collect());
+        Morphometry { tube, regions: regions_found, along, settings }
+    }
+}
+
+/// Intervals of measured sections or cuts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Intervals {
+    count: usize,
+    /// Interval at which the shape tree is built.
+    pub(super) tree: usize,
+    /// Interval at which layers are measured, a multiple of the other one.
+    pub(super) layers: usize,
+}
+
+impl Intervals {
+    /// Intervals of `count` sections or cuts of a model with `sections` recorded sections.
+    pub(super) fn new(count: usize, sections: usize) -> Self {
+        let last = count.saturating_sub(1);
+        let tree = last.div_ceil(TREES - 1).max(1);
+        let layered = (sections / SECTIONS_PER_LAYERED).clamp(LEAST_LAYERED, LAYERED);
+        Self { count, tree, layers: tree * last.div_ceil(tree * (layered - 1)).max(1) }
+    }
+
+    /// True if the shape tree of a section is built.
+    pub(super) fn has_tree(&self, k: usize) -> bool {
+        k.is_multiple_of(self.tree) || k + 1 == self.count
+    }
+
+    /// True if the layers of a section are measured. It then has a shape tree, too.
+    pub(super) fn has_layers(&self, k: usize) -> bool {
+        k.is_multiple_of(self.layers) || k + 1 == self.count
     }
 }
 
@@ -274,26 +318,24 @@ fn median(known: &[(f64, f64)], weight: impl Fn(usize) -> f64, total: f64) -> f6
     middle.map_or(f64::NAN, |(value, _)| *value)
 }
 
-fn tube(regions: &Regions, z_mm: &[f64], measured: &[Measures], steps: &[Step]) -> Tube {
+/// Volumes and lengths of the tube.
+fn tube(regions: &Regions, z_mm: &[f64], measured: &[Measures]) -> Tube {
     let integral = |of: fn(&Measures) -> f64| -> f64 {
         let pairs = measured.windows(2).zip(z_mm.windows(2));
         pairs.map(|(pair, z)| (z[1] - z[0]) * (of(&pair[0]) + of(&pair[1])) / 2.0).sum()
     };
     let volume = integral(|m| m.lumen_area_mm2);
     let surface = integral(|m| m.lumen_perimeter_mm);
-    let continued: Vec<f64> = steps.iter().filter_map(|step| step.continued).collect();
     let ([begin, end], [from, to]) = (regions.piece, regions.junction);
     Tube {
         length_mm: (end - begin) * regions.length_mm,
         isthmus_length_mm: (from.min(end) - begin).max(0.0) * regions.length_mm,
         ampulla_length_mm: (end - to.max(begin)).max(0.0) * regions.length_mm,
-        fold_ratio: None,
         lumen_volume_mm3: volume,
         tissue_volume_mm3: integral(|m| m.tissue_area_mm2),
         lumen_surface_mm2: surface,
         surface_over_volume_per_mm: surface / volume,
         hydraulic_diameter_um: 4e3 * volume / surface,
-        fold_continuity: (!continued.is_empty()).then(|| continued.iter().sum::<f64>() / continued.len() as f64),
-        twist_deg: steps.iter().map(|step| step.turn).sum::<f64>().to_degrees(),
+        ..Tube::default()
     }
 }

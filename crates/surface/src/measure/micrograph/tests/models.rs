@@ -44,6 +44,9 @@ fn tolerance(name: &str) -> Option<(f64, bool)> {
         "branching_order" | "branching_order_mean" => Some((0.0, true)),
         // Near zero in most sections.
         "asymmetry" | "angular_cv" => Some((0.002, true)),
+        "touching_share" => Some((0.02, true)),
+        // A pixel moves the middle of a base of 100 µm, and the axis begins there.
+        "fold_angle_deg" => Some((2.0, true)),
         // Few rays have a gap near the 5th percentile: most gaps are between fronds, the others at
         // the ends of clefts.
         "lumen_gap_p5_um" => Some((8.0, false)),
