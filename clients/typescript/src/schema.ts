@@ -3,7 +3,7 @@
  * Do not make direct changes to the file.
  */
 
-// openapi.yaml: sha256 1a9854f8a3fa0da4d2a61df79bca077d9e188ab74a6c659460f2591dd98a4bb0
+// openapi.yaml: sha256 2f19d5ddb7eadcef9ba5c4866d3d79cf711cdee4955a611690c878e131cf39e1
 
 export interface paths {
     "/batches": {
@@ -1111,6 +1111,11 @@ export interface components {
             used?: components["schemas"]["Backend"] | null;
         };
         /**
+         * @description Contours that were measured.
+         * @enum {string}
+         */
+        Basis: "sections" | "cuts";
+        /**
          * @description A batch: many models of one spec, or of the points of a study, requested together. Models that
          *     were deleted individually are not listed.
          */
@@ -1411,6 +1416,62 @@ export interface components {
              */
             volume_mm3: number;
         };
+        /** @description Condition of a statement, its value for the model, and its verdict. */
+        CheckedCondition: {
+            /** @description Origin of the range. The ends of an `order` are not part of the range. */
+            bound: components["schemas"]["Bound"];
+            /**
+             * Format: double
+             * @description Upper end of the range.
+             */
+            high?: number | null;
+            /**
+             * Format: double
+             * @description Lower end of the range.
+             */
+            low?: number | null;
+            /** @description Expression of measures; docs/morphometry.md describes the syntax. */
+            measure: string;
+            /**
+             * Format: double
+             * @description Value of the model; null if it cannot be measured.
+             */
+            measured?: number | null;
+            /** @description Reason for the verdict, if one is known: the missing measure, or a choice of the preset. */
+            reason?: string | null;
+            /** @description What is measured. */
+            title: string;
+            /** @description Result. */
+            verdict: components["schemas"]["Judgement"];
+        };
+        /** @description Statement about the organ and species of a model, and its verdict. */
+        CheckedStatement: {
+            /** @description Conditions for the organ and species. */
+            conditions: components["schemas"]["CheckedCondition"][];
+            /** @description Number of the statement in `references/checklist.json`. */
+            number: number;
+            /** @description Sources of the statement; each says how it was learnt. */
+            sources: string[];
+            /** @description The statement. */
+            statement: string;
+            /** @description `fails` if any condition fails; otherwise `not_measurable` if any is not measurable. */
+            verdict: components["schemas"]["Judgement"];
+        };
+        /** @description Judgement of a model by the checklist of anatomical statements. */
+        Checklist: {
+            /** @description Number of statements that fail. */
+            fails: number;
+            /** @description Number of statements that hold. */
+            holds: number;
+            /** @description Number of statements that cannot be judged because the model lacks a measure. */
+            not_measurable: number;
+            /** @description Organ. */
+            organ: string;
+            /** @description Species. */
+            species: string;
+            /** @description Statements about the organ and species, in the order of their numbers. */
+            statements: components["schemas"]["CheckedStatement"][];
+        };
         /**
          * Self-intersection force
          * @description Self-intersection force, barrier and guard.
@@ -1512,6 +1573,11 @@ export interface components {
             organ: string;
             /** @description Number of measures outside the published range. */
             outside: number;
+            /**
+             * @description Reason why the tube is shorter than published, if the preset was shortened by choice; null if
+             *     no length is too small.
+             */
+            shortened?: string | null;
             /** @description Species. */
             species: string;
         };
@@ -1933,7 +1999,7 @@ export interface components {
              */
             points: number[][];
         };
-        /** @description Measures of planar cuts across the ampulla. */
+        /** @description Islands, thickness and gaps in the measured cuts across the ampulla. */
         Cuts: {
             /** @description Number of cuts, evenly spread from `from_mm` to `to_mm`. */
             count: number;
@@ -2511,6 +2577,11 @@ export interface components {
             /** @description Unit of the value. */
             "x-unit"?: string;
         };
+        /**
+         * @description Verdict about a statement or a condition.
+         * @enum {string}
+         */
+        Judgement: "holds" | "fails" | "not_measurable";
         /** @description A label volume. */
         LabelReport: {
             /**
@@ -2916,8 +2987,8 @@ export interface components {
         /** @description Measures of a model. `docs/morphometry.md` defines them. */
         Morphometry: {
             /**
-             * @description One value per section, by quantity; null if the section lacks the quantity. Sections that
-             *     were added to mend a slab are left out.
+             * @description One value per section or cut, by quantity; null if it lacks the quantity. Sections that were
+             *     added to mend a slab are left out.
              */
             along: {
                 [key: string]: (number | null)[];
@@ -3356,7 +3427,7 @@ export interface components {
             quantities: {
                 [key: string]: components["schemas"]["Along"];
             };
-            /** @description Number of sections in the region. */
+            /** @description Number of measured sections or cuts in the region. */
             sections: number;
             /**
              * Format: double
@@ -3627,8 +3698,18 @@ export interface components {
         };
         /** @description Settings with which a model was measured. */
         Settings: {
+            /**
+             * @description Measured contours. Reports of version 0.3.0 and earlier lack this member; they measured
+             *     sections.
+             */
+            basis?: components["schemas"]["Basis"];
             /** @description Minimum and maximum side of the counted boxes, pixels. */
             boxes_px: number[];
+            /**
+             * @description Interval of sections or cuts at which layers are measured. Reports of version 0.3.0 and
+             *     earlier lack this member.
+             */
+            layers_every?: number;
             /**
              * Format: double
              * @description Minimum height of a fold or branch.
@@ -3649,7 +3730,7 @@ export interface components {
              * @description Size of the counting ring as a fraction of the base ellipse.
              */
             ring_share: number;
-            /** @description Interval of sections at which the shape tree is built. */
+            /** @description Interval of sections or cuts at which the shape tree is built. */
             tree_every: number;
         };
         /**
@@ -3801,6 +3882,7 @@ export interface components {
         StoredReport: {
             /** @description Certificate of the tissue in metres. */
             certificate: components["schemas"]["Certificate"];
+            checklist?: components["schemas"]["Checklist"] | null;
             /** @description Measures compared with published values for the organ and species of the preset. */
             comparison?: components["schemas"]["Comparison"];
             /** @description Measures of the frames of the contraction. Absent if the tube does not contract. */
@@ -3822,12 +3904,16 @@ export interface components {
              *     that reuses this model has the same report, but only the files that its request names.
              */
             levels?: components["schemas"]["DetailLevel"][];
-            /** @description Measures of the sections. Absent in models of version 0.2 and earlier. */
+            /**
+             * @description Measures of planar cuts across the surface before bending; in models of version 0.3.0 and
+             *     earlier, of the simulated sections. Absent in models of version 0.2 and earlier.
+             */
             morphometry?: components["schemas"]["Morphometry"];
             /** @description Preset that the spec was resolved on. */
             preset: string;
             /** @description Seed. */
             seed: number;
+            simulated?: components["schemas"]["Morphometry"] | null;
             /** @description The complete, resolved spec. */
             spec: components["schemas"]["SpecPatch"];
             /** @description Counts, main measures and warnings. */
@@ -4303,7 +4389,7 @@ export interface components {
          * @description Result of a comparison.
          * @enum {string}
          */
-        Verdict: "inside" | "outside" | "no_range" | "not_measured";
+        Verdict: "inside" | "outside" | "no_range" | "method_unknown" | "not_measured" | "shortened";
         /**
          * @description Members of each model that a response or event has.
          * @enum {string}

@@ -41,10 +41,10 @@ const LEVELS_SECONDS: f64 = 1.3e-6;
 /// Seconds per triangle for morphometry. Measured on `paper`.
 const MEASURE_SECONDS: f64 = 0.45e-6;
 /// Time for morphometry if cuts are measured in addition to sections, divided by the time without.
-/// Measured on `pig`.
+/// Estimated from the times of the parts for sections of `pig`.
 const CUTS_FACTOR: f64 = 1.35;
 /// Seconds per section whose layers are measured, on one core: one of twelve, at most 16. Measured
-/// on `pig`.
+/// on sections of `pig`.
 const LAYER_SECONDS: f64 = 0.02;
 /// Memory that does not depend on the model. Assumed.
 const BASE_BYTES: u64 = 32 << 20;
@@ -118,9 +118,10 @@ const FRAME_FIXED: f64 = 1024.0;
 /// Bytes of the certificate of a frame in the report.
 const FRAME_REPORT_BYTES: u64 = 2600;
 
-/// Bytes of the measures of a simulated section and of a planar cut in the report. Measured on the
-/// default model.
+/// Bytes of the measures of a section in the report. Measured on the default model.
 const REPORT_SECTION_BYTES: u64 = 850;
+/// Bytes of the measures of a planar cut in the report, which has half as many quantities more.
+/// Assumed.
 const REPORT_CUT_BYTES: u64 = 1300;
 /// Bytes of the compressed text of 3MF per triangle, including vertices. Measured on pieces of
 /// `pig`.

@@ -20,7 +20,7 @@ pub use stored::ReportError;
 
 use crate::geometry::cut::Body;
 use crate::model::{Border, Mesh, Plane, Section};
-use crate::render::{Finish, NamedView, mesh_png, sheet_png};
+use crate::render::{NamedView, mesh_png, sheet_png};
 use crate::spec::{Across, ModelSpec};
 use serde_json::Value;
 use stored::Stored;
@@ -109,10 +109,8 @@ pub fn spec(report: &[u8]) -> Value {
 /// [`ReportError`].
 pub fn html(report: &[u8], strip: &Strip, tube: &Mesh) -> Result<String, ReportError> {
     let stored: Stored = serde_json::from_slice(report)?;
-    let spec = ModelSpec::from_stored(&stored.spec);
-    let finish = spec.as_ref().map(|spec| Finish { spec, seed: stored.seed });
     let pictures = page::Pictures {
-        tube: mesh_png(tube, &VIEW.of(tube, PICTURE), finish.as_ref())?,
+        tube: mesh_png(tube, &VIEW.of(tube, PICTURE))?,
         strip: sheet_png(&strip.shown, STRIP / 2, CELL)?,
         places_mm: strip.z_um.iter().map(|z| z / 1e3).collect(),
         are_cuts: strip.are_cuts,
@@ -145,7 +143,8 @@ mod tests {
             &Regions { length_mm: 6.0, junction: [0.3, 0.4], piece: [0.0, 1.0] },
             Some(&|z_um: f64| spec.layers_at_um(z_um, 7)),
         );
-        let preset = crate::spec::preset("pig").unwrap();
+        let simulated =
+            morphometry(&sections, &[], &Regions { length_mm: 6.0, junction: [0.3, 0.4], piece: [0.0, 1.0] }, None);
         let checklist = judge(&Judged {
             morphometry: &found,
             organ: "oviduct",
@@ -156,9 +155,6 @@ mod tests {
             tube: &[].into(),
             parameter: &|_, _| Some(0.35),
         });
-        let spec = crate::spec::ModelSpec::resolve(preset, &json!({ "friction": 0.25 })).unwrap();
-        let simulated =
-            morphometry(&sections, &[], &Regions { length_mm: 6.0, junction: [0.3, 0.4], piece: [0.0, 1.0] }, None);
         json!({
             "digest": "d1gest", "preset": "pig", "seed": 7, "engine": "9.9.9",
             "spec": spec.to_json(),

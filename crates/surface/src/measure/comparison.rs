@@ -319,11 +319,14 @@ mod tests {
         let quantities = [("fractal_dimension".to_owned(), along)].into();
         let junction = Region { from_mm: 0.0, to_mm: 30.0, sections: 5, quantities };
         let morphometry = Morphometry { regions: [("junction".to_owned(), junction)].into(), ..Morphometry::default() };
-        let found = compare(&morphometry, "oviduct", "pig");
+        let found = compare(&morphometry, "oviduct", "pig", None);
         let dimension = found.compared.iter().find(|c| c.quantity == "fractal_dimension").unwrap();
         assert_eq!((dimension.measured, dimension.verdict), (Some(1.6), Verdict::MethodUnknown));
         assert_eq!((dimension.low, dimension.high), (Some(1.559), Some(1.77)));
-        assert_eq!((found.inside, found.outside), (0, 0));
+        // Only the length of 0 mm is compared.
+        let outside: Vec<&Compared> = found.compared.iter().filter(|c| c.verdict == Verdict::Outside).collect();
+        assert!(outside.iter().all(|c| c.quantity == "length_mm"), "{outside:?}");
+        assert_eq!((found.inside, found.outside), (0, outside.len()));
         assert_eq!(serde_json::json!(dimension.verdict), "method_unknown");
     }
 

@@ -270,7 +270,6 @@ fn every_statement_is_consistent() {
 }
 
 #[test]
-#[ignore = "the measures of layers, free lumen and fold angles are built on another branch"]
 fn every_quantity_of_the_checklist_is_measured() {
     use crate::measure::morphometry::Quantity;
     /// Quantities along the tube, which no single section has.
