@@ -51,6 +51,9 @@ export function ParameterField({ parameter }: { parameter: Parameter }) {
   );
 }
 
+/** Names of the numbers of a point, by their count. */
+const COORDINATES: Record<number, string> = { 2: "x, y", 3: "x, y, z", 4: "at, turn_deg, toward_deg, share" };
+
 function Control({ parameter, value, onChange }: { parameter: Parameter; value: Value; onChange: (value: Value) => void }) {
   const { unit, kind } = parameter;
   const attributes = controlOf(`/spec${parameter.pointer}`);
@@ -70,7 +73,7 @@ function Control({ parameter, value, onChange }: { parameter: Parameter; value: 
       return (
         <>
           <textarea {...attributes} class="mono" rows={5} autocomplete="off" spellcheck={false} value={String(value)} onInput={({ currentTarget }) => onChange(currentTarget.value)} />
-          <span class="hint">One a line: x, y, z{unit && ` in ${unit}`}</span>
+          <span class="hint">One a line: {COORDINATES[kind.coordinates] ?? "a row of numbers"}{unit && ` in ${unit}`}</span>
         </>
       );
     case "flag":

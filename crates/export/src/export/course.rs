@@ -140,7 +140,7 @@ mod tests {
     #[test]
     fn turning_points_are_counted_from_the_ovary() {
         let turns = json!([[0.2, 170, 0, 0.3], [0.8, 120, 90, 0.3]]);
-        let found = course(&json!({ "course": { "shape": "turns", "turns": turns } }));
+        let found = course(&json!({ "length_mm": 60, "course": { "shape": "turns", "turns": turns } }));
         let numbers: Vec<_> = found.turns.iter().map(|turn| (turn.number, turn.z_mm, turn.region.as_str())).collect();
         assert_eq!(numbers, [(2, 12.0, "isthmus"), (1, 48.0, "ampulla")]);
         let nearest = found.points.iter().min_by(|a, b| (a.s_mm - 12.0).abs().total_cmp(&(b.s_mm - 12.0).abs()));
