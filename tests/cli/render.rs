@@ -80,6 +80,23 @@ fn any_direction_and_cut_can_be_drawn() {
 }
 
 #[test]
+fn cut_faces_are_stained_unless_the_picture_is_plain() {
+    let at = folder();
+    grow(at.path());
+    let draw = |options: &[&str]| {
+        let view = ["render", "model/sections.bin", "--view", "ampulla", "--size", "240", "--out", "p.png"];
+        let output = run(at.path(), &[&view, options].concat());
+        assert_eq!(code(&output), 0, "{}", said(&output));
+        picture(&at.path().join("p.png"))
+    };
+    let (stained, plain, human) = (draw(&[]), draw(&["--plain"]), draw(&["--preset", "human"]));
+    assert!(difference(&stained, &plain, 24) > 0.1, "{}", difference(&stained, &plain, 24));
+    // Other layers, and the texture of another seed.
+    assert!(difference(&stained, &human, 8) > 0.02, "{}", difference(&stained, &human, 8));
+    assert_eq!(draw(&[]).data(), stained.data());
+}
+
+#[test]
 fn files_that_cannot_be_drawn_are_named() {
     let at = folder();
     grow(at.path());
@@ -99,6 +116,7 @@ fn files_that_cannot_be_drawn_are_named() {
         &["render", "copy.glb", "--size", "31"],
         &["render", "copy.glb", "--cut", "z=12"],
         &["render", "copy.glb", "--elevation", "90"],
+        &["render", "copy.glb", "--preset", "cat"],
         &["render", "copy.glb", "model/model.glb", "--out", "one.png"],
         &["render", "copy.glb", "model/copy.obj"],
     ] {

@@ -216,7 +216,7 @@ mod tests {
             let mut file = Vec::new();
             write_sections(&sections, &meta(), &mut file).unwrap();
             let mesh = surface(std::io::Cursor::new(&file), view, 200).unwrap();
-            let png = crate::render::mesh_png(&mesh, &view.of(&mesh, 200)).unwrap();
+            let png = crate::render::mesh_png(&mesh, &view.of(&mesh, 200), None).unwrap();
             let picture = tiny_skia::Pixmap::decode_png(&png).unwrap();
             let visible = |(_, p): &(usize, &tiny_skia::PremultipliedColorU8)| p.alpha() > 0;
             let places: Vec<_> =

@@ -129,6 +129,13 @@ pub(in crate::cli) struct RenderArgs {
     /// part in front of all of them is removed
     #[arg(long, value_name = "PLANE", value_parser = units::plane, value_delimiter = ';', allow_hyphen_values = true)]
     pub(in crate::cli) cut: Vec<Plane>,
+    /// Preset whose tissue layers are drawn on cut faces [default: the model of the report.json or
+    /// sections.bin, else pig]
+    #[arg(long, value_name = "NAME")]
+    pub(in crate::cli) preset: Option<String>,
+    /// Draw each surface in one colour, without stained layers, texture and relief
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(in crate::cli) plain: bool,
     #[command(flatten)]
     pub(in crate::cli) unit: UnitArgs,
 }

@@ -7,10 +7,14 @@ use crate::cli::interrupt::Signals;
 use crate::cli::scratch::split;
 use crate::cli::{scratch, term, units};
 use crate::export::read::Surface;
+use crate::export::sections_bin::SectionsReader;
 use crate::model::{BodyKind, Mesh, Patch, PatchKind};
 use crate::preview;
-use crate::render::{Plane, mesh_png};
+use crate::render::{Finish, Plane, mesh_png};
+use crate::report;
+use crate::spec::{DEFAULT_PRESET, ModelSpec, preset, presets};
 use anyhow::bail;
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufReader;
@@ -24,6 +28,9 @@ pub(in crate::cli) async fn run(args: RenderArgs) -> Ended {
     }
     if args.azimuth.is_some_and(|degrees| !degrees.is_finite()) {
         return Err(Failure::usage("--azimuth: must be a number of degrees"));
+    }
+    if let Some(name) = args.preset.as_ref().filter(|name| preset(name).is_none()) {
+        return Err(Failure::usage(format!("--preset: there is no preset {name}")));
     }
     let args = Arc::new(args);
     let mut all_drawn = true;
@@ -81,7 +88,33 @@ fn draw(file: &Path, args: &RenderArgs) -> anyhow::Result<Vec<u8>> {
         args.cut.iter().try_for_each(|plane| meets(plane, &mesh))?;
         view.cut.clone_from(&args.cut);
     }
-    Ok(mesh_png(&mesh, &view)?)
+    let model = (!args.plain).then(|| model(file, args.preset.as_deref())).flatten();
+    let finish = model.as_ref().map(|(spec, seed)| Finish { spec, seed: *seed });
+    Ok(mesh_png(&mesh, &view, finish.as_ref())?)
+}
+
+/// Returns specification and seed of the tissue in a picture: of the given preset, of the report
+/// beside the file, of the preset that the file names, or of the default preset.
+fn model(file: &Path, given: Option<&str>) -> Option<(ModelSpec, u64)> {
+    let of = |name: &str, seed| {
+        let preset = preset(name).unwrap_or(&presets()[0]);
+        Some((ModelSpec::resolve(preset, &json!({})).ok()?, seed))
+    };
+    if let Some(name) = given {
+        return of(name, 0);
+    }
+    let beside = std::fs::read(file.with_file_name("report.json")).ok();
+    let stored = beside.and_then(|stored| {
+        let seed = serde_json::from_slice::<Value>(&stored).ok()?["seed"].as_u64()?;
+        Some((ModelSpec::from_stored(&report::spec(&stored))?, seed))
+    });
+    stored.or_else(|| {
+        let header = File::open(file).ok().and_then(|file| SectionsReader::open(BufReader::new(file)).ok());
+        match header.as_ref().map(SectionsReader::header) {
+            Some(header) => of(&header.preset, header.seed),
+            None => of(DEFAULT_PRESET, 0),
+        }
+    })
 }
 
 /// Checks that a plane has parts of a mesh on both sides. A picture of all or nothing would not

@@ -13,7 +13,8 @@ use crate::http::wire::responses::{BadParameters, FileMissing, PictureUnavailabl
 use crate::jobs::File;
 use crate::model::Section;
 use crate::preview::{chosen, end, tube};
-use crate::render::{NamedView, mesh_png};
+use crate::render::{Finish, NamedView, mesh_png};
+use crate::spec::ModelSpec;
 use axum::extract::State;
 use axum::http::{HeaderMap, Method};
 use axum::response::Response;
@@ -55,7 +56,9 @@ pub(in crate::http) async fn preview(
     let png = picture(&state, &caller, &tag, sections_in_view(&state, &file, view, size), move |sections| {
         let mesh = tube(&sections, &job.spec)?;
         drop(sections);
-        Ok(mesh_png(&mesh, &view.of(&mesh, size))?)
+        let spec = ModelSpec::from_stored(&job.spec);
+        let finish = spec.as_ref().map(|spec| Finish { spec, seed: job.seed });
+        Ok(mesh_png(&mesh, &view.of(&mesh, size), finish.as_ref())?)
     })
     .await?;
     answer(&state, &method, &tag, png)

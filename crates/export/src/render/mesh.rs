@@ -1,5 +1,7 @@
-//! Pictures of a mesh as a solid body: smooth shading, occlusion, and flat faces where it is cut
-//! open.
+//! Pictures of a mesh as a solid body: smooth shading, occlusion, and faces where it is cut open.
+//!
+//! With a [`Finish`], faces and ends show the stained layers of the wall, and the walls have a
+//! texture and a relief that bends the normals. Otherwise every surface has one colour.
 //!
 //! From outside, only the front of a closed surface is visible. If the back is visible, the line of
 //! sight entered the body through a cut. Such a sample is drawn as cut tissue on the plane of the
@@ -7,16 +9,17 @@
 
 use super::bar::Bar;
 use super::drawing::Drawing;
+use super::faces::{Faces, Finish, is_straight, point_um};
 use super::occlusion::AmbientLight;
-use super::picture::{OUTLINE, RenderError, Rgb, TISSUE, encode};
+use super::picture::{OUTLINE, RenderError, Rgb, TISSUE, encode, linear, srgb};
 use super::raster::{NONE, Sample};
 use super::staged::{SAMPLES, Staged};
 use super::view::View;
 use crate::geometry::patch::{PatchGeometry, patch_geometry};
 use crate::model::{Mesh, PatchKind};
+use crate::tissue::{Relief, Sampling, WallTexture};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
-use std::sync::LazyLock;
 
 /// Width of the rim of the lumen on cut faces, as a fraction of the longest side of the picture.
 const RIM: f32 = 0.0016;
@@ -27,6 +30,11 @@ const DEEP: Vec3 = Vec3::new(0.30, 0.10, 0.16);
 const SHADOW: Vec3 = Vec3::new(0.56, 0.42, 0.42);
 /// Light on a surface that faces all lamps.
 const LIT: Vec3 = Vec3::new(1.08, 1.08, 1.06);
+/// Minimum cosine between normal and line of sight for which the texture is widened.
+const MIN_FACING: f32 = 0.2;
+/// Size of a pixel at which a moist surface no longer glints, because its relief is not resolved,
+/// µm.
+const DULL_UM: f32 = 14.0;
 
 /// Draws a mesh on a transparent background as PNG, with a scale bar if the longest side has at
 /// least 256 pixels.
@@ -39,9 +47,9 @@ const LIT: Vec3 = Vec3::new(1.08, 1.08, 1.06);
 ///
 /// # Panics
 /// If the mesh's indices or patch ranges are out of bounds.
-pub fn mesh_png(mesh: &Mesh, view: &View) -> Result<Vec<u8>, RenderError> {
+pub fn mesh_png(mesh: &Mesh, view: &View, finish: Option<&Finish<'_>>) -> Result<Vec<u8>, RenderError> {
     let bar = Bar::new([view.width, view.height]);
-    let Drawing { mut pixmap, scale, axial_scale } = draw(mesh, view, bar.as_ref().map_or(0.0, Bar::strip))?;
+    let Drawing { mut pixmap, scale, axial_scale } = draw(mesh, view, finish, bar.as_ref().map_or(0.0, Bar::strip))?;
     if let Some(bar) = bar
         && !mesh.positions.is_empty()
     {
@@ -57,28 +65,30 @@ pub fn mesh_png(mesh: &Mesh, view: &View) -> Result<Vec<u8>, RenderError> {
 ///
 /// # Panics
 /// As [`mesh_png`].
-pub fn mesh_drawing(mesh: &Mesh, view: &View) -> Result<Drawing, RenderError> {
-    draw(mesh, view, 0.0)
+pub fn mesh_drawing(mesh: &Mesh, view: &View, finish: Option<&Finish<'_>>) -> Result<Drawing, RenderError> {
+    draw(mesh, view, finish, 0.0)
 }
 
 /// Draws a mesh; the lowest `strip` pixels stay free.
-fn draw(mesh: &Mesh, view: &View, strip: f32) -> Result<Drawing, RenderError> {
-    let scene = Scene::new(mesh, Staged::new(mesh, view, strip)?);
+fn draw(mesh: &Mesh, view: &View, finish: Option<&Finish<'_>>, strip: f32) -> Result<Drawing, RenderError> {
+    let scene = Scene::new(mesh, Staged::new(mesh, view, strip)?, finish);
     let Staged { samples, size, .. } = &scene.staged;
     let depth_scale = scene.staged.scale() as f32;
     let light = AmbientLight::new(depths(samples, size[0], depth_scale), view.width as usize);
     let tissues: Vec<TissuePart> = samples.par_iter().map(|sample| scene.tissue_part(*sample)).collect();
     let reach = (RIM * view.width.max(view.height) as f32 * SAMPLES as f32).round();
     let rim = Rim { tissues: &tissues, size: *size, reach: (reach as usize).max(1) };
-    // Samples of one triangle share their colour within a pixel.
+    // Samples of one triangle share their colour within a pixel, except on stained faces.
     scene.staged.draw(srgb, |sample, [x, y], last: &mut Option<((u32, bool), Vec3)>| {
+        let (u, v) = ((x as f32 + 0.5) / SAMPLES as f32, (y as f32 + 0.5) / SAMPLES as f32);
+        let ambient = || light.at(u, v, sample.depth * depth_scale);
+        if tissues[y * size[0] + x] == TissuePart::Stained {
+            return scene.shade_face(sample, [x, y], ambient());
+        }
         let key = (sample.surface, rim.covers(x, y));
         let color = match *last {
             Some((known, color)) if known == key => color,
-            _ => {
-                let [u, v] = [x, y].map(|i| (i as f32 + 0.5) / SAMPLES as f32);
-                scene.shade(sample, [x, y], key.1, light.at(u, v, sample.depth * depth_scale))
-            }
+            _ => scene.shade(sample, [x, y], key.1, ambient()),
         };
         *last = Some((key, color));
         color
@@ -90,6 +100,8 @@ fn draw(mesh: &Mesh, view: &View, strip: f32) -> Result<Drawing, RenderError> {
 enum TissuePart {
     /// A cross section of the tissue: the face of a cut, or an end.
     Face,
+    /// A cross section whose layers are stained.
+    Stained,
     /// The boundary of the lumen.
     Mucosa,
     Other,
@@ -131,13 +143,25 @@ struct Scene<'a> {
     rim: Vec3,
     /// Direction towards the key light.
     key: Vec3,
+    faces: Faces,
+    /// Extent of a pixel in the axes of the mesh, µm, if the walls have a texture.
+    texture: Option<Sampling>,
 }
 
 impl<'a> Scene<'a> {
-    fn new(mesh: &'a Mesh, staged: Staged) -> Self {
+    fn new(mesh: &'a Mesh, staged: Staged, finish: Option<&Finish<'_>>) -> Self {
         let camera = &staged.camera;
         let key = (camera.up * 0.75 - camera.right * 0.55 - camera.forward * 0.6).as_vec3().normalize();
+        let pixel_um = (1e6 / staged.scale()) as f32;
+        let axial_scale = staged.view.axial_scale as f32;
+        let sampling = |_: &Finish<'_>| Sampling {
+            pixel_um: Vec3::new(pixel_um, pixel_um, pixel_um / axial_scale),
+            repeat_um: None,
+            is_straight: is_straight(mesh),
+        };
         Self {
+            faces: finish.map(|finish| Faces::new(mesh, &staged, finish)).unwrap_or_default(),
+            texture: finish.map(sampling),
             mesh,
             patches: mesh.patches.par_iter().map(|patch| patch_geometry(mesh, patch)).collect(),
             inverse: Vec3::new(1.0, 1.0, (1.0 / staged.view.axial_scale) as f32),
@@ -158,6 +182,9 @@ impl<'a> Scene<'a> {
         if sample.surface == NONE {
             return TissuePart::Other;
         }
+        if self.faces.has(self.mesh, &self.staged, sample) {
+            return TissuePart::Stained;
+        }
         if self.staged.cut(sample).is_some() {
             return TissuePart::Face;
         }
@@ -170,19 +197,35 @@ impl<'a> Scene<'a> {
 
     /// Linear light of a sample that shows something.
     fn shade(&self, sample: Sample, [x, y]: [usize; 2], rim: bool, ambient: f32) -> Vec3 {
-        let (color, normal) = match self.staged.cut(sample) {
-            Some(k) => (self.tissue, DVec3::from(self.staged.view.cut[k].normal).normalize_or(DVec3::Z).as_vec3()),
+        let Shading { color, normal, gloss } = match self.staged.cut(sample) {
+            Some(k) => Shading::plain(self.tissue, self.cut_normal(k)),
             None => self.surface(sample, x, y),
         };
-        self.light(if rim { self.rim } else { color }, normal, ambient)
+        self.light(if rim { self.rim } else { color }, normal, ambient) + self.glint(normal, gloss * ambient)
+    }
+
+    /// Linear light of a sample that shows a stained face.
+    fn shade_face(&self, sample: Sample, [x, y]: [usize; 2], ambient: f32) -> Vec3 {
+        let color = self.faces.at(self.mesh, &self.staged, sample, [x, y]).unwrap_or(self.tissue);
+        let normal = match self.staged.cut(sample) {
+            Some(k) => self.cut_normal(k),
+            None => {
+                self.staged.triangle(self.mesh.triangles[sample.surface as usize]).1.normalize_or(DVec3::Z).as_vec3()
+            }
+        };
+        self.light(color, normal, ambient)
+    }
+
+    fn cut_normal(&self, k: usize) -> Vec3 {
+        DVec3::from(self.staged.view.cut[k].normal).normalize_or(DVec3::Z).as_vec3()
     }
 
     /// Colour and normal of a triangle at a sample. Normals are interpolated within a patch.
-    fn surface(&self, sample: Sample, x: usize, y: usize) -> (Vec3, Vec3) {
+    fn surface(&self, sample: Sample, x: usize, y: usize) -> Shading {
         let t = sample.surface as usize;
         let (corners, facet) = self.staged.triangle(self.mesh.triangles[t]);
         let Some(p) = self.patch(t) else {
-            return (self.tissue, facet.normalize_or(DVec3::Z).as_vec3());
+            return Shading::plain(self.tissue, facet.normalize_or(DVec3::Z).as_vec3());
         };
         let camera = &self.staged.camera;
         let point = camera.at(x as f64 + 0.5, y as f64 + 0.5) + camera.forward * f64::from(sample.depth);
@@ -190,7 +233,38 @@ impl<'a> Scene<'a> {
         let patch = &self.patches[p];
         let [a, b, c] = patch.triangles[t - self.mesh.patches[p].triangles.start]
             .map(|v| (Vec3::from(patch.normals[v as usize]) * self.inverse).normalize_or(Vec3::Z));
-        (self.colors[p], (a * weights[0] + b * weights[1] + c * weights[2]).normalize_or(Vec3::Z))
+        let normal = (a * weights[0] + b * weights[1] + c * weights[2]).normalize_or(Vec3::Z);
+        let plain = Shading::plain(self.colors[p], normal);
+        let texture = wall_texture(self.mesh.patches[p].kind);
+        match (texture, &self.texture) {
+            (Some(texture), Some(sampling)) => self.textured(plain, texture, sampling, sample, [x, y]),
+            _ => plain,
+        }
+    }
+
+    /// Adds the texture of a wall, whose relief bends the normal.
+    fn textured(
+        &self,
+        plain: Shading,
+        texture: WallTexture,
+        sampling: &Sampling,
+        sample: Sample,
+        [x, y]: [usize; 2],
+    ) -> Shading {
+        // A pixel covers more of a surface that is seen at an angle.
+        let facing = plain.normal.dot(self.staged.camera.forward.as_vec3()).abs().max(MIN_FACING);
+        let sampling = Sampling { pixel_um: sampling.pixel_um / facing, ..*sampling };
+        let point = DVec3::from(point_um(&self.staged, sample, x, y)).as_vec3();
+        let relief = Relief::of(texture, point, &sampling);
+        // Slopes are those of the surface that is not scaled.
+        let normal = (plain.normal / self.inverse).normalize_or(Vec3::Z);
+        let tangential = relief.slope - normal * relief.slope.dot(normal);
+        let bent = (normal - tangential) * self.inverse;
+        Shading {
+            color: plain.color * relief.tint.max(Vec3::ZERO),
+            normal: bent.normalize_or(plain.normal),
+            gloss: gloss(texture) * (1.0 - (sampling.pixel_um.x / DULL_UM)).max(0.0),
+        }
     }
 
     /// Light of a surface from all sides, from a key light at the upper left, and from a light at
@@ -200,6 +274,51 @@ impl<'a> Scene<'a> {
         let normal = if normal.dot(toward) < 0.0 { -normal } else { normal };
         let light = 0.55 * normal.dot(self.key).max(0.0) + 0.45 * normal.dot(toward);
         color * SHADOW.lerp(LIT, light) * DEEP.lerp(Vec3::ONE, ambient)
+    }
+
+    /// Light that a moist surface reflects from the key light (Blinn 1977).
+    fn glint(&self, normal: Vec3, gloss: f32) -> Vec3 {
+        if gloss <= 0.0 {
+            return Vec3::ZERO;
+        }
+        let toward = -self.staged.camera.forward.as_vec3();
+        let normal = if normal.dot(toward) < 0.0 { -normal } else { normal };
+        let cosine = normal.dot((self.key + toward).normalize_or(toward)).max(0.0);
+        // The power 32.
+        let powered = (0..5).fold(cosine, |power, _| power * power);
+        Vec3::splat(gloss * powered)
+    }
+}
+
+/// Colour and normal of a sample.
+#[derive(Clone, Copy, Debug)]
+struct Shading {
+    /// Linear light that the surface reflects in all directions.
+    color: Vec3,
+    normal: Vec3,
+    /// Light that the surface reflects like a mirror.
+    gloss: f32,
+}
+
+impl Shading {
+    fn plain(color: Vec3, normal: Vec3) -> Self {
+        Self { color, normal, gloss: 0.0 }
+    }
+}
+
+/// Texture of a patch.
+fn wall_texture(kind: PatchKind) -> Option<WallTexture> {
+    match kind {
+        PatchKind::InnerWall | PatchKind::Wall => Some(WallTexture::Mucosa),
+        PatchKind::OuterWall => Some(WallTexture::Serosa),
+        PatchKind::CapIsthmus | PatchKind::CapAmpulla | PatchKind::Inlet | PatchKind::Outlet => None,
+    }
+}
+
+fn gloss(texture: WallTexture) -> f32 {
+    match texture {
+        WallTexture::Mucosa => 0.30,
+        WallTexture::Serosa => 0.22,
     }
 }
 
@@ -229,24 +348,6 @@ pub(super) fn patch_color(kind: PatchKind) -> Rgb {
     }
 }
 
-/// Linear light of an sRGB colour.
-fn linear(color: Rgb) -> Vec3 {
-    Vec3::from(color.map(|value| decoded(f32::from(value))))
-}
-
-/// Linear light of an sRGB value from 0 to 255.
-fn decoded(value: f32) -> f32 {
-    let c = value / 255.0;
-    if c <= 0.040_45 { c / 12.92 } else { libm::powf((c + 0.055) / 1.055, 2.4) }
-}
-
-/// sRGB of linear light.
-fn srgb(color: Vec3) -> Rgb {
-    /// Linear light halfway between each sRGB value and the next.
-    static BETWEEN: LazyLock<[f32; 255]> = LazyLock::new(|| std::array::from_fn(|value| decoded(value as f32 + 0.5)));
-    color.to_array().map(|light| BETWEEN.partition_point(|&between| between < light) as u8)
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::NamedView;
@@ -256,7 +357,7 @@ mod tests {
     use tiny_skia::Pixmap;
 
     fn picture(view: &View) -> Pixmap {
-        Pixmap::decode_png(&mesh_png(&sample::tube(96, 12, 0.4), view).unwrap()).unwrap()
+        Pixmap::decode_png(&mesh_png(&sample::tube(96, 12, 0.4), view, None).unwrap()).unwrap()
     }
 
     fn end_on() -> View {
@@ -303,7 +404,7 @@ mod tests {
     #[test]
     fn the_scale_bar_has_its_length() {
         // The end is 2 mm wide and fills 0.93 of 400 pixels minus the strip of the bar.
-        let png = mesh_png(&sample::tube(96, 12, 0.4), &View { width: 400, height: 400, ..end_on() }).unwrap();
+        let png = mesh_png(&sample::tube(96, 12, 0.4), &View { width: 400, height: 400, ..end_on() }, None).unwrap();
         let picture = Pixmap::decode_png(&png).unwrap();
         // Distance between the first and the last opaque pixel of a row.
         let span = |y: u32, end: u32| {
@@ -324,7 +425,7 @@ mod tests {
         let view = View { axial_scale: 0.5, ..NamedView::Opened.of(&mesh, 300) };
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| mesh_png(&mesh, &view).unwrap())
+            pool.install(|| mesh_png(&mesh, &view, None).unwrap())
         };
         assert_eq!(on(1), on(4));
     }
@@ -332,7 +433,7 @@ mod tests {
     #[test]
     fn each_named_view_is_another_picture() {
         let mesh = sample::tube(96, 12, 0.4);
-        let pictures = NamedView::ALL.map(|view| mesh_png(&mesh, &view.of(&mesh, 64)).unwrap());
+        let pictures = NamedView::ALL.map(|view| mesh_png(&mesh, &view.of(&mesh, 64), None).unwrap());
         for (i, one) in pictures.iter().enumerate() {
             assert!(!pictures[..i].contains(one), "{:?}", NamedView::ALL[i]);
         }
@@ -342,7 +443,7 @@ mod tests {
     fn an_empty_mesh_is_an_empty_picture() {
         let mesh = Mesh { positions: vec![], triangles: vec![], patches: vec![], ..sample::tube(4, 1, 0.0) };
         for view in [plain(8, 8), NamedView::Ampulla.of(&mesh, 300)] {
-            let picture = Pixmap::decode_png(&mesh_png(&mesh, &view).unwrap()).unwrap();
+            let picture = Pixmap::decode_png(&mesh_png(&mesh, &view, None).unwrap()).unwrap();
             assert!(picture.data().iter().all(|&b| b == 0));
         }
     }

@@ -1,11 +1,12 @@
-//! Pictures of models without a GPU: sections as histological slides, and meshes, shaded and cut
-//! open.
+//! Pictures of models without a GPU: sections as histological slides, and meshes, shaded, textured
+//! and cut open, with stained layers on the faces of cuts.
 //!
 //! Everything is computed in a fixed order from the input alone, so the same model gives the same
 //! picture.
 
 mod bar;
 mod drawing;
+mod faces;
 mod glyphs;
 mod histology;
 mod mesh;
@@ -22,6 +23,7 @@ mod view;
 mod wire;
 
 pub use drawing::Drawing;
+pub use faces::Finish;
 pub use histology::{Slide, um_per_pixel};
 pub use mesh::{mesh_drawing, mesh_png};
 pub use named::{END_WIDTHS, NamedView, UnknownView};

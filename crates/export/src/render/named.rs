@@ -155,14 +155,15 @@ struct TubeEnd {
     width: f64,
 }
 
-struct TubeEnds {
+/// Both ends of a tube.
+pub(super) struct TubeEnds {
     isthmus: TubeEnd,
     ampulla: TubeEnd,
 }
 
 impl TubeEnds {
     /// Finds both ends; `None` if the mesh has no caps.
-    fn of(mesh: &Mesh) -> Option<Self> {
+    pub(super) fn of(mesh: &Mesh) -> Option<Self> {
         let end = |kinds: [PatchKind; 2]| {
             let cap = kinds.into_iter().map(|kind| mesh.patch(kind)).find(|cap| !cap.is_empty())?;
             let at = |v: u32| Vec3::from(mesh.positions[v as usize]).as_dvec3();
@@ -176,7 +177,7 @@ impl TubeEnds {
     }
 
     /// True if the ends face away from each other along z and the whole mesh lies between them.
-    fn are_straight(&self, mesh: &Mesh) -> bool {
+    pub(super) fn are_straight(&self, mesh: &Mesh) -> bool {
         let [low, high] = [self.isthmus.middle.z, self.ampulla.middle.z];
         let slack = 1e-3 * (high - low).abs();
         let is_between = |p: &[f32; 3]| (low - slack..=high + slack).contains(&f64::from(p[2]));

@@ -1,5 +1,8 @@
 //! Size, colours, encoding and errors of pictures.
 
+use glam::Vec3;
+use std::sync::LazyLock;
+
 /// Maximum width and height of a picture, pixels.
 pub const MAX_SIZE: u32 = 8192;
 
@@ -34,6 +37,24 @@ pub(super) const LUMEN: Rgb = [0xff, 0xfa, 0xf8];
 pub(super) const BACKGROUND: Rgb = [0xff, 0xff, 0xff];
 /// Colour of text, and of the scale bars of sections.
 pub(super) const INK: Rgb = [0x3b, 0x2a, 0x38];
+
+/// Linear light of an sRGB colour.
+pub(super) fn linear(color: Rgb) -> Vec3 {
+    Vec3::from(color.map(|value| decoded(f32::from(value))))
+}
+
+/// Linear light of an sRGB value from 0 to 255.
+pub(super) fn decoded(value: f32) -> f32 {
+    let c = value / 255.0;
+    if c <= 0.040_45 { c / 12.92 } else { libm::powf((c + 0.055) / 1.055, 2.4) }
+}
+
+/// sRGB of linear light.
+pub(super) fn srgb(color: Vec3) -> Rgb {
+    /// Linear light halfway between each sRGB value and the next.
+    static BETWEEN: LazyLock<[f32; 255]> = LazyLock::new(|| std::array::from_fn(|value| decoded(value as f32 + 0.5)));
+    color.to_array().map(|light| BETWEEN.partition_point(|&between| between < light) as u8)
+}
 
 /// Creates a white picture.
 ///

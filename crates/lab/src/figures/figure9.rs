@@ -19,10 +19,12 @@ const ASIDE: [f64; 2] = [20.0, 5.0];
 pub(super) fn draw(grown: &Grown, size: u32) -> anyhow::Result<Figure> {
     let strip = line_height(size);
     let half = size / 2;
+    let finish = grown.finish();
+    let shown = Some(&finish);
     let named = |view: NamedView| -> anyhow::Result<Drawing> {
         let mesh = grown.surface(view, OVERSAMPLING * half)?;
         let of = view.of(&mesh, OVERSAMPLING * (half - strip));
-        Ok(mesh_drawing(&mesh, &of)?)
+        Ok(mesh_drawing(&mesh, &of, shown)?)
     };
     let isthmus = named(NamedView::Isthmus)?;
     let ampulla = named(NamedView::Ampulla)?;
@@ -37,6 +39,7 @@ pub(super) fn draw(grown: &Grown, size: u32) -> anyhow::Result<Figure> {
             elevation_deg: ASIDE[1],
             ..true_proportions(OVERSAMPLING * size, OVERSAMPLING * band)
         },
+        shown,
     )?;
 
     let mid = (1.0 + grown.junction()[1]) / 2.0 * length;
@@ -50,7 +53,7 @@ pub(super) fn draw(grown: &Grown, size: u32) -> anyhow::Result<Figure> {
         cut: vec![through_middle(&cut_piece, [-1.0, 0.0, 0.0])],
         ..true_proportions(OVERSAMPLING * size, OVERSAMPLING * (tall - strip))
     };
-    let lengthwise = mesh_drawing(&cut_piece, &lengthwise)?;
+    let lengthwise = mesh_drawing(&cut_piece, &lengthwise, shown)?;
 
     let fine_piece = draft(within(&grown.sections, [length - fine_um, length]))?;
     let high = size * 4 / 5;
@@ -61,7 +64,7 @@ pub(super) fn draw(grown: &Grown, size: u32) -> anyhow::Result<Figure> {
         cut: wedge,
         ..true_proportions(OVERSAMPLING * size, OVERSAMPLING * (high - strip))
     };
-    let fine = mesh_drawing(&fine_piece, &fine)?;
+    let fine = mesh_drawing(&fine_piece, &fine, shown)?;
 
     let panel = |place, drawing, letter| Panel { place, drawing, letter: Some(letter), note: "", bar: true };
     let rows = [0, half, half + band + strip, half + band + strip + tall];
@@ -86,7 +89,7 @@ pub(super) fn draw(grown: &Grown, size: u32) -> anyhow::Result<Figure> {
             mm(cut_from + cut_um)
         ),
         format!(
-            "(e) The last {} of the ampulla without a quarter, with ambient occlusion and smooth shading; the paper's picture has a procedural texture and bump mapping, which ours lacks.",
+            "(e) The last {} of the ampulla without a quarter, with procedural texturing and bump mapping as in the paper; faces of the cut show the stained layers of the wall.",
             mm(fine_um)
         ),
     ];

@@ -7,7 +7,7 @@ use oviduct::export::sections_bin::SectionsReader;
 use oviduct::generate::{Request, Summary};
 use oviduct::model::{Mesh, Section};
 use oviduct::preview;
-use oviduct::render::{NamedView, Slide};
+use oviduct::render::{Finish, NamedView, Slide};
 use std::fs::File;
 use std::io::BufReader;
 use std::path::PathBuf;
@@ -66,6 +66,11 @@ impl Grown {
         let (section, seed) = (&self.sections[index], self.request.seed);
         let layers = self.request.spec.layers_at_um(section.z_um, seed);
         Slide { borders: section.borders(), layers, seed, index: index as u32 }
+    }
+
+    /// Returns the tissue that pictures show.
+    pub(super) fn finish(&self) -> Finish<'_> {
+        Finish { spec: &self.request.spec, seed: self.request.seed }
     }
 
     /// Returns preset and seed for captions.

@@ -54,6 +54,11 @@ pub(super) struct EpithelialNuclei {
 }
 
 impl EpithelialNuclei {
+    /// No nuclei.
+    pub(super) fn none() -> Self {
+        Self { nuclei: Vec::new(), starts: vec![0] }
+    }
+
     /// Places nuclei at about equal distances in the basal half of the epithelium, upright on the
     /// mucosa. `height_um` is the height of the epithelium.
     pub(super) fn new(seed: u64, index: u32, mucosa: &Contour, height_um: f32) -> Self {

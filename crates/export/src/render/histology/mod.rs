@@ -10,9 +10,13 @@
 //! | `noise` | smooth random fields |
 //! | `cells` | nuclei: rows in the epithelium, and scattered nuclei |
 //! | `texture` | the dyes of each tissue |
+//! | `face` | stained faces of cuts in pictures of a mesh |
+//! | `end` | pictures of the ends of a tube, for textures |
 
 mod cells;
 mod dye;
+mod end;
+mod face;
 mod noise;
 mod texture;
 
@@ -25,6 +29,7 @@ use super::picture::{MAX_SIZE, RenderError};
 use crate::model::Border;
 use crate::tissue::{Grid, Layers, Tissue, TissueMap, bands};
 use dye::Colors;
+pub(super) use face::StainedFace;
 use rayon::prelude::*;
 use std::io::Cursor;
 use texture::Texture;

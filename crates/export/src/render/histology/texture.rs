@@ -10,6 +10,11 @@ use crate::tissue::{Grid, Place, Tissue, TissueMap};
 const NUCLEUS: Dyes = Dyes::of(1.02, 0.32);
 /// Dyes of the glass without tissue.
 const GLASS: Dyes = Dyes::of(0.0, 0.0);
+/// Dyes of the lumen.
+const LUMEN: Dyes = Dyes::of(0.06, 0.2);
+/// Sizes of a pixel, µm: up to the first one, a cut face shows cells and fibres; from the second
+/// one on, it shows only the mean dyes of each tissue.
+const DETAIL_UM: [f32; 2] = [3.5, 9.0];
 /// Height of the cilia within the epithelium, µm; chosen by eye.
 const CILIA_UM: f32 = 4.0;
 
@@ -44,45 +49,117 @@ pub(super) struct Texture {
     /// Middle of the picture, µm.
     middle: [f32; 2],
     um_per_pixel: f32,
+    /// Share of cells and fibres, from 0 to 1; the rest are the mean dyes of each tissue.
+    detail: f32,
+    /// True for a section along the tube, whose first coordinate is the place along the tube.
+    is_along: bool,
+}
+
+/// Number of cells along the tube after which a texture repeats.
+const ALONG_PERIOD: i32 = 256;
+
+/// Mean dyes of a tissue, measured with pixels of 1.6 µm.
+fn mean_dyes(tissue: Tissue) -> Dyes {
+    match tissue {
+        Tissue::Outside => GLASS,
+        Tissue::Lumen => LUMEN,
+        Tissue::Epithelium => Dyes::of(0.38, 0.36),
+        Tissue::LaminaPropria => Dyes::of(0.13, 0.35),
+        Tissue::CircularMuscle => Dyes::of(0.16, 0.48),
+        Tissue::LongitudinalMuscle | Tissue::InnerLongitudinalMuscle => Dyes::of(0.13, 0.44),
+        Tissue::Serosa => Dyes::of(0.12, 0.30),
+        Tissue::Subserosa => Dyes::of(0.09, 0.235),
+        Tissue::Vessel => Dyes::of(0.09, 0.49),
+    }
 }
 
 impl Texture {
+    /// Texture of a slide.
     pub(super) fn new(seed: u64, index: u32, map: &TissueMap, grid: &Grid) -> Self {
+        let middle = [grid.x(grid.width / 2) as f32, grid.y(grid.height / 2) as f32];
+        Self::with_detail(seed, index, map, grid, middle, 1.0)
+    }
+
+    /// Texture of a cut face, whose cells fade where they are smaller than a pixel. The grid may
+    /// cover a part of the section; `middle` is that of the whole section, µm. `is_along` is true
+    /// if the face lies along the tube and x is the place along it.
+    pub(super) fn of_face(
+        seed: u64,
+        index: u32,
+        map: &TissueMap,
+        grid: &Grid,
+        middle: [f32; 2],
+        is_along: bool,
+    ) -> Self {
+        let detail = 1.0 - ramp(DETAIL_UM[0], DETAIL_UM[1], grid.um_per_pixel as f32);
+        Self { is_along, ..Self::with_detail(seed, index, map, grid, middle, detail) }
+    }
+
+    fn with_detail(seed: u64, index: u32, map: &TissueMap, grid: &Grid, middle: [f32; 2], detail: f32) -> Self {
         let height_um = map.layers().epithelium_um as f32;
+        // The mucosa of a cut along the tube may be metres long.
+        let row = if detail > 0.0 {
+            EpithelialNuclei::new(seed, index, map.lumen(), height_um)
+        } else {
+            EpithelialNuclei::none()
+        };
         Self {
             seed,
             index,
             noise: Noise::new(seed, index),
-            row: EpithelialNuclei::new(seed, index, map.lumen(), height_um),
+            row,
             height_um,
             round_um: (map.outside().length() as f32).max(1.0),
-            middle: [grid.x(grid.width / 2) as f32, grid.y(grid.height / 2) as f32],
+            middle,
             um_per_pixel: grid.um_per_pixel as f32,
+            detail,
+            is_along: false,
         }
     }
 
-    /// Dyes of a pixel with its middle at `p`, µm.
+    /// Dyes of a pixel with its middle at `p`, µm, in a slide with light glass around the tissue.
     pub(super) fn dyes(&self, place: &Place, p: [f32; 2]) -> Dyes {
-        let tissue = match place.tissue {
-            Tissue::Outside => return GLASS,
-            Tissue::Lumen => Dyes::of(0.06, 0.2),
-            Tissue::Epithelium => self.epithelium(place, p),
-            Tissue::LaminaPropria => self.connective(place, p),
-            Tissue::CircularMuscle => self.circular(place, p),
-            Tissue::LongitudinalMuscle | Tissue::InnerLongitudinalMuscle => self.longitudinal(p),
-            Tissue::Serosa => self.serosa(place, p),
-            Tissue::Subserosa => self.subserosa(p),
-            Tissue::Vessel => self.vessel(place, p),
-        };
-        // Variation of the thickness of the slice and of its uptake of dye.
-        let cut = self.noise.at(p[0] / 420.0, p[1] / 420.0) + 0.4 * self.noise.at(p[0] / 90.0, p[1] / 90.0);
-        let tissue = tissue.scaled(0.86 + 0.2 * cut);
+        if place.tissue == Tissue::Outside {
+            return GLASS;
+        }
+        let tissue = self.tissue(place, p);
         // A pixel at the border mixes both sides. The tissue at its middle covers more than half of
         // it.
         let edge_um = if place.tissue == Tissue::Serosa { place.depth_um } else { place.lumen_um };
         let within = (edge_um / self.um_per_pixel).min(0.5);
         let share = if place.tissue == Tissue::Lumen { 0.5 - within } else { 0.5 + within };
         GLASS.mixed(tissue, share)
+    }
+
+    /// Dyes of the tissue in the middle of a pixel at `p`, µm.
+    pub(super) fn tissue(&self, place: &Place, p: [f32; 2]) -> Dyes {
+        let tissue = match self.detail {
+            1.0 => self.detailed(place, p),
+            0.0 => mean_dyes(place.tissue),
+            detail => mean_dyes(place.tissue).mixed(self.detailed(place, p), detail),
+        };
+        // Variation of the thickness of the slice and of its uptake of dye.
+        let cut = self.noise.at(p[0] / 420.0, p[1] / 420.0) + 0.4 * self.noise.at(p[0] / 90.0, p[1] / 90.0);
+        tissue.scaled(0.86 + 0.2 * cut)
+    }
+
+    /// Dyes of a tissue with its cells and fibres.
+    fn detailed(&self, place: &Place, p: [f32; 2]) -> Dyes {
+        match place.tissue {
+            Tissue::Outside => GLASS,
+            Tissue::Lumen => LUMEN,
+            Tissue::Epithelium => self.epithelium(place, p),
+            Tissue::LaminaPropria => self.connective(place, p),
+            Tissue::CircularMuscle if self.is_along => self.fibres_across(p),
+            Tissue::CircularMuscle => self.fibres_along(place, p),
+            Tissue::LongitudinalMuscle | Tissue::InnerLongitudinalMuscle if self.is_along => {
+                self.fibres_along(place, p)
+            }
+            Tissue::LongitudinalMuscle | Tissue::InnerLongitudinalMuscle => self.fibres_across(p),
+            Tissue::Serosa => self.serosa(place, p),
+            Tissue::Subserosa => self.subserosa(p),
+            Tissue::Vessel => self.vessel(place, p),
+        }
     }
 
     /// Draws a scattered nucleus over the dyes `under`.
@@ -140,8 +217,12 @@ impl Texture {
     }
 
     /// Position of a point around the tube, in cells of about `cell_um`, and the number of cells,
-    /// which is whole, so that the texture closes.
+    /// which is whole, so that the texture closes. In a section along the tube, the position along
+    /// it.
     fn turn(&self, p: [f32; 2], cell_um: f32) -> (f32, i32) {
+        if self.is_along {
+            return (p[0] / cell_um, ALONG_PERIOD);
+        }
         let cells = (self.round_um / cell_um).round().max(1.0);
         let angle = libm::atan2f(p[1] - self.middle[1], p[0] - self.middle[0]);
         ((angle / std::f32::consts::TAU + 0.5) * cells, cells as i32)
@@ -154,7 +235,8 @@ impl Texture {
         self.nucleus(&Scatter { period, ..scatter }, [u * scatter.cell[0], deep], under)
     }
 
-    fn circular(&self, place: &Place, p: [f32; 2]) -> Dyes {
+    /// Muscle that is cut along its fibres.
+    fn fibres_along(&self, place: &Place, p: [f32; 2]) -> Dyes {
         let noise = &self.noise;
         let wave =
             14.0 * (noise.at(p[0] / 110.0, p[1] / 110.0) - 0.5) + 4.0 * (noise.at(p[0] / 33.0, p[1] / 33.0) - 0.5);
@@ -173,7 +255,8 @@ impl Texture {
         self.nucleus_around(ALONG, p, deep, dyes)
     }
 
-    fn longitudinal(&self, p: [f32; 2]) -> Dyes {
+    /// Muscle that is cut across its fibres.
+    fn fibres_across(&self, p: [f32; 2]) -> Dyes {
         let noise = &self.noise;
         let wave = |u: f32, v: f32| 16.0 * (noise.at(u / 24.0, v / 24.0) - 0.5);
         let (x, y) = (p[0] + wave(p[0], p[1]), p[1] + wave(p[1] + 2000.0, p[0]));
@@ -223,5 +306,49 @@ impl Texture {
         // Flat cells of the surface.
         dyes = dyes.mixed(Dyes::of(0.2, 0.5), 1.0 - ramp(1.2, 2.6, place.depth_um));
         self.nucleus_around(FLAT, p, place.depth_um, dyes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::sample;
+    use crate::tissue::Layers;
+
+    #[test]
+    fn mean_dyes_are_those_of_cells_and_fibres() {
+        let [mucosa, outside] = sample::section(360, 0.0, 0.0).borders();
+        let layers = Layers {
+            epithelium_um: 30.0,
+            lamina_um: 60.0,
+            opening_um: 40.0,
+            inner_longitudinal_um: 50.0,
+            longitudinal_share: 0.35,
+            subserosa_um: 60.0,
+            serosa_um: 30.0,
+            vessels: 12.0,
+            seed: 7,
+            ..Layers::NONE
+        };
+        let map = TissueMap::new(&mucosa, &outside, &layers);
+        let grid = Grid::around(&outside.points().collect::<Vec<_>>(), 1400);
+        let texture = Texture::new(7, 0, &map, &grid);
+        let mut sums = [[0.0_f64; 3]; 10];
+        for (i, place) in map.band(&grid, 0..grid.height).iter().enumerate() {
+            let [x, y] = [i % grid.width as usize, i / grid.width as usize].map(|k| k as u32);
+            let dyes = texture.detailed(place, [grid.x(x) as f32, grid.y(y) as f32]);
+            let sum = &mut sums[place.tissue as usize];
+            *sum = [sum[0] + f64::from(dyes.blue), sum[1] + f64::from(dyes.pink), sum[2] + 1.0];
+        }
+        let off = Tissue::ALL.into_iter().filter(|tissue| *tissue != Tissue::Outside).filter_map(|tissue| {
+            let [blue, pink, count] = sums[tissue as usize];
+            assert!(count > 500.0, "{tissue:?}");
+            let stated = mean_dyes(tissue);
+            let (blue, pink) = ((blue / count) as f32, (pink / count) as f32);
+            let is_near = (blue - stated.blue).abs() < 0.025 && (pink - stated.pink).abs() < 0.035;
+            (!is_near).then(|| format!("{tissue:?}: {blue:.3} {pink:.3}"))
+        });
+        let off: Vec<String> = off.collect();
+        assert!(off.is_empty(), "{off:#?}");
     }
 }
