@@ -57,7 +57,7 @@ fn glb_and_obj_hold_the_certified_surface() {
     let options = CheckOptions { euler: Some(0), ..CheckOptions::default() };
     for strips in [false, true] {
         let mut bytes = Vec::new();
-        write_glb(&Shape::of(&mesh, &metadata()), &GlbOptions { strips }, &mut bytes).unwrap();
+        write_glb(&Shape::of(&mesh, &metadata()), &GlbOptions { strips, skin: None }, &mut bytes).unwrap();
         let surface = parse(&bytes, Format::Gltf, None).unwrap();
         let names: Vec<_> = surface.groups.iter().map(|g| &*g.name).collect();
         assert_eq!(names, ["inner_wall", "outer_wall", "cap_isthmus", "cap_ampulla"]);

@@ -2712,6 +2712,11 @@ export interface components {
              */
             strips?: boolean | null;
             /**
+             * Textures
+             * @description Write `model.glb` and `model.gltf` with texture coordinates and textures: cells and relief of the mucosa, fibres and vessels of the serosa, stained sections at both ends. Positions and triangles stay the same. Not for even surfaces.
+             */
+            textured?: boolean | null;
+            /**
              * Tolerance
              * @description Maximum distance, in both directions, between the even surface and the surface through all particles of all steps.
              */

@@ -121,7 +121,7 @@ fn surfaces() -> Result<(), Box<dyn Error>> {
     };
     for strips in [false, true] {
         let mut bytes = Vec::new();
-        write_glb(&Shape::of(&mesh, &metadata(2)), &GlbOptions { strips }, &mut bytes)?;
+        write_glb(&Shape::of(&mesh, &metadata(2)), &GlbOptions { strips, skin: None }, &mut bytes)?;
         check("gltf", if strips { "own-strips" } else { "own" }, bytes)?;
     }
     let mut bytes = Vec::new();

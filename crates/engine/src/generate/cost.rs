@@ -121,6 +121,12 @@ const THREEMF_SECONDS: f64 = 1.1e-6;
 /// Bytes per triangle of the finest level of detail, and of a simplified level, including vertices.
 /// Measured on the default model.
 const LEVEL_TRIANGLE_BYTES: [f64; 2] = [3.5, 4.7];
+/// Bytes of the pictures of a textured glTF file. Measured on `pig`.
+const TEXTURE_BYTES: f64 = 3e6;
+/// Memory per vertex of a textured surface, counted: coordinates, and the neighbours that they are
+/// computed from.
+const COORDINATE_BYTES: u64 = 16;
+
 /// Bytes of the JSON document of a level of detail.
 const LEVEL_FIXED: f64 = 4096.0;
 
@@ -212,6 +218,9 @@ fn memory_bytes(spec: &ModelSpec, outputs: &Outputs, counts: &Counts) -> u64 {
     if spec.bends() {
         memory += (vertices + triangles) * BEND_BYTES;
     }
+    if spec.mesh.textured {
+        memory += vertices * COORDINATE_BYTES;
+    }
     if spec.contracts() {
         // One frame at a time, and the animation.
         let level = triangles.min(LEVEL_TRIANGLES[1] as u64);
@@ -238,9 +247,11 @@ impl Output {
         let surface =
             |fixed: f64, vertex: f64, triangle: f64| bodies * (fixed + vertex * vertices + triangle * triangles);
         let gltf_triangle = if spec.mesh.strips { 4.1 } else { 12.0 };
+        // Only the tissue has textures, so a request for the lumen gets less than predicted.
+        let [textures, coordinates] = if spec.mesh.textured { [TEXTURE_BYTES, 8.0] } else { [0.0; 2] };
         match self {
-            Self::Glb => surface(4096.0, 24.0, gltf_triangle),
-            Self::Gltf => surface(8192.0, 24.0, gltf_triangle),
+            Self::Glb => surface(4096.0 + textures, 24.0 + coordinates, gltf_triangle),
+            Self::Gltf => surface(8192.0 + textures, 24.0 + coordinates, gltf_triangle),
             Self::Obj => surface(1024.0, 33.0, 24.0),
             Self::Stl => surface(84.0, 0.0, 50.0),
             Self::StlAscii => surface(512.0, 0.0, 195.0),

@@ -5,7 +5,7 @@ use super::types::{
     Bending, CancelToken, ContractionReport, FileOutput, Findings, GenerateError, Request, Summary, SurfaceFinding,
 };
 use crate::export::centreline::{self, Centreline};
-use crate::export::glb::{GlbOptions, write_glb, write_gltf, write_gltf_data};
+use crate::export::glb::{GlbOptions, Skin, write_glb, write_gltf, write_gltf_data};
 use crate::export::hashing::{FileDigest, HashingWriter};
 use crate::export::labels::LabelReport;
 use crate::export::lod::{LevelReport, levels};
@@ -41,6 +41,8 @@ pub(super) struct Inputs<'a> {
     /// Tissue before bending.
     pub(super) straight: &'a Mesh,
     pub(super) centreline: Centreline,
+    /// Textures of the tissue, if they are requested.
+    pub(super) skin: Option<Skin<'a>>,
     /// Description of `sections.bin`, which is already written.
     pub(super) sections: FileOutput,
 }
@@ -124,14 +126,15 @@ pub(super) fn write(
     findings: &Findings,
     cancel: &CancelToken,
 ) -> Result<Vec<FileOutput>, GenerateError> {
-    let Inputs { meta, surfaces, tissue, straight, centreline, sections } = inputs;
-    let options = GlbOptions { strips: request.spec.mesh.strips };
+    let Inputs { meta, surfaces, tissue, straight, centreline, skin, sections } = inputs;
+    let strips = request.spec.mesh.strips;
     let wants = |output| request.outputs.has(output);
     let mut tasks: Vec<(String, &str, Task<'_>)> = Vec::new();
     for &output in &request.outputs.formats {
         let unit = output.unit(request.outputs.units);
         for (body, _, surface) in surfaces.iter().filter(|(_, of, _)| unit == Some(*of)) {
-            tasks.extend(surface_tasks(output, surface, options, stem(*body)));
+            let skin = skin.as_ref().filter(|_| *body == BodyKind::Tissue);
+            tasks.extend(surface_tasks(output, surface, GlbOptions { strips, skin }, stem(*body)));
         }
     }
     if let Some(unit) = Output::Centreline.unit(request.outputs.units).filter(|_| wants(Output::Centreline)) {
@@ -187,7 +190,7 @@ pub(super) fn write(
 fn surface_tasks<'a>(
     output: Output,
     surface: &'a Shape<'a>,
-    options: GlbOptions,
+    options: GlbOptions<'a>,
     stem: &'static str,
 ) -> impl Iterator<Item = (String, &'static str, Task<'a>)> {
     output.endings().iter().map(move |&(ending, media_type)| {
@@ -204,7 +207,7 @@ pub fn write_surface(
     output: Output,
     ending: &str,
     surface: &Shape<'_>,
-    options: GlbOptions,
+    options: GlbOptions<'_>,
     stem: &str,
     out: &mut impl Write,
 ) -> io::Result<()> {

@@ -17,6 +17,7 @@ mod limits;
 mod manifest;
 mod outputs;
 mod pace;
+mod skin;
 mod surfaces;
 mod types;
 mod walls;
@@ -167,6 +168,7 @@ impl Finishing<'_> {
         let along = self.request.spec.bent_course();
         let course = along.as_ref().map(|bent| &bent.course);
         let by = lean_of(self.request);
+        let coordinates = skin::coordinates(self.request, &straight)?;
         let z: Vec<f32> = straight.positions.iter().map(|p| p[2]).collect();
         let leaned = by.as_ref().map(|by| lean::lean(&mut straight, by, &stop));
         let leaning = course.and(by.as_ref()).map(|lean| Leaning { lean, z: z.clone() });
@@ -212,7 +214,9 @@ impl Finishing<'_> {
         let centreline = Centreline::new(&sections, course);
         let meta = self.request.metadata(sections.len());
         let added = sections.iter().filter(|s| s.added).count();
-        let ends = [&sections[0], &sections[sections.len() - 1]].map(Section::particles);
+        let ends = [&sections[0], &sections[sections.len() - 1]];
+        let skin = coordinates.map(|of| skin::skin(request, of, &split, straight, ends)).transpose()?;
+        let ends = ends.map(Section::particles);
         // Levels of detail need this memory.
         drop(sections);
         seconds.measure = watch.seconds();
@@ -224,6 +228,7 @@ impl Finishing<'_> {
             tissue,
             straight,
             centreline,
+            skin,
             sections: file?,
         };
         let (frames, contraction) = contraction.unzip();

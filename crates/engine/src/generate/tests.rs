@@ -1,6 +1,7 @@
 //! Tests of whole generations of small models: bytes, progress, cancellation, limits, warnings.
 
 mod random;
+mod textured;
 
 use super::*;
 use crate::model::{BodyKind, LengthUnit};

@@ -5,18 +5,26 @@
 //! with a mesh and a material of the patch's name. Patches do not share vertices, because a cap and
 //! a wall need different normals at their common edge. A reader that merges equal positions obtains
 //! the closed surface.
+//!
+//! With a [`Skin`], vertices have texture coordinates and materials have textures. Positions,
+//! normals and triangles stay the same.
 
 mod part;
 pub(super) mod scene;
+mod skin;
+mod tiles;
 
 use super::shape::Shape;
 use crate::model::LengthUnit;
 use gltf_json as json;
 use json::accessor::{ComponentType, Type};
 use json::buffer::Target;
+use json::mesh::Semantic;
+use json::validation::Checked;
 use part::PatchWriter;
 use scene::{Layout, Scene, buffer, primitive, write_head};
 use serde_json::Map;
+pub use skin::{EndPicture, Skin};
 use std::io::{self, Write};
 
 /// Media type of binary glTF.
@@ -27,12 +35,14 @@ pub const TEXT_MEDIA_TYPE: &str = "model/gltf+json";
 pub const BUFFER_MEDIA_TYPE: &str = "application/gltf-buffer";
 
 /// Options of the glTF writers.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct GlbOptions {
+#[derive(Clone, Copy, Debug, Default)]
+pub struct GlbOptions<'a> {
     /// Writes one triangle strip per patch instead of a list of triangles, which takes fewer
     /// indices. The pieces of the strip are joined by triangles without area; some readers cannot
     /// drop these.
     pub strips: bool,
+    /// Textures, if the surface has any. It must be the surface for which they were created.
+    pub skin: Option<&'a Skin<'a>>,
 }
 
 /// Writes a surface as GLB.
@@ -44,11 +54,11 @@ pub struct GlbOptions {
 ///
 /// # Panics
 /// If the indices or patch ranges of a shape are out of bounds.
-pub fn write_glb(surface: &Shape<'_>, options: &GlbOptions, out: &mut impl Write) -> io::Result<()> {
+pub fn write_glb(surface: &Shape<'_>, options: &GlbOptions<'_>, out: &mut impl Write) -> io::Result<()> {
     let parts = parts(surface, options)?;
-    let (root, bin_len) = document(surface, &parts)?;
+    let (root, bin_len) = document(surface, &parts, options.skin)?;
     write_head(&root, bin_len, out)?;
-    parts.iter().try_for_each(|part| part.write(out))
+    write_data(&parts, options.skin, out)
 }
 
 /// Writes a surface as glTF text that refers to its data by the relative URI `data`.
@@ -58,8 +68,8 @@ pub fn write_glb(surface: &Shape<'_>, options: &GlbOptions, out: &mut impl Write
 ///
 /// # Panics
 /// As [`write_glb`].
-pub fn write_gltf(surface: &Shape<'_>, options: &GlbOptions, data: &str, out: &mut impl Write) -> io::Result<()> {
-    let (mut root, _) = document(surface, &parts(surface, options)?)?;
+pub fn write_gltf(surface: &Shape<'_>, options: &GlbOptions<'_>, data: &str, out: &mut impl Write) -> io::Result<()> {
+    let (mut root, _) = document(surface, &parts(surface, options)?, options.skin)?;
     root.buffers[0].uri = Some(data.into());
     serde_json::to_writer_pretty(&mut *out, &root)?;
     out.write_all(b"\n")
@@ -72,19 +82,30 @@ pub fn write_gltf(surface: &Shape<'_>, options: &GlbOptions, data: &str, out: &m
 ///
 /// # Panics
 /// As [`write_glb`].
-pub fn write_gltf_data(surface: &Shape<'_>, options: &GlbOptions, out: &mut impl Write) -> io::Result<()> {
-    parts(surface, options)?.iter().try_for_each(|part| part.write(out))
+pub fn write_gltf_data(surface: &Shape<'_>, options: &GlbOptions<'_>, out: &mut impl Write) -> io::Result<()> {
+    write_data(&parts(surface, options)?, options.skin, out)
+}
+
+/// Writes pictures and arrays.
+fn write_data(parts: &[PatchWriter<'_>], skin: Option<&Skin<'_>>, out: &mut impl Write) -> io::Result<()> {
+    if let Some(skin) = skin {
+        skin.write(out)?;
+    }
+    parts.iter().try_for_each(|part| part.write(out))
 }
 
 /// Patches of a surface that have triangles.
-fn parts<'a>(surface: &'a Shape<'_>, options: &GlbOptions) -> io::Result<Vec<PatchWriter<'a>>> {
+fn parts<'a>(surface: &'a Shape<'_>, options: &GlbOptions<'a>) -> io::Result<Vec<PatchWriter<'a>>> {
     let refused = |detail| Err(io::Error::new(io::ErrorKind::InvalidInput, detail));
     if surface.unit != LengthUnit::Metre {
         return refused("glTF is in metres");
     }
+    if options.skin.is_some_and(|skin| skin.len() != surface.positions.len()) {
+        return refused("the textures belong to another surface");
+    }
     let parts: Vec<_> = (surface.patches.iter())
         .filter(|patch| !patch.triangles.is_empty())
-        .map(|patch| PatchWriter::new(surface, patch, options.strips))
+        .map(|patch| PatchWriter::new(surface, patch, options.strips, options.skin))
         .collect();
     if parts.is_empty() {
         return refused("the mesh has no triangles");
@@ -93,9 +114,16 @@ fn parts<'a>(surface: &'a Shape<'_>, options: &GlbOptions) -> io::Result<Vec<Pat
 }
 
 /// Builds the JSON document, and returns it with the length of the binary data.
-fn document(surface: &Shape<'_>, parts: &[PatchWriter<'_>]) -> io::Result<(json::Root, usize)> {
+fn document(
+    surface: &Shape<'_>,
+    parts: &[PatchWriter<'_>],
+    skin: Option<&Skin<'_>>,
+) -> io::Result<(json::Root, usize)> {
     let mut scene = Scene::new(surface.name, surface.generator(), surface.meta, Map::new())?;
     let mut layout = Layout::new(&mut scene.root);
+    if let Some(skin) = skin {
+        skin.describe(&mut layout, &mut scene.root);
+    }
     let [vertices, indices] = [Target::ArrayBuffer, Target::ElementArrayBuffer].map(Some);
     for part in parts {
         let root = &mut scene.root;
@@ -107,10 +135,21 @@ fn document(surface: &Shape<'_>, parts: &[PatchWriter<'_>]) -> io::Result<(json:
         let positions = root.push(positions);
         let normals = layout.append(root, Type::Vec3, ComponentType::F32, part.vertices, vertices);
         let normals = root.push(normals);
+        let coordinates = skin.map(|_| {
+            let coordinates = layout.append(root, Type::Vec2, ComponentType::F32, part.vertices, vertices);
+            root.push(coordinates)
+        });
         let indices = layout.append(root, Type::Scalar, part.index_type(), part.index_count(), indices);
         let indices = root.push(indices);
         let mode = if part.strip.is_some() { json::mesh::Mode::TriangleStrip } else { json::mesh::Mode::Triangles };
-        scene.add_patch(part.name, primitive(mode, positions, normals, indices))?;
+        let mut primitive = primitive(mode, positions, normals, indices);
+        if let Some(coordinates) = coordinates {
+            primitive.attributes.insert(Checked::Valid(Semantic::TexCoords(0)), coordinates);
+        }
+        let material = scene.add_patch(part.name, primitive)?;
+        if let Some(skin) = skin {
+            skin.dress(part.name, &mut scene.root.materials[material.value()]);
+        }
     }
     scene.root.buffers[0] = buffer(layout.length);
     let root = scene.finish(surface.positions.len(), surface.triangles.len(), json::Node::default())?;

@@ -108,6 +108,14 @@ impl Checks<'_> {
                 number(resolution)
             )
         });
+        let textured = "/mesh/textured";
+        self.require(!p.mesh.textured || resolution == 0.0, textured, &[textured, at], || {
+            format!(
+                "is true, and {at} is {}: an even surface has no texture coordinates, since its vertices do not lie in sections \
+                 (use {at} 0)",
+                number(resolution)
+            )
+        });
     }
 
     fn contraction(&mut self, p: &Parameters) {

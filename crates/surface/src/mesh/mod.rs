@@ -23,6 +23,7 @@ mod mend;
 pub mod quality;
 mod slab;
 pub mod smooth;
+mod unwrap;
 
 #[cfg(test)]
 mod samples;
@@ -33,3 +34,4 @@ pub use bodies::{lumen, regions};
 pub use draft::draft;
 pub use error::{LoftError, Wall};
 pub use loft::{Accepted, Lofter};
+pub use unwrap::unwrap;

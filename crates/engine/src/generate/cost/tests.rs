@@ -88,6 +88,15 @@ fn a_finer_label_volume_costs_more_up_to_the_limits() {
 }
 
 #[test]
+fn textures_make_larger_files_and_need_memory() {
+    let [plain, textured] = [false, true].map(|on| predict(&spec(&json!({ "mesh": { "textured": on } })), &[Glb]));
+    let added = textured.bytes["glb"] - plain.bytes["glb"];
+    assert!(added > 8 * plain.vertices && added < 8 * plain.vertices + 4_000_000, "{added}");
+    assert!(textured.memory_bytes > plain.memory_bytes);
+    assert_eq!(textured.bytes["sections"], plain.bytes["sections"]);
+}
+
+#[test]
 fn strips_make_smaller_files_and_euler_less_work() {
     let full = spec(&json!({}));
     let strips = spec(&json!({ "mesh": { "strips": true } }));

@@ -2,6 +2,7 @@
 //! array, so that only the vertices in use have to be kept in memory.
 
 use super::scene::index_type;
+use super::skin::Skin;
 use crate::export::chunks::{join, vec3, write_items};
 use crate::export::shape::{NamedPatch, Shape, TriangleRun};
 use crate::geometry::patch::{Numbering, add, doubled_area_normal, unit};
@@ -22,10 +23,16 @@ pub(super) struct PatchWriter<'a> {
     pub(super) bounds: ([f32; 3], [f32; 3]),
     /// One strip for the whole patch, if strips are requested.
     pub(super) strip: Option<Vec<u32>>,
+    skin: Option<&'a Skin<'a>>,
 }
 
 impl<'a> PatchWriter<'a> {
-    pub(super) fn new(surface: &'a Shape<'_>, patch: &NamedPatch<'a>, as_strip: bool) -> Self {
+    pub(super) fn new(
+        surface: &'a Shape<'_>,
+        patch: &NamedPatch<'a>,
+        as_strip: bool,
+        skin: Option<&'a Skin<'a>>,
+    ) -> Self {
         let mut part = Self {
             name: patch.name,
             positions: surface.positions,
@@ -34,6 +41,7 @@ impl<'a> PatchWriter<'a> {
             triangles: patch.triangles.len(),
             bounds: ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]),
             strip: None,
+            skin,
         };
         let (min, max) = &mut part.bounds;
         let mut numbering = Numbering::default();
@@ -69,13 +77,22 @@ impl<'a> PatchWriter<'a> {
         index_type(self.vertices)
     }
 
-    /// Writes positions, normals and indices, with the lengths that the document states.
+    /// Writes positions, normals, texture coordinates if there are any, and indices, with the
+    /// lengths that the document states.
     pub(super) fn write(&self, out: &mut impl Write) -> io::Result<()> {
         self.walk(|run, numbering| {
             let vertices = run.triangles.as_flattened().iter();
             write_items(vertices.filter(|&&v| numbering.number(v).1), out, |&v| vec3(self.positions[v as usize]))
         })?;
         self.write_normals(out)?;
+        if let Some(skin) = self.skin {
+            self.walk(|run, numbering| {
+                let vertices = run.triangles.as_flattened().iter();
+                write_items(vertices.filter(|&&v| numbering.number(v).1), out, |&v| {
+                    join::<8>(skin.coordinates(self.name, v).map(f32::to_le_bytes))
+                })
+            })?;
+        }
         self.write_indices(out)
     }
 

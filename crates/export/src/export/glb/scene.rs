@@ -53,8 +53,12 @@ impl Scene {
     }
 
     /// Adds a patch: a node, a mesh of one primitive and a material, all with the name of the
-    /// patch.
-    pub(in crate::export) fn add_patch(&mut self, name: &str, primitive: json::mesh::Primitive) -> io::Result<()> {
+    /// patch. Returns the material.
+    pub(in crate::export) fn add_patch(
+        &mut self,
+        name: &str,
+        primitive: json::mesh::Primitive,
+    ) -> io::Result<json::Index<json::Material>> {
         let material = self.root.push(material(name, &self.body));
         let mesh = self.root.push(json::Mesh {
             extensions: None,
@@ -69,7 +73,7 @@ impl Scene {
             extras: extras(&serde_json::json!({ "patch": name, "body": self.body }))?,
             ..json::Node::default()
         }));
-        Ok(())
+        Ok(material)
     }
 
     /// Ends the document with the node of the body. `node` provides its other members, `vertices`
@@ -176,6 +180,17 @@ impl Layout {
         let view = root.push(buffer_view(self.buffer, self.length, bytes, target));
         self.length += bytes.next_multiple_of(4);
         json::Accessor { buffer_view: Some(view), ..accessor(type_, component, count) }
+    }
+
+    /// Appends bytes that are not an array, and returns their view.
+    pub(in crate::export) fn append_bytes(
+        &mut self,
+        root: &mut json::Root,
+        bytes: usize,
+    ) -> json::Index<json::buffer::View> {
+        let view = root.push(buffer_view(self.buffer, self.length, bytes, None));
+        self.length += bytes.next_multiple_of(4);
+        view
     }
 }
 
