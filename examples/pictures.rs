@@ -5,7 +5,7 @@
 
 use oviduct::mesh::Lofter;
 use oviduct::model::Section;
-use oviduct::render::{NamedView, mesh_png, sheet_png};
+use oviduct::render::{Finish, NamedView, mesh_png, sheet_png};
 use oviduct::sim::Plan;
 use oviduct::sim::cpu::CpuSimulation;
 use oviduct::spec::{ModelSpec, preset};
@@ -43,6 +43,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     std::fs::create_dir_all(out)?;
     let chosen: Vec<_> = sections.iter().filter(|s| STEPS.contains(&s.step)).map(Section::borders).collect();
     std::fs::write(out.join("sections.png"), sheet_png(&chosen, 4, 480)?)?;
-    std::fs::write(out.join("model.png"), mesh_png(&mesh, &NamedView::Opened.of(&mesh, 1200))?)?;
+    let finish = Finish { spec: &spec, seed };
+    std::fs::write(out.join("model.png"), mesh_png(&mesh, &NamedView::Opened.of(&mesh, 1200), Some(&finish))?)?;
     Ok(())
 }

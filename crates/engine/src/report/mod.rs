@@ -20,7 +20,7 @@ pub use stored::ReportError;
 
 use crate::geometry::cut::Body;
 use crate::model::{Border, Mesh, Plane, Section};
-use crate::render::{NamedView, mesh_png, sheet_png};
+use crate::render::{Finish, NamedView, mesh_png, sheet_png};
 use crate::spec::{Across, ModelSpec};
 use serde_json::Value;
 use stored::Stored;
@@ -109,8 +109,10 @@ pub fn spec(report: &[u8]) -> Value {
 /// [`ReportError`].
 pub fn html(report: &[u8], strip: &Strip, tube: &Mesh) -> Result<String, ReportError> {
     let stored: Stored = serde_json::from_slice(report)?;
+    let spec = ModelSpec::from_stored(&stored.spec);
+    let finish = spec.as_ref().map(|spec| Finish { spec, seed: stored.seed });
     let pictures = page::Pictures {
-        tube: mesh_png(tube, &VIEW.of(tube, PICTURE))?,
+        tube: mesh_png(tube, &VIEW.of(tube, PICTURE), finish.as_ref())?,
         strip: sheet_png(&strip.shown, STRIP / 2, CELL)?,
         places_mm: strip.z_um.iter().map(|z| z / 1e3).collect(),
         are_cuts: strip.are_cuts,

@@ -58,18 +58,18 @@ pub(super) struct Texture {
 /// Number of cells along the tube after which a texture repeats.
 const ALONG_PERIOD: i32 = 256;
 
-/// Mean dyes of a tissue, measured with pixels of 1 µm.
+/// Mean dyes of a tissue, measured with pixels of 1.6 µm.
 fn mean_dyes(tissue: Tissue) -> Dyes {
     match tissue {
         Tissue::Outside => GLASS,
         Tissue::Lumen => LUMEN,
-        Tissue::Epithelium => Dyes::of(0.45, 0.35),
-        Tissue::LaminaPropria => Dyes::of(0.16, 0.28),
+        Tissue::Epithelium => Dyes::of(0.38, 0.36),
+        Tissue::LaminaPropria => Dyes::of(0.13, 0.35),
         Tissue::CircularMuscle => Dyes::of(0.16, 0.48),
-        Tissue::LongitudinalMuscle | Tissue::InnerLongitudinalMuscle => Dyes::of(0.13, 0.40),
+        Tissue::LongitudinalMuscle | Tissue::InnerLongitudinalMuscle => Dyes::of(0.13, 0.44),
         Tissue::Serosa => Dyes::of(0.12, 0.30),
-        Tissue::Subserosa => Dyes::of(0.12, 0.25),
-        Tissue::Vessel => Dyes::of(0.10, 0.60),
+        Tissue::Subserosa => Dyes::of(0.09, 0.235),
+        Tissue::Vessel => Dyes::of(0.09, 0.49),
     }
 }
 
