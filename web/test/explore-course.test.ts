@@ -21,7 +21,7 @@ export function helix({ radius = 5, pitch = 4, windings = 2, from = 0, count = 6
   });
   return new Course({
     shape: "coil", from_mm: from, to_mm: from + length, end_distance_mm: pitch * windings, tortuosity: length / (pitch * windings),
-    twist_deg: 0, least_radius_mm: speed ** 2 / radius, relaxed: false, points,
+    twist_deg: 0, least_radius_mm: speed ** 2 / radius, relaxed: false, points, turns: [],
   });
 }
 

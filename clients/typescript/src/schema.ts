@@ -3,7 +3,7 @@
  * Do not make direct changes to the file.
  */
 
-// openapi.yaml: sha256 2f19d5ddb7eadcef9ba5c4866d3d79cf711cdee4955a611690c878e131cf39e1
+// openapi.yaml: sha256 1c645fc55a76367599643418e5c9893c4262143e244c8072c43af8c952cae8b3
 
 export interface paths {
     "/batches": {
@@ -1231,6 +1231,8 @@ export interface components {
              * @description Length of the centre line divided by the distance between its ends.
              */
             tortuosity: number;
+            /** @description Turning points from the isthmus end, if the course has the shape `turns`. */
+            turns: components["schemas"]["TurningPoint"][];
             /**
              * Format: double
              * @description Maximum radius of the wall at this place, mm.
@@ -1848,6 +1850,8 @@ export interface components {
              * @description Length of the centre line divided by the distance between its ends.
              */
             tortuosity: number;
+            /** @description Turning points of the whole tube from the isthmus end; empty unless the shape is `turns`. */
+            turns: components["schemas"]["TurningPoint"][];
             /**
              * Format: double
              * @description Twist of the tube around the centre line from end to end, degrees.
@@ -1893,7 +1897,7 @@ export interface components {
              * @description Kind of the curve. All curves except `points` begin at the origin in the direction of z.
              * @enum {string|null}
              */
-            shape?: "straight" | "arc" | "sigmoid" | "coil" | "random" | "points" | null;
+            shape?: "straight" | "arc" | "sigmoid" | "coil" | "random" | "points" | "turns" | null;
             /**
              * Tortuosity
              * @description Ratio of the length of a random course to the distance between its ends.
@@ -1904,6 +1908,16 @@ export interface components {
              * @description Angle by which an arc turns, or to which a sigmoid swings.
              */
             turn_deg?: number | null;
+            /**
+             * Turns
+             * @description Turns from the isthmus end, each `[at, turn_deg, toward_deg, share]`: the turning point as a fraction of the length, the angle by which the tube turns, the direction toward which it turns (0 is x of the section without twist, 90 is y), and the fraction of the length that the turn takes. The tube is straight between turns.
+             */
+            turns?: [
+                number,
+                number,
+                number,
+                number
+            ][] | null;
             /**
              * Twist
              * @description Twist of the tube around the centre line from end to end, relative to frames of minimum rotation.
@@ -4164,8 +4178,8 @@ export interface components {
             fold_continuity?: number | null;
             /**
              * Format: double
-             * @description Number of folds on the counting ring in the ampulla divided by the number in the isthmus;
-             *     both are means over the region.
+             * @description Number of primary folds in the ampulla divided by the number in the isthmus; both are means
+             *     over the region.
              */
             fold_ratio?: number | null;
             /**
@@ -4210,6 +4224,25 @@ export interface components {
              *     counter-clockwise as seen from the ampulla.
              */
             twist_deg: number;
+        };
+        /** @description Turning point of a course of turns: the middle of a turn, which is a landmark of the organ. */
+        TurningPoint: {
+            /** @description Number, counted from the ovary, as in publications: 1 is nearest to the ovary. */
+            number: number;
+            /** @description Position on the centre line, mm. */
+            position_mm: number[];
+            /** @description Region of the tube: `isthmus`, `junction` or `ampulla`. */
+            region: string;
+            /**
+             * Format: double
+             * @description Angle by which the tube turns, degrees.
+             */
+            turn_deg: number;
+            /**
+             * Format: double
+             * @description Place along the centre line, mm from the isthmus end.
+             */
+            z_mm: number;
         };
         /**
          * Distribution uniform

@@ -322,7 +322,7 @@ fn what_must_hold_between_parameters_is_checked() {
             "inner loop would shrink",
         ),
         (
-            json!({ "particles": { "outer": { "keys": [[0, 550], [1, 640]] } } }),
+            json!({ "particles": { "outer": { "keys": [[0, 420], [1, 640]] } } }),
             "/particles/total",
             "leaves 10 particles",
         ),

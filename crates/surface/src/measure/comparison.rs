@@ -266,10 +266,10 @@ mod tests {
             turns.map(|turn| [radius(turn) * turn.cos(), radius(turn) * turn.sin()].map(|um| um as f32)).collect()
         };
         let (outer, lumen) = (around(&|_| 2000.0), around(&|turn| 1300.0 + 500.0 * (30.0 * turn).cos()));
-        let measures = measure(&Shape { outer: &outer, lumen: vec![&lumen] }, false);
+        let measures = measure(&Shape { outer: &outer, lumen: vec![&lumen] }, true);
         let found = compare_section(&measures, "oviduct", "human", Some("ampulla"));
         assert!(!found.is_empty() && found.iter().all(|c| ["ampulla", "whole"].contains(&c.region.as_str())));
-        let folds = found.iter().find(|c| c.quantity == "folds_on_ring").unwrap();
+        let folds = found.iter().find(|c| c.quantity == "primary_folds").unwrap();
         assert_eq!((folds.measured, folds.verdict), (Some(30.0), Verdict::Inside));
         let all = compare_section(&measures, "oviduct", "human", None);
         assert!(all.len() > found.len() && all.iter().any(|c| c.region == "isthmus" && c.verdict == Verdict::Outside));
@@ -281,7 +281,7 @@ mod tests {
 
     fn human(folds: f64) -> Comparison {
         let along = Along { mean: folds, median: folds, sd: 0.0, min: folds, max: folds };
-        let quantities = [("folds_on_ring".to_owned(), along)].into();
+        let quantities = [("primary_folds".to_owned(), along)].into();
         let isthmus = Region { from_mm: 0.0, to_mm: 30.0, sections: 5, quantities };
         let morphometry = Morphometry {
             regions: [("isthmus".to_owned(), isthmus)].into(),
