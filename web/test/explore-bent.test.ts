@@ -16,7 +16,7 @@ const RADIUS = 10;
 const LENGTH = (RADIUS * Math.PI) / 2;
 const course = new Course({
   shape: "arc", from_mm: 0, to_mm: LENGTH, end_distance_mm: RADIUS * Math.SQRT2, tortuosity: Math.PI / (2 * Math.SQRT2),
-  twist_deg: 0, least_radius_mm: RADIUS, relaxed: false,
+  twist_deg: 0, least_radius_mm: RADIUS, relaxed: false, turns: [],
   points: Array.from({ length: COUNT + 1 }, (_, k) => {
     const a = (Math.PI * k) / (2 * COUNT);
     const [cos, sin] = [Math.cos(a), Math.sin(a)];
