@@ -162,11 +162,11 @@ fn sections_are_compared_with_published_values() {
     let measure = |options: &[&str]| run(at.path(), &[&["measure", &case("mask.ome.tif")], options].concat());
     let output = measure(&["--compare", "human:ampulla"]);
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    assert!(text.contains("\nPublished values\n") && text.contains("\nfolds_on_ring (ampulla) "), "{text}");
+    assert!(text.contains("\nPublished values\n") && text.contains("\nprimary_folds (ampulla) "), "{text}");
     assert!(!text.contains("(isthmus)"), "{text}");
     let found = json(&measure(&["--compare", "human", "--json"]));
     let compared = found["comparison"].as_array().expect("an array");
-    assert!(compared.iter().any(|one| one["region"] == "isthmus" && one["quantity"] == "folds_on_ring"));
+    assert!(compared.iter().any(|one| one["region"] == "isthmus" && one["quantity"] == "primary_folds"));
     let output = measure(&["--compare", "dragon"]);
     assert_eq!(code(&output), 2);
     assert!(

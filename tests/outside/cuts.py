@@ -25,7 +25,7 @@ from grown import grown
 LEAST_ISLAND_UM2 = 500.0
 LEAST_SHARE = 0.4
 LEAST_TISSUE_UM = 25.0
-LEAST_GAP_UM = 8.0
+LEAST_GAP_UM = 3
 # Settings of the model without sway and lean.
 STRAIGHT = ("sway.strength=0", "lean.strength_um=0")
 

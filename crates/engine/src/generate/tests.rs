@@ -59,6 +59,8 @@ fn a_tube_contracts_in_frames_that_are_certified_and_keep_its_tissue() {
         // of a bent tube intersect.
         let mut patch = json!({
             "length_mm": 20, "steps": 240, "lean": { "strength_um": 300 },
+            // Open gaps and few clefts leave the wave room to close.
+            "collision": { "gap_um": 42, "tissue_um": 80 }, "primary": { "clefts": 8 },
             "contraction": { "frames": 5, "wavelength_mm": 6, "shortening": 0.01 },
         });
         json_patch::merge(&mut patch, &more);
@@ -142,7 +144,7 @@ fn a_bent_model_has_certified_bodies_and_the_sections_and_labels_of_the_straight
     for (bent, straight) in [(bent.thickness_um, straight.thickness_um), (bent.gap_um, straight.gap_um)] {
         let (bent, straight) = (bent.unwrap(), straight.unwrap());
         for (a, b) in [(bent.least_p5, straight.least_p5), (bent.p5, straight.p5), (bent.p50, straight.p50)] {
-            assert!((a - b).abs() < 0.02 + 2e-4 * b, "{a} and {b}");
+            assert!((a - b).abs() < 0.02 + 1e-3 * b, "{a} and {b}");
         }
     }
     for name in ["labels.nii.gz", "labels.ome.tif"] {

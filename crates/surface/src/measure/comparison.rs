@@ -349,7 +349,7 @@ mod tests {
         assert_eq!(of("outer_diameter_mm"), Verdict::NotMeasured);
         assert_eq!(of("fold_ratio"), Verdict::NotMeasured);
         assert!(found.no_reference.iter().any(|name| name == "lacunarity"));
-        assert!(!found.no_reference.iter().any(|name| name == "folds_on_ring"));
+        assert!(!found.no_reference.iter().any(|name| name == "primary_folds"));
         let count = |verdict| found.compared.iter().filter(|c| c.verdict == verdict).count();
         assert_eq!((found.inside, found.outside), (count(Verdict::Inside), count(Verdict::Outside)));
     }
