@@ -23,7 +23,7 @@ import trimesh
 from grown import grown
 
 LEAST_ISLAND_UM2 = 500.0
-LEAST_SHARE = 0.4
+LEAST_SHARE = 0.25
 LEAST_TISSUE_UM = 25.0
 LEAST_GAP_UM = 3
 # Settings of the model without sway and lean.
