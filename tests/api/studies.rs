@@ -148,13 +148,13 @@ async fn a_study_keeps_to_the_limits() {
     assert_eq!(app.get("/models").await.json()["models"], json!([]));
     assert_eq!(app.post("/batches", &points(7, 1)).await.status, 202);
 
-    let most = oviduct::generate::CostLimits { max_vertices: 800_000, ..oviduct::generate::CostLimits::default() };
+    let most = oviduct::generate::CostLimits { max_vertices: 1_000_000, ..oviduct::generate::CostLimits::default() };
     let app = App::with(Limits { cost: most, ..Limits::default() }, 100).await;
     let vary = json!({ "design": "grid", "values": { "/solver/record_every": [10, 5, 20] } });
     let reply = app.post("/batches", &json!({ "vary": vary })).await;
     assert_eq!((reply.slug().as_str(), reply.places()), ("cost-limit", vec!["/vary".to_owned()]));
     assert!(details(&reply)[0].contains("so at point 1 (/solver/record_every: 5)"), "{reply:?}");
-    assert!(reply.json()["prediction"]["vertices"].as_u64().unwrap() > 800_000);
+    assert!(reply.json()["prediction"]["vertices"].as_u64().unwrap() > 1_000_000);
 }
 
 #[tokio::test]

@@ -59,6 +59,7 @@ fn a_tube_contracts_in_frames_that_are_certified_and_keep_its_tissue() {
         // of a bent tube intersect.
         let mut patch = json!({
             "length_mm": 20, "steps": 240, "lean": { "strength_um": 300 },
+            "z": { "keys": [[0, 0], [1, 1]] },
             // Open gaps and few clefts leave the wave room to close.
             "collision": { "gap_um": 42, "tissue_um": 80 }, "primary": { "clefts": 8 },
             "contraction": { "frames": 5, "wavelength_mm": 6, "shortening": 0.01 },
