@@ -72,7 +72,7 @@ def test_a_valid_spec_is_validated(client):
 
 def test_a_cost_limit_has_its_own_class(client):
     with pytest.raises(oviduct.CostLimit) as caught:
-        client.validate(spec={"steps": 100000, "solver": {"record_every": 1}})
+        client.validate(spec={"steps": 50000, "solver": {"record_every": 1}})
     assert caught.value.members["prediction"]["memory_bytes"] > 0
 
 

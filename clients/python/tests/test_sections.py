@@ -90,7 +90,7 @@ def test_a_leaning_surface_has_islands(client):
     sway = {"strength": {"keys": [[0, 0], [0.25, 0], [0.35, 3], [1, 3]], "ease": "smooth"}}
     # Half of the cuts across this model pass through islands.
     spec = {"steps": 600, "length_mm": 12, "sway": sway, "lean": {"strength_um": keys, "wavelength_um": 200}}
-    model = client.wait(client.submit(seed=3, spec=spec))
+    model = client.wait(client.submit(preset="paper", seed=3, spec=spec))
     end = client.sections(model).z_um[-1]
     cuts = [client.cut(model, z_um=part * end) for part in np.linspace(0.5, 0.95, 10)]
     assert sum(cut.islands for cut in cuts) > 0

@@ -309,6 +309,7 @@ test("the surface is cut across and along the tube, as points and as pictures", 
 
 test("a leaning surface has islands in planar cuts", async () => {
   const { id } = await client.submit({
+    preset: "paper",
     seed: 3,
     spec: {
       steps: 400,
