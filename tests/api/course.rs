@@ -6,7 +6,9 @@ use serde_json::{Value, json};
 
 /// Queues a model with this course; returns its path.
 async fn queued(app: &App, course: Value) -> String {
-    let reply = app.post("/models", &json!({ "seed": 3, "spec": { "course": course } })).await;
+    let reply = app
+        .post("/models", &json!({ "seed": 3, "spec": { "course": course, "containment": { "wall_um": 900 } } }))
+        .await;
     assert_eq!(reply.status, 202, "{}", reply.json());
     reply.location()
 }
@@ -71,7 +73,7 @@ async fn a_model_is_cut_across_its_centre_line() {
     let cut = reply.json();
     assert_eq!(cut["plane"]["normal"], json!([1.0, 0.0, 0.0]));
     let reach = cut["plane"]["reach_um"].as_f64().unwrap();
-    assert!(reach > 800.0 && reach < 4000.0, "{reach}");
+    assert!(reach > 1000.0 && reach < 4000.0, "{reach}");
     assert_eq!((&cut["islands"], &cut["pockets"]), (&json!(1), &json!(1)));
     let island = cut["rings"][2]["points"].as_array().unwrap();
     let x = island.iter().map(|p| p[0].as_f64().unwrap()).sum::<f64>() / island.len() as f64;

@@ -80,7 +80,9 @@ fn a_tube_contracts_in_frames_that_are_certified_and_keep_its_tissue() {
         let (outcome, data) = grown(more.clone(), 1);
         let report = outcome.findings.contraction.clone().unwrap();
         assert!(report.tissue_deviation < 0.02, "{more}: {report:?}");
-        assert!(report.contracted.least_factor > 0.7, "{more}: {report:?}");
+        // Along the arc, edges that are split beside whole ones damp the wave.
+        let least = if more["course"].is_null() { 0.7 } else { 0.3 };
+        assert!(report.contracted.least_factor > least, "{more}: {report:?}");
         assert_eq!(report.frames.len(), 5);
         let summary = &outcome.findings.summary;
         assert_eq!(data.len() as u64, 13 * summary.triangles + 5 * 12 * summary.vertices);
