@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 /// Queues a model with this course; returns its path.
 async fn queued(app: &App, course: Value) -> String {
     let reply = app
-        .post("/models", &json!({ "seed": 3, "spec": { "course": course, "containment": { "wall_um": 900 } } }))
+        .post("/models", &json!({ "seed": 3, "spec": { "course": course, "containment": { "wall_um": 1200 } } }))
         .await;
     assert_eq!(reply.status, 202, "{}", reply.json());
     reply.location()

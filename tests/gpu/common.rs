@@ -54,14 +54,36 @@ pub(crate) fn device() -> &'static GpuDevice {
     DEVICE.get_or_init(open)
 }
 
-/// A small model: 150 steps, 200 to 810 inner particles.
+/// A small model of the preset `paper` with growth at fold tips, thickness field, variety and sway:
+/// 150 steps, 200 to 810 inner particles.
 pub(crate) fn plan(patch: &Value, seed: u64) -> Plan {
+    Plan::new(&small(patch), seed)
+}
+
+/// Specification of [`plan`].
+pub(crate) fn small(patch: &Value) -> ModelSpec {
     let mut whole = json!({
-        "steps": 150, "burn_in": 60,
-        "particles": { "total": { "keys": [[0, 260], [1, 900]] }, "outer": { "keys": [[0, 60], [1, 90]] } },
+        "steps": 150, "burn_in": 60, "bending": 0.2, "z": { "keys": [[0, 0], [0.2125, 0.35], [1, 1]] },
+        "particles": {
+            "total": { "keys": [[0, 260], [1, 900]] }, "outer": { "keys": [[0, 60], [1, 90]] },
+            "tip_weight": { "keys": [[0, 0.5], [1, 0.5]], "fluctuation": { "amplitude": 0.3, "period": 400 } },
+            "candidates": 6,
+        },
+        "containment": { "wall_um": { "keys": [[0, 900], [0.125, 900], [0.45, 680], [1, 680]], "ease": "smooth" } },
+        "collision": {
+            "gap_um": { "keys": [[0, 60], [0.125, 60], [0.45, 42], [1, 42]], "ease": "smooth" }, "barrier_um": 7,
+        },
+        "variation": { "amplitude": 0.35 },
+        "variety": {
+            "asymmetry": 0.15, "shift": 0.05,
+            "height": { "keys": [[0, 0], [0.2125, 0], [0.45, 0.3], [1, 0.3]] },
+            "thickness": { "keys": [[0, 0], [0.2125, 0], [0.45, 0.08], [1, 0.08]] },
+        },
+        "sway": { "strength": { "keys": [[0, 0], [0.1825, 0], [0.27, 2.5], [1, 2.5]], "ease": "smooth" } },
+        "lean": { "strength_um": { "keys": [[0, 0], [0.1825, 0], [0.2425, 550], [1, 550]], "ease": "smooth" } },
     });
     json_patch::merge(&mut whole, patch);
-    Plan::new(&ModelSpec::resolve(preset("pig").unwrap(), &whole).unwrap(), seed)
+    ModelSpec::resolve(preset("paper").unwrap(), &whole).unwrap()
 }
 
 /// A model of a few hundred particles and 60 steps.

@@ -1,7 +1,7 @@
 //! Whole models on a device: grown by the library, by the command, and by a worker whose device is
 //! lost or hangs during a batch.
 
-use crate::common::{OPTIONS, device, generate, leave, no_vulkan};
+use crate::common::{OPTIONS, device, generate, leave, no_vulkan, small};
 use oviduct::clock::Stopwatch;
 use oviduct::generate::{
     Backend, Calls, CancelToken, Member, Outcome, Output, ParticleCounts, Progress, Request, Sink, UsedBackend,
@@ -12,7 +12,7 @@ use oviduct::jobs::{Job, JobId, JobKind, NewJob, Priority, Status, Store, StoreO
 use oviduct::model::Section;
 use oviduct::sim::Plan;
 use oviduct::sim::gpu::{GpuDevice, GpuOptions};
-use oviduct::spec::{ModelSpec, preset};
+use oviduct::spec::ModelSpec;
 use oviduct::worker::{
     AdmittedPlan, BatchCallbacks, BatchGenerator, BatchMember, GpuGenerator, PoolOptions, WorkerPool, generate_on_cpu,
 };
@@ -28,7 +28,7 @@ fn spec(steps: u32, particles: u32) -> ModelSpec {
         "steps": steps, "burn_in": 20,
         "particles": { "total": { "keys": [[0, (particles / 4).max(180)], [1, particles]] }, "outer": { "keys": [[0, 50], [1, 60]] } },
     });
-    ModelSpec::resolve(preset("pig").unwrap(), &patch).unwrap()
+    small(&patch)
 }
 
 fn grow(seeds: &[u64]) -> Vec<Outcome> {
