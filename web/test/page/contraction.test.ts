@@ -14,7 +14,7 @@ before(async () => {
   service = await Service.start();
   client = new Oviduct(service.url);
   const grow = async (spec: object) => {
-    const { id } = await client.submit({ preset: "pig", seed: 1, spec: { ...SMALL.spec, length_mm: 20, ...spec } });
+    const { id } = await client.submit({ preset: "paper", seed: 1, spec: { ...SMALL.spec, length_mm: 20, ...spec } });
     return client.wait(id);
   };
   const contraction = { frames: 4, closure: 0.8, wavelength_mm: 8 };

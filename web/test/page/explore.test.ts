@@ -44,7 +44,7 @@ before(async () => {
   client = new Oviduct(service.url);
   const ids = await Promise.all([7, 8].map(async (seed) => (await client.submit({ preset: "pig", seed, spec: THIN })).id));
   models = (await Promise.all(ids.map((id) => client.wait(id)))) as [Model, Model];
-  leaning = await client.wait((await client.submit({ preset: "pig", seed: 3, spec: LEANING })).id);
+  leaning = await client.wait((await client.submit({ preset: "paper", seed: 3, spec: LEANING })).id);
   assert.deepEqual([...models, leaning].map((model) => model.status), ["succeeded", "succeeded", "succeeded"]);
 });
 after(async () => {
