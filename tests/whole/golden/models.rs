@@ -188,7 +188,10 @@ fn courses() -> Vec<Model> {
         bent(", random", &json!({ "length_mm": 30, "course": { "shape": "random", "tortuosity": 1.1, "seed": 2 } })),
         bent(
             ", textured along points",
-            &json!({ "mesh": { "textured": true }, "course": { "shape": "points", "points_mm": [[0, 0, 0], [0, 4, 30], [0, 0, 60]] } }),
+            &json!({
+                "mesh": { "textured": true },
+                "course": { "shape": "points", "points_mm": [[0, 0, 0], [0, 4, 30], [0, 0, 60]] },
+            }),
         ),
         bent(", relaxed", &json!({ "course": { "shape": "arc", "turn_deg": 500, "relax": true } })),
         bent(

@@ -140,7 +140,10 @@ mod tests {
     fn a_coil_has_the_turns_of_its_specification() {
         let spec = |shape: &str| {
             let turns = [0.1, 0.3, 0.4, 0.65, 0.75, 0.95].map(|at| json!([at, 180, 0, 0.05]));
-            json!({ "course": { "shape": shape, "turns": turns }, "regions": { "junction_from": 0.6, "junction_to": 0.7 } })
+            json!({
+                "course": { "shape": shape, "turns": turns },
+                "regions": { "junction_from": 0.6, "junction_to": 0.7 },
+            })
         };
         let found = coil(&spec("turns"));
         assert_eq!((found["coil_turns"], found["ampulla_turns"]), (6.0, 2.5));

@@ -3,7 +3,8 @@
 //! Counts follow from the schedules. A section has one vertex per particle. A particle added
 //! between two sections is also inserted into the earlier one, on the edge that it split. A closed
 //! surface of Euler number 0 has twice as many triangles as vertices. The vertices of an even
-//! surface follow from the area of the walls. Bending splits edges in tight bends. Sections added by mending are not predicted. Sizes
+//! surface follow from the area of the walls. Bending splits edges in tight bends. Sections added
+//! by mending are not predicted. Sizes
 //! and seconds follow from the constants below.
 
 use super::outputs::{Output, Outputs};

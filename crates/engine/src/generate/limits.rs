@@ -161,7 +161,8 @@ mod tests {
     fn a_giant_within_the_bounds_of_the_table_is_over_the_limits() {
         let patch = json!({
             "steps": 100_000, "solver": { "record_every": 1 }, "length_mm": 1000,
-            "particles": { "total": 200_000, "outer": 1000 }, "wall": { "lobing": 0 }, "z": { "keys": [[0, 0], [1, 1]] },
+            "particles": { "total": 200_000, "outer": 1000 }, "wall": { "lobing": 0 },
+            "z": { "keys": [[0, 0], [1, 1]] },
         });
         let cost = predict(&ModelSpec::resolve(preset("pig").unwrap(), &patch).unwrap(), &[Obj, Lod]);
         assert_eq!(CostLimits::default().check(&cost).unwrap_err().len(), 4);

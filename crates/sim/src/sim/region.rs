@@ -361,9 +361,9 @@ mod tests {
 
     #[test]
     fn folds_stand_in_rows_and_pass_by() {
-        let plan = plan(
-            &json!({ "folds": { "depth": 0.5, "rows": 2, "band": 0.2, "period_mm": 21, "stagger": 0.5, "irregularity": 0, "wall": 0.5 } }),
-        );
+        let plan = plan(&json!({ "folds": {
+                "depth": 0.5, "rows": 2, "band": 0.2, "period_mm": 21, "stagger": 0.5, "irregularity": 0, "wall": 0.5,
+            } }));
         // In the middle of a row, on either side, and in a band.
         let (mut lows, mut wall) = ([1.0f32; 2], 1.0f32);
         for time in 0..2000 {
