@@ -41,7 +41,6 @@ const QUANTITIES: Record<string, readonly [title: string, unit: string]> = {
   lumen_gap_p95_um: ["Lumen gap, 95th percentile", "µm"],
   lumen_gap_cv: ["Lumen gap, coefficient of variation", ""],
   touching_share: ["Mucosa with a gap below 10 µm", ""],
-  lumen_disc_share: ["Largest disc in the lumen over the base ellipse", ""],
   fractal_dimension: ["Fractal dimension of the lumen area", ""],
   fractal_dimension_error: ["Its standard error", ""],
   outline_dimension: ["Fractal dimension of the lumen outline", ""],
@@ -61,6 +60,7 @@ const QUANTITIES: Record<string, readonly [title: string, unit: string]> = {
   longitudinal_cover: ["Circumference with longitudinal muscle", ""],
   vessels: ["Vessels", ""],
   free_lumen: ["Free lumen", ""],
+  lumen_disc_share: ["Largest disc in the lumen over the base ellipse", ""],
   cleft_lamina_um: ["Lamina propria below clefts, median", "µm"],
   // Changes from one section or cut to the next.
   fold_splits_per_mm: ["Folds that split", "1/mm"],

@@ -10,8 +10,6 @@ use super::contour::Edge;
 use super::fill::inside;
 use super::{Contour, Grid, Layers};
 
-/// Number of nodes of a square grid per side. Other grids have about as many nodes.
-const SIDE: f64 = 320.0;
 /// Maximum number of nodes along the longer side.
 const MAX_SIDE: f64 = 8192.0;
 
@@ -24,15 +22,17 @@ pub(super) struct Field {
 
 impl Field {
     /// Computes the field of a section. `lumen` are closed edges around the lumen; those of `wall`
-    /// are the mucosa, from which distances are measured.
+    /// are the mucosa, from which distances are measured. A square grid has `side` nodes per side;
+    /// others have about as many nodes.
     pub(super) fn new<'e>(
         mucosa: &Contour,
         lumen: impl Iterator<Item = &'e Edge>,
         outside: &Contour,
         layers: &Layers,
+        side: f64,
     ) -> Self {
         let reach = layers.mucosa_um() + layers.opening_um;
-        let grid = grid(outside, reach);
+        let grid = grid(outside, reach, side);
         let (width, height) = (grid.width as usize, grid.height as usize);
         let mut open = vec![false; width * height];
         inside(&grid, 0..grid.height, lumen, |row, columns| {
@@ -82,7 +82,7 @@ impl Field {
 }
 
 /// Grid over a section, with room for the disc outside it.
-fn grid(outside: &Contour, reach: f64) -> Grid {
+fn grid(outside: &Contour, reach: f64, side: f64) -> Grid {
     let mut range = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
     for p in outside.edges.iter().flat_map(|edge| [edge.from, edge.to]) {
         for axis in 0..2 {
@@ -97,7 +97,7 @@ fn grid(outside: &Contour, reach: f64) -> Grid {
     let margin = reach.min(longer);
     // A section with almost no extent in one direction is mostly margin.
     let shorter = extent[0].min(extent[1]).max(margin);
-    let um_per_pixel = ((longer * shorter).sqrt() / SIDE).max(longer / MAX_SIDE);
+    let um_per_pixel = ((longer * shorter).sqrt() / side).max(longer / MAX_SIDE);
     let margin = margin + 3.0 * um_per_pixel;
     let count = |axis: usize| ((extent[axis] + 2.0 * margin) / um_per_pixel).ceil().max(1.0) as u32;
     Grid {

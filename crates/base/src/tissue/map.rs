@@ -10,6 +10,9 @@ use std::ops::Range;
 /// Columns of a tile. The pixels of a tile share one search for the nearest edges of the outer
 /// wall.
 const TILE_COLUMNS: usize = 32;
+/// Nodes per side of the grid of distances for pictures and label images, and for areas.
+const FINE: f64 = 320.0;
+const COARSE: f64 = 160.0;
 
 /// A pixel: its tissue, and its position within the layer. Lengths in µm.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,9 +56,19 @@ impl TissueMap {
     /// (`outside`).
     #[must_use]
     pub fn new(mucosa: &Border, outside: &Border, layers: &Layers) -> Self {
+        Self::with_nodes(mucosa, outside, layers, FINE)
+    }
+
+    /// Computes the layers with a quarter of the nodes, which suffices for areas and thicknesses.
+    #[must_use]
+    pub fn coarse(mucosa: &Border, outside: &Border, layers: &Layers) -> Self {
+        Self::with_nodes(mucosa, outside, layers, COARSE)
+    }
+
+    fn with_nodes(mucosa: &Border, outside: &Border, layers: &Layers, side: f64) -> Self {
         let lumen = Contour::new(mucosa);
         let closing = [mucosa, outside].map(closing_edges);
-        let wall = Wall::new(Contour::new(outside), &lumen, &closing[0], layers);
+        let wall = Wall::new(Contour::new(outside), &lumen, &closing[0], layers, side);
         Self { closing, lumen, wall, layers: *layers }
     }
 

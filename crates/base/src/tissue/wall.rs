@@ -36,9 +36,9 @@ struct Span {
 
 impl Wall {
     /// Computes the wall of a section. `closing` are the edges in the planes of caps that close the
-    /// lumen; a section across the tube has none.
-    pub(super) fn new(outside: Contour, lumen: &Contour, closing: &[Edge], layers: &Layers) -> Self {
-        let field = Field::new(lumen, lumen.edges.iter().chain(closing), &outside, layers);
+    /// lumen; a section across the tube has none. `side` is the number of nodes along the field.
+    pub(super) fn new(outside: Contour, lumen: &Contour, closing: &[Edge], layers: &Layers, side: f64) -> Self {
+        let field = Field::new(lumen, lumen.edges.iter().chain(closing), &outside, layers, side);
         let centre = outside.centre();
         let mut wall =
             Self { outside, field, centre, is_across: closing.is_empty(), vessels: Vec::new(), layers: *layers };

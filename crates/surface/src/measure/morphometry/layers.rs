@@ -62,7 +62,7 @@ impl LayerMeasures {
 pub(super) fn measured(shape: &Shape<'_>, layers: &Layers, clefts: &[[f64; 2]], centre: [f64; 2]) -> LayerMeasures {
     let mucosa = Border::closed(shape.lumen.iter().map(|ring| ring.to_vec()).collect());
     let outside = Border::closed(vec![shape.outer.to_vec()]);
-    let map = TissueMap::new(&mucosa, &outside, layers);
+    let map = TissueMap::coarse(&mucosa, &outside, layers);
     let counted = Counted::new(&map, &Grid::around(shape.outer, PIXELS));
     let area = |tissues: &[Tissue]| tissues.iter().map(|tissue| counted.areas_um2[*tissue as usize]).sum::<f64>();
     let (epithelium, lamina) = (area(&[Tissue::Epithelium]), area(&[Tissue::LaminaPropria]));

@@ -111,7 +111,6 @@ quantities! {
     "lumen_gap_p95_um", "Lumen gap, 95th percentile", "µm", |m| Some(m.gap_um?.p95);
     "lumen_gap_cv", "Lumen gap, coefficient of variation", "", |m| Some(m.gap_um?.cv);
     "touching_share", "Mucosa with a gap below 10 µm", "", |m| m.touching_share;
-    "lumen_disc_share", "Largest disc in the lumen over the base ellipse", "", |m| m.lumen_disc_share;
     "fractal_dimension", "Fractal dimension of the lumen area", "", |m| Some(m.area_dimension?.value);
     "fractal_dimension_error", "Its standard error", "", |m| Some(m.area_dimension?.error);
     "outline_dimension", "Fractal dimension of the lumen outline", "", |m| Some(m.outline_dimension?.value);
@@ -134,6 +133,7 @@ quantities! {
     "longitudinal_cover", "Circumference with longitudinal muscle", "", |m| m.layers.as_ref()?.longitudinal_cover;
     "vessels", "Vessels", "", |m| layer(m, |of| of.vessels.into());
     "free_lumen", "Free lumen", "", |m| layer(m, |of| of.free_lumen);
+    "lumen_disc_share", "Largest disc in the lumen over the base ellipse", "", |m| m.lumen_disc_share;
     "cleft_lamina_um", "Lamina propria below clefts, median", "µm", |m| m.layers.as_ref()?.cleft_lamina_um;
 }
 

@@ -47,7 +47,7 @@ pub struct Measures {
     /// Median height of the primary folds over half the mean diameter of the base ellipse.
     pub fold_height_share: Option<f64>,
     /// Diameter of the largest disc in the lumen over the mean diameter of the base ellipse; `None`
-    /// if the shape tree was not built.
+    /// if the layers were not measured.
     pub lumen_disc_share: Option<f64>,
     /// Layers of the wall; `None` if they were not measured in this section.
     pub layers: Option<LayerMeasures>,
@@ -77,11 +77,12 @@ pub fn measure(shape: &Shape<'_>, trees: bool) -> Measures {
 /// Measures a section with its base ellipse, and its layers if they are known.
 pub(super) fn measure_with(shape: &Shape<'_>, base: &Ellipse, trees: bool, layers: Option<&Layers>) -> Measures {
     let (lumen, outer, perimeter) = (shape.lumen_area(), shape.outer_area(), shape.perimeter());
-    let along = distances(shape, trees);
     let bits = mask::lumen(shape, mask::pixel(shape, PIXEL_UM));
     let folds = if trees { tree::folds(shape, base) } else { None };
     let clefts = folds.as_ref().map_or(&[][..], |folds| &folds.clefts);
     let layers = layers.filter(|_| !shape.lumen.is_empty());
+    let along = distances(shape, layers.is_some());
+    let disc = layers.map(|_| 2.0 * largest_radius(shape, along.chords) / base.mean_diameter());
     let layers = layers.map(|layers| layers::measured(shape, layers, clefts, base.centre));
     let height = folds.as_ref().and_then(|folds| folds.height_um);
     Measures {
@@ -97,7 +98,7 @@ pub(super) fn measure_with(shape: &Shape<'_>, base: &Ellipse, trees: bool, layer
         folds_on_ring: ring::count(shape, base),
         folds,
         fold_height_share: height.map(|height| 2.0 * height.p50 / base.mean_diameter()),
-        lumen_disc_share: trees.then(|| 2.0 * largest_radius(shape, along.chords) / base.mean_diameter()),
+        lumen_disc_share: disc,
         layers,
         around: around(shape, base),
         thickness_um: along.thickness,

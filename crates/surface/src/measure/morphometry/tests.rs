@@ -131,7 +131,10 @@ fn a_comb_of_plain_folds() {
     within_one_percent(measures.fill, 1.0 - area / (std::f64::consts::PI * 0.64));
     within_one_percent(measures.fold_height_share.unwrap(), 0.5);
     // The tips of the folds leave half of the radius free.
-    within_one_percent(measures.lumen_disc_share.unwrap(), 0.5);
+    let outer = circle(1200.0, 240);
+    let shape = Shape { outer: &outer, lumen: vec![&lumen] };
+    let layered = measure_with(&shape, &shape.base_ellipse(), false, Some(&Layers::NONE));
+    within_one_percent(layered.lumen_disc_share.unwrap(), 0.5);
     assert!(folds.angle_deg.unwrap() < 3.0, "{folds:?}");
     assert_eq!((measures.touching_share, measures.layers), (Some(0.0), None));
 }
