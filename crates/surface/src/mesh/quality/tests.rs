@@ -140,10 +140,10 @@ fn surfaces_are_sound_even_and_near() {
     }
 }
 
-/// An outer wall with an edge of about 150 µm per particle. Particles are added at midpoints, and
-/// their sections differ. Each moves out to the circle within the next section.
+/// An outer wall with edges of 240 µm. A particle is added at the midpoint of each, in sections that
+/// differ, and moves out to the circle, by 8 µm, until the next section.
 fn sparse() -> Vec<Section> {
-    let (n, radius) = (38, 900.0);
+    let (n, radius) = (24, 900.0);
     let outer = |k: usize| {
         let middle_radius = |i: usize| {
             let added = (7 * i) % 21 + 2;
