@@ -152,7 +152,7 @@ fn sparse() -> Vec<Section> {
         };
         let at = |j: usize| {
             let angle = TAU * j as f64 / (2 * n) as f64;
-            let r = if j % 2 == 0 { radius } else { middle_radius(j / 2) };
+            let r = if j.is_multiple_of(2) { radius } else { middle_radius(j / 2) };
             [r * angle.cos(), r * angle.sin()]
         };
         ring((0..2 * n).map(at).collect())
