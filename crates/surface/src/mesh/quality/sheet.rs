@@ -82,23 +82,41 @@ impl Sheet {
         self.levels.partition_point(|level| level.z <= z).clamp(1, self.levels.len() - 1) - 1
     }
 
-    /// The levels below and above `z`.
-    #[inline]
-    fn around(&self, z: f64) -> [&Level; 2] {
-        let k = self.below(z);
-        [&self.levels[k], &self.levels[k + 1]]
+    /// Heights of the levels between two heights.
+    pub(super) fn heights_between(&self, low: f64, high: f64) -> impl Iterator<Item = f64> {
+        let first = self.levels.partition_point(|level| level.z <= low);
+        self.levels[first..].iter().map(|level| level.z).take_while(move |z| *z < high)
     }
 
-    /// Calls `visit` for each particle whose path crosses the line between two places: with the
-    /// place and the point where they cross.
+    /// Calls `visit` for the places between two others at which the line between them crosses a
+    /// particle's path or a level, in order of increasing u: with the place and its point in space.
+    /// The wall has no edges between such places.
     #[inline]
     pub(super) fn crossed(&self, from: [f64; 2], to: [f64; 2], mut visit: impl FnMut([f64; 2], [f64; 3])) {
         let to = [self.near(to[0], from[0]), to[1]];
-        let ([start, z], [end, _]) = if from[0] <= to[0] { (from, to) } else { (to, from) };
-        let slope = if start < end { (to[1] - from[1]) / (to[0] - from[0]) } else { 0.0 };
-        // The paths of the slab in the middle are extended if the line leaves that slab.
-        let [lower, level] = self.around(0.5 * (from[1] + to[1]));
-        let height = level.z - lower.z;
+        let ([start, z], [end, z_end]) = if from[0] <= to[0] { (from, to) } else { (to, from) };
+        let slope = if start < end { (z_end - z) / (end - start) } else { 0.0 };
+        let (low, high) = (z.min(z_end), z.max(z_end));
+        let k = self.below(low);
+        let first = if self.levels[k].z > low { k } else { k + 1 };
+        let count = self.levels[first..].iter().take_while(|level| level.z < high).count();
+        // The level above the line has all particles of those below.
+        let level = &self.levels[(first + count).clamp(k + 1, self.levels.len() - 1)];
+        let mut passed = 0;
+        // Visits levels before `until`; returns the slab in which the line continues.
+        let mut pass_levels = |until: f64, visit: &mut dyn FnMut([f64; 2], [f64; 3])| {
+            while passed < count {
+                let at = self.levels[if z <= z_end { first + passed } else { first + count - 1 - passed }].z;
+                let place = [start + (end - start) * (at - z) / (z_end - z), at];
+                if place[0] > until {
+                    break;
+                }
+                visit(place, self.point(place));
+                passed += 1;
+            }
+            let above = if z <= z_end { first + passed } else { first + count - passed };
+            above.clamp(1, self.levels.len() - 1) - 1
+        };
         let mut shift = (start / self.period).floor() * self.period;
         let mut i = level.find((start - shift).clamp(0.0, self.period)) + 1;
         loop {
@@ -108,13 +126,13 @@ impl Sheet {
             }
             let u = level.u[i] + shift;
             if u >= end {
+                pass_levels(f64::INFINITY, &mut visit);
                 return;
             }
             if u > start {
-                let z = z + slope * (u - start);
-                let share = (z - lower.z) / height;
-                let [x, y] = lerp(lower.at(level.u[i]), level.points[i], share);
-                visit([u, z], [x, y, z]);
+                let place = [u, z + slope * (u - start)];
+                let slab = pass_levels(u, &mut visit);
+                visit(place, self.point_in(slab, place));
             }
             i += 1;
         }
@@ -122,8 +140,14 @@ impl Sheet {
 
     /// Point in space at a place.
     #[inline]
-    pub(super) fn point(&self, [u, z]: [f64; 2]) -> [f64; 3] {
-        let [lower, upper] = self.around(z);
+    pub(super) fn point(&self, place: [f64; 2]) -> [f64; 3] {
+        self.point_in(self.below(place[1]), place)
+    }
+
+    /// Point in space at a place in the slab above level `k`.
+    #[inline]
+    fn point_in(&self, k: usize, [u, z]: [f64; 2]) -> [f64; 3] {
+        let [lower, upper] = [&self.levels[k], &self.levels[k + 1]];
         let u = u.rem_euclid(self.period);
         let [x, y] = lerp(lower.at(u), upper.at(u), (z - lower.z) / (upper.z - lower.z));
         [x, y, z]

@@ -140,6 +140,35 @@ fn surfaces_are_sound_even_and_near() {
     }
 }
 
+/// An outer wall with edges of 240 µm. A particle is added at the midpoint of each, in sections that
+/// differ, and moves out to the circle, by 8 µm, until the next section.
+fn sparse() -> Vec<Section> {
+    let (n, radius) = (24, 900.0);
+    let outer = |k: usize| {
+        let middle_radius = |i: usize| {
+            let added = (7 * i) % 21 + 2;
+            let flat = radius * (TAU / (2 * n) as f64).cos();
+            if k > added { radius } else { flat }
+        };
+        let at = |j: usize| {
+            let angle = TAU * j as f64 / (2 * n) as f64;
+            let r = if j.is_multiple_of(2) { radius } else { middle_radius(j / 2) };
+            [r * angle.cos(), r * angle.sin()]
+        };
+        ring((0..2 * n).map(at).collect())
+    };
+    (0..33).map(|k| section(k, 12.5, circle(80, |_| 300.0), outer(k))).collect()
+}
+
+#[test]
+fn sparse_walls_that_bulge_between_two_sections_are_followed_within_the_tolerance() {
+    let sections = sparse();
+    let mesh = made(&sections, false).tissue;
+    check(&mesh);
+    let distance = distance(&mesh, &sections, 1);
+    assert!(distance <= 4.0, "{distance} µm");
+}
+
 #[test]
 fn ends_lie_in_their_planes() {
     let sections = folded();

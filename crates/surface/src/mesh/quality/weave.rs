@@ -19,8 +19,10 @@ const FAIR: f64 = 0.2;
 const POOR: f64 = 0.14;
 /// Minimum gain for which an edge is flipped.
 const GAIN: f64 = 1e-3;
-/// Distance between the heights at which a triangle is compared with the sheet, µm.
-const PITCH: f64 = 10.0;
+/// Maximum distance between the heights at which a triangle is compared with the sheet, µm, and
+/// minimum distance of those that are levels.
+const PITCH: f64 = 15.0;
+const CLOSE: f64 = 6.0;
 
 /// Directions in which a vertex is moved by trial.
 const WAYS: [[f64; 2]; 8] =
@@ -336,8 +338,8 @@ impl<'a> Weave<'a> {
     }
 
     /// Distance between a triangle and its part of the sheet, in both directions, as a fraction of
-    /// the tolerance, and the particle to add there. Returns 0 if the distance is within the
-    /// tolerance. Compares the edges and lines at some heights.
+    /// the tolerance, and the place to add there. Returns 0 if the distance is within the tolerance.
+    /// Compares the edges, and lines at levels and at heights between them.
     fn strain(&self, corners: [Spot; 3]) -> (f64, Spot) {
         let anchor = corners[0].0[0];
         let mut order = corners.map(|([u, z], point)| ([self.sheet.near(u, anchor), z], point));
@@ -354,17 +356,27 @@ impl<'a> Weave<'a> {
         compare(low, mid);
         compare(mid, high);
         compare(low, high);
-        let slices = ((high.0[1] - low.0[1]) / PITCH) as usize;
-        for i in 0..slices {
-            let z = low.0[1] + (high.0[1] - low.0[1]) * (i + 1) as f64 / (slices + 1) as f64;
-            compare(cut(low, high, z), if z <= mid.0[1] { cut(low, mid, z) } else { cut(mid, high, z) });
+        let mut slice =
+            |z: f64| compare(cut(low, high, z), if z <= mid.0[1] { cut(low, mid, z) } else { cut(mid, high, z) });
+        let mut last = low.0[1];
+        for bound in self.sheet.heights_between(low.0[1], high.0[1]).chain([high.0[1]]) {
+            // Levels that are very close to the slice below them are left out.
+            if bound < high.0[1] && bound - last < CLOSE {
+                continue;
+            }
+            let parts = ((bound - last) / PITCH).ceil() as usize;
+            (1..parts).for_each(|i| slice(last + (bound - last) * i as f64 / parts as f64));
+            if bound < high.0[1] {
+                slice(bound);
+            }
+            last = bound;
         }
         worst.1.map_or((0.0, low), |spot| (worst.0.sqrt() / tolerance, spot))
     }
 
     /// Squared distance between a line on a triangle and the path between its ends on the sheet, in
-    /// both directions, and the particle that is farthest from the line. `None` if the distance is
-    /// at most `limit`.
+    /// both directions, and the place on the path that is farthest from the line. `None` if the
+    /// distance is at most `limit`.
     #[inline]
     fn farthest(&self, from: Spot, to: Spot, triangle: [[f64; 3]; 3], limit: f64) -> Option<(f64, Spot)> {
         let (from, to) = if from.0[0] <= to.0[0] { (from, to) } else { (to, from) };
@@ -375,8 +387,8 @@ impl<'a> Weave<'a> {
                 farthest = (square, Some((place, point)));
             }
         });
-        // If every particle is within the limit of the line, every point of the line is within the
-        // limit of the path.
+        // If every edge of the path is within the limit of the line, every point of the line is within
+        // the limit of the path.
         let spot = farthest.1?;
         let samples = [0.25, 0.5, 0.75].map(|t| lerp(from.1, to.1, t));
         let (mut nearest, mut greatest, mut last) = ([f64::INFINITY; 3], limit, from.1);
