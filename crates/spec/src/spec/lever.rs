@@ -181,13 +181,13 @@ mod tests {
 
     #[test]
     fn the_ends_of_a_schedule_change_alone() {
-        let (pig, gap) = (pig(), Lever::at("/collision/gap_um").unwrap());
-        assert_eq!([Some(End::Isthmus), Some(End::Ampulla), None].map(|end| gap.value(&pig, end)), [6.0, 10.0, 10.0]);
-        let wide = with(&pig, &[(&gap, Some(End::Isthmus), 90.0)]);
-        assert_eq!([0.0, 0.125, 0.45, 1.0].map(|u| wide.collision.gap_um.at(u)), [90.0, 90.0, 11.0, 11.0]);
-        let both = with(&pig, &[(&gap, Some(End::Isthmus), 60.0), (&gap, Some(End::Ampulla), 22.0)]);
-        assert_eq!(both, with(&pig, &[(&gap, None, 22.0)]));
-        assert_eq!(with(&pig, &[(&gap, Some(End::Ampulla), 10.0)]), pig);
+        let (pig, bending) = (pig(), Lever::at("/bending").unwrap());
+        assert_eq!([Some(End::Isthmus), Some(End::Ampulla), None].map(|end| bending.value(&pig, end)), [0.2, 0.1, 0.1]);
+        let stiff = with(&pig, &[(&bending, Some(End::Isthmus), 0.4)]);
+        assert_eq!([0.0, 0.125, 0.45, 1.0].map(|u| stiff.bending.at(u)), [0.4, 0.4, 0.1, 0.1]);
+        let both = with(&pig, &[(&bending, Some(End::Isthmus), 0.4), (&bending, Some(End::Ampulla), 0.2)]);
+        assert_eq!(both, with(&pig, &[(&bending, None, 0.2)]));
+        assert_eq!(with(&pig, &[(&bending, Some(End::Ampulla), 0.1)]), pig);
     }
 
     #[test]
