@@ -3,7 +3,7 @@
  * Do not make direct changes to the file.
  */
 
-// openapi.yaml: sha256 1c645fc55a76367599643418e5c9893c4262143e244c8072c43af8c952cae8b3
+// openapi.yaml: sha256 269b66ff63362269970a8de486e717c1cdfefb9428d334e19889f7ffb05a060f
 
 export interface paths {
     "/batches": {

@@ -163,9 +163,9 @@ mod tests {
     #[test]
     fn places_lie_between_the_bounds() {
         let gap = variable("/collision/gap_um", Some(End::Ampulla), [None, None]).unwrap();
-        assert_eq!((gap.from, gap.to, gap.start), (5.5, 22.0, 11.0));
-        assert!((gap.start() - 0.5).abs() < 1e-12 && (gap.at(0.5) - 11.0).abs() < 1e-9);
-        assert_eq!((gap.at(0.0), gap.at(1.0)), (5.5, 22.0));
+        assert_eq!((gap.from, gap.to, gap.start), (5.0, 20.0, 10.0));
+        assert!((gap.start() - 0.5).abs() < 1e-12 && (gap.at(0.5) - 10.0).abs() < 1e-9);
+        assert_eq!((gap.at(0.0), gap.at(1.0)), (5.0, 20.0));
         let lobes = variable("/wall/lobes", None, [Some(1.0), Some(9.0)]).unwrap();
         assert_eq!(lobes.at(0.5), 3.0);
         // The bounds of the parameter win over the factor, and a start outside is moved inside.

@@ -183,10 +183,10 @@ mod tests {
     fn the_ends_of_a_schedule_change_alone() {
         let (pig, bending) = (pig(), Lever::at("/bending").unwrap());
         assert_eq!([Some(End::Isthmus), Some(End::Ampulla), None].map(|end| bending.value(&pig, end)), [0.2, 0.1, 0.1]);
-        let stiff = with(&pig, &[(&bending, Some(End::Isthmus), 0.4)]);
-        assert_eq!([0.0, 0.125, 0.45, 1.0].map(|u| stiff.bending.at(u)), [0.4, 0.4, 0.1, 0.1]);
-        let both = with(&pig, &[(&bending, Some(End::Isthmus), 0.4), (&bending, Some(End::Ampulla), 0.2)]);
-        assert_eq!(both, with(&pig, &[(&bending, None, 0.2)]));
+        let soft = with(&pig, &[(&bending, Some(End::Isthmus), 0.05)]);
+        assert_eq!([0.0, 0.125, 0.45, 1.0].map(|u| soft.bending.at(u)), [0.05, 0.05, 0.1, 0.1]);
+        let both = with(&pig, &[(&bending, Some(End::Isthmus), 0.1), (&bending, Some(End::Ampulla), 0.05)]);
+        assert_eq!(both, with(&pig, &[(&bending, None, 0.05)]));
         assert_eq!(with(&pig, &[(&bending, Some(End::Ampulla), 0.1)]), pig);
     }
 
