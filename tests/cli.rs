@@ -238,8 +238,8 @@ fn every_fault_of_a_spec_is_named_and_no_file_is_left() {
 fn a_model_that_grew_poorly_is_reported_with_warnings() {
     let at = folder();
     let crowded = "particles.total={\"keys\":[[0,300],[1,2000]]}";
-    let arguments =
-        ["generate", "--out", "a", "--seed", "3", "--backend", "cpu", "--json", "--set", "steps=60", "--set", crowded];
+    let patch = ["--set", "steps=60", "--set", "collision.clearance_um=0.05", "--set", crowded];
+    let arguments = [&["generate", "--out", "a", "--seed", "3", "--backend", "cpu", "--json"][..], &patch].concat();
     let output = run(at.path(), &arguments);
     let warnings = &json(&output)["warnings"];
     let codes: Vec<&Value> = warnings.as_array().expect("an array").iter().map(|warning| &warning["code"]).collect();
