@@ -6,9 +6,9 @@ Usage: surfaces.py OVIDUCT_BINARY [--kind even] [--seeds 1-10] [--presets pig,hu
 Checks the angles of triangles, the distances from a reference surface, and the turns of contours.
 The reference of an even surface (mesh.resolution_um) of a piece of the ampulla is the loft through
 the sections of every step. The reference of a surface with smooth contours (mesh.smooth_um) is the
-same model without smoothing. Even surfaces of tubes with a sparse outer wall are judged, too.
-Distances are measured from wall to wall in both directions, at
-vertices, midpoints of edges and centres of triangles.
+same model without smoothing. Sparse surfaces are even ones of tubes with a sparse outer wall.
+Distances are measured from wall to wall in both directions, at vertices, midpoints of edges and
+centres of triangles.
 """
 
 import argparse
@@ -181,7 +181,7 @@ def judge_smooth(binary, preset, seed, settings):
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("binary")
-    parser.add_argument("--kind", choices=["even", "sparse", "smooth", "all"], default="all")
+    parser.add_argument("--kind", choices=["even", "sparse", "smooth"], default="even")
     parser.add_argument("--seeds", default="3-3")
     parser.add_argument("--presets", default="pig")
     parser.add_argument("--length", type=float, default=0.8, help="of the piece with an even surface, mm")
@@ -189,14 +189,14 @@ def main():
     parser.add_argument("--set", action="append", default=[], help="setting of smooth models")
     options = parser.parse_args()
     first, last = map(int, options.seeds.split("-"))
-    if options.kind in ("sparse", "all"):
+    if options.kind == "sparse":
         for seed in SPARSE_SEEDS:
             judge_sparse(options.binary, seed, options.resolution)
     for preset in options.presets.split(","):
         for seed in range(first, last + 1):
-            if options.kind in ("even", "all"):
+            if options.kind == "even":
                 judge_even(options.binary, preset, seed, options.length, options.resolution)
-            if options.kind in ("smooth", "all"):
+            if options.kind == "smooth":
                 judge_smooth(options.binary, preset, seed, options.set)
 
 
