@@ -3,7 +3,7 @@
  * Do not make direct changes to the file.
  */
 
-// openapi.yaml: sha256 269b66ff63362269970a8de486e717c1cdfefb9428d334e19889f7ffb05a060f
+// openapi.yaml: sha256 91955e520164fb87c48451cd2af7fbb3e8407e46b8388dc31cb6d89e786bcc9b
 
 export interface paths {
     "/batches": {
@@ -1258,6 +1258,11 @@ export interface components {
              */
             value: number;
         };
+        /**
+         * @description Origin of the range of a condition.
+         * @enum {string}
+         */
+        BoundOrigin: "published" | "order" | "proposal";
         /** @description Certificate of a surface. For the tissue of a generated model, it also covers the sections. */
         Certificate: {
             /**
@@ -1421,7 +1426,7 @@ export interface components {
         /** @description Condition of a statement, its value for the model, and its verdict. */
         CheckedCondition: {
             /** @description Origin of the range. The ends of an `order` are not part of the range. */
-            bound: components["schemas"]["Bound"];
+            bound: components["schemas"]["BoundOrigin"];
             /**
              * Format: double
              * @description Upper end of the range.

@@ -1,6 +1,6 @@
 //! Agreement of several models of each preset with the anatomical checklist.
 
-use crate::measure::checklist::{Bound, CheckedCondition, CheckedStatement, Checklist, Judgement};
+use crate::measure::checklist::{BoundOrigin, CheckedCondition, CheckedStatement, Checklist, Judgement};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -50,7 +50,7 @@ struct Key {
     measure: String,
     low: Option<f64>,
     high: Option<f64>,
-    bound: Bound,
+    bound: BoundOrigin,
 }
 
 /// Numbers of models.
@@ -95,7 +95,7 @@ impl Key {
     }
 
     fn range(&self) -> String {
-        let is_order = self.bound == Bound::Order;
+        let is_order = self.bound == BoundOrigin::Order;
         let [from, to] = if is_order { ["above", "below"] } else { ["at least", "at most"] };
         let range = match (self.low, self.high) {
             (None, None) => String::new(),
@@ -105,9 +105,9 @@ impl Key {
             (Some(low), Some(high)) => format!("{low} to {high}"),
         };
         match self.bound {
-            Bound::Published => range,
-            Bound::Order => format!("{range} (order)"),
-            Bound::Proposal => format!("{range} (proposal)"),
+            BoundOrigin::Published => range,
+            BoundOrigin::Order => format!("{range} (order)"),
+            BoundOrigin::Proposal => format!("{range} (proposal)"),
         }
     }
 }
@@ -251,7 +251,7 @@ mod tests {
             measured,
             low: Some(low),
             high: None,
-            bound: Bound::Proposal,
+            bound: BoundOrigin::Proposal,
             verdict,
             reason,
         }
@@ -327,9 +327,9 @@ mod tests {
     #[test]
     fn ranges_name_their_origin() {
         let key = |low, high, bound| Key { title: String::new(), measure: String::new(), low, high, bound };
-        assert_eq!(key(Some(7.41), Some(9.21), Bound::Published).range(), "7.41 to 9.21");
-        assert_eq!(key(Some(1.0), None, Bound::Order).range(), "above 1 (order)");
-        assert_eq!(key(None, Some(0.15), Bound::Proposal).range(), "at most 0.15 (proposal)");
-        assert_eq!(key(Some(11.0), Some(11.0), Bound::Published).range(), "11");
+        assert_eq!(key(Some(7.41), Some(9.21), BoundOrigin::Published).range(), "7.41 to 9.21");
+        assert_eq!(key(Some(1.0), None, BoundOrigin::Order).range(), "above 1 (order)");
+        assert_eq!(key(None, Some(0.15), BoundOrigin::Proposal).range(), "at most 0.15 (proposal)");
+        assert_eq!(key(Some(11.0), Some(11.0), BoundOrigin::Published).range(), "11");
     }
 }

@@ -96,7 +96,7 @@ test("cuts, parts, level and flight change the picture", async () => {
   for (let i = 0; i < 8; i++) await page.keyboard.press("+");
   const light = await shown(page);
   await level.getByRole("button", { name: /^Full/ }).click();
-  await page.getByText("1,596,630 triangles are shown.").waitFor();
+  await page.getByText(`${models[0].summary!.triangles.toLocaleString("en")} triangles are shown.`).waitFor();
   await page.getByText(/Largest measured distance from the certified surface: \d+ nm\. Positions are rounded to 0\.\d+, 0\.\d+, 0\.\d+ µm/).waitFor();
   await differs("full detail", 0.0005, light);
   await level.getByRole("button", { name: /^Light/ }).click();
@@ -149,7 +149,7 @@ test("cut faces are closed: tissue where the section has tissue, and nowhere els
   const { section, query, x, y, distance, slope } = await cutAcross();
   const visit = await open(query);
   await visit.page.getByRole("button", { name: /^Full/ }).click();
-  await visit.page.getByText("1,596,630 triangles are shown.").waitFor();
+  await visit.page.getByText(`${models[0].summary!.triangles.toLocaleString("en")} triangles are shown.`).waitFor();
   const { width, height, data } = await shown(visit.page);
   const pixel = (2 * distance * slope) / height;
   // The edges of the face are lines 12 µm wide.
@@ -181,7 +181,7 @@ test("the face of a lengthwise cut is tissue where the sections have tissue, and
   const distance = (0.55 * (high[1] - low[1])) / slope;
   const visit = await open(`?cam=-90_0_${distance / 1000}_${x / 1000}_${y / 1000}_0.85&open=0`);
   await visit.page.getByRole("button", { name: /^Full/ }).click();
-  await visit.page.getByText("1,596,630 triangles are shown.").waitFor();
+  await visit.page.getByText(`${models[0].summary!.triangles.toLocaleString("en")} triangles are shown.`).waitFor();
   const { width, height, data } = await shown(visit.page);
   const pixel = (2 * distance * slope) / height;
   const margin = 6 + 3 * pixel;
@@ -679,7 +679,7 @@ test("what does not come leaves the rest, and comes later", async () => {
   missing = /^$/;
   // Simulates a return of the network, so the event stream is reopened.
   await page.evaluate(() => dispatchEvent(new Event("online")));
-  await page.getByText("1,596,630 triangles are shown.").waitFor();
+  await page.getByText(`${models[0].summary!.triangles.toLocaleString("en")} triangles are shown.`).waitFor();
   await page.getByRole("img", { name: /^Cross section at/ }).waitFor();
   await page.getByText("by exact tests of the surface").waitFor();
   assert.equal(await page.getByRole("alert").count(), 0);

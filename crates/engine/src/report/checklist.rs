@@ -1,7 +1,7 @@
 //! Section of the page with the anatomical checklist.
 
 use super::number::{optional, range};
-use crate::measure::checklist::{Bound, CheckedCondition, CheckedStatement, Checklist, Judgement};
+use crate::measure::checklist::{BoundOrigin, CheckedCondition, CheckedStatement, Checklist, Judgement};
 use maud::{Markup, html};
 
 pub(super) fn checklist(found: &Checklist) -> Markup {
@@ -41,13 +41,13 @@ fn measure(one: &CheckedCondition) -> Markup {
             td {}
             td { (one.title) @if let Some(reason) = &one.reason { br; span.soft { (reason) } } }
             td.n { (optional(one.measured)) }
-            td.n { (range(one.low, one.high, one.bound == Bound::Order)) }
+            td.n { (range(one.low, one.high, one.bound == BoundOrigin::Order)) }
             td { (verdict(one.verdict)) }
             td.source {
                 @match one.bound {
-                    Bound::Published => "published range",
-                    Bound::Order => "published order",
-                    Bound::Proposal => "proposal",
+                    BoundOrigin::Published => "published range",
+                    BoundOrigin::Order => "published order",
+                    BoundOrigin::Proposal => "proposal",
                 }
             }
         }

@@ -1,7 +1,7 @@
 //! Verdicts about a model: statement by statement.
 
 use super::expression::Expression;
-use super::statement::{Bound, Condition, StatedSource, Statement, statements};
+use super::statement::{BoundOrigin, Condition, StatedSource, Statement, statements};
 use super::value::Judged;
 use serde::{Deserialize, Serialize};
 
@@ -60,7 +60,7 @@ pub struct CheckedCondition {
     /// Upper end of the range.
     pub high: Option<f64>,
     /// Origin of the range. The ends of an `order` are not part of the range.
-    pub bound: Bound,
+    pub bound: BoundOrigin,
     /// Result.
     pub verdict: Judgement,
     /// Reason for the verdict, if one is known: the missing measure, or a choice of the preset.

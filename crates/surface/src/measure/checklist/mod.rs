@@ -16,7 +16,7 @@ mod statement;
 mod value;
 
 pub use judge::{CheckedCondition, CheckedStatement, Checklist, Judgement, judge};
-pub use statement::{Bound, Condition, Learnt, StatedSource, Statement, statements};
+pub use statement::{BoundOrigin, Condition, Learnt, StatedSource, Statement, statements};
 pub use value::Judged;
 
 #[cfg(test)]

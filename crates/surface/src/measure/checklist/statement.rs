@@ -78,7 +78,7 @@ pub struct Condition {
     /// Upper end of the range.
     pub high: Option<f64>,
     /// Origin of the range.
-    pub bound: Bound,
+    pub bound: BoundOrigin,
     /// Remark on the condition.
     pub note: Option<String>,
 }
@@ -87,7 +87,7 @@ pub struct Condition {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
-pub enum Bound {
+pub enum BoundOrigin {
     /// The numbers are published for the species.
     Published,
     /// An order is published, without numbers. The ends of the range are not part of it.
@@ -107,8 +107,8 @@ impl Condition {
     /// True if the value is in the range.
     pub(super) fn contains(&self, value: f64) -> bool {
         match self.bound {
-            Bound::Order => self.low.is_none_or(|low| value > low) && self.high.is_none_or(|high| value < high),
-            Bound::Published | Bound::Proposal => {
+            BoundOrigin::Order => self.low.is_none_or(|low| value > low) && self.high.is_none_or(|high| value < high),
+            BoundOrigin::Published | BoundOrigin::Proposal => {
                 self.low.is_none_or(|low| value >= low) && self.high.is_none_or(|high| value <= high)
             }
         }

@@ -256,7 +256,7 @@ fn every_statement_is_consistent() {
             assert!(!known.is_empty() && known.is_sorted(), "{number}, {title}");
             // An order is a relation to equality: a ratio of 1, or a difference or number of 0.
             let is_order = known.len() == 1 && [0.0, 1.0].contains(&known[0]);
-            assert!(*bound != Bound::Order || is_order, "{number}, {title}: {known:?}");
+            assert!(*bound != BoundOrigin::Order || is_order, "{number}, {title}: {known:?}");
             for species in species {
                 let applies = |of: &&oviduct_spec::spec::Preset| condition.applies(&of.organ, species, &of.name);
                 let own = presets.iter().filter(|of| of.species == *species).filter(applies).count();
