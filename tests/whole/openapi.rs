@@ -4,6 +4,7 @@
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeSet;
+use std::path::Path;
 use std::process::Command;
 
 /// To regenerate the file, run `cargo run -- openapi > openapi.yaml` or `OVIDUCT_BLESS=1 cargo test
@@ -40,6 +41,39 @@ fn every_process_generates_the_same_description() {
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         assert!(output.stdout == here.as_bytes(), "`oviduct openapi` prints another description");
     }
+}
+
+/// Two types with one name would share a schema, which describes only one of them.
+#[test]
+fn no_two_types_have_the_same_schema() {
+    fn names(folder: &Path, found: &mut Vec<String>) {
+        for path in std::fs::read_dir(folder).expect("there").map(|entry| entry.expect("there").path()) {
+            if path.is_dir() {
+                names(&path, found);
+            } else if path.extension().is_some_and(|extension| extension == "rs") {
+                let text = std::fs::read_to_string(&path).expect("text");
+                // Attributes may stand between the derive and the item.
+                let items = text
+                    .split("ToSchema)")
+                    .skip(1)
+                    .filter(|rest| !rest.starts_with(", schema(as = "))
+                    .filter_map(|rest| {
+                        let line = rest.lines().find(|line| line.trim_start().starts_with("pub"))?;
+                        let mut words =
+                            line.split(|c: char| !c.is_alphanumeric()).skip_while(|w| !["struct", "enum"].contains(w));
+                        words.nth(1)
+                    });
+                found.extend(items.map(str::to_owned));
+            }
+        }
+    }
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut found = Vec::new();
+    ["src", "crates"].iter().for_each(|folder| names(&root.join(folder), &mut found));
+    assert!(found.len() > 100, "{}", found.len());
+    found.sort_unstable();
+    let twice: Vec<&String> = found.windows(2).filter(|pair| pair[0] == pair[1]).map(|pair| &pair[0]).collect();
+    assert!(twice.is_empty(), "types with the same name: {twice:?}");
 }
 
 fn document() -> Value {
