@@ -136,6 +136,17 @@ impl Contour {
         square.sqrt()
     }
 
+    /// Distance of a point from the nearest line if it is greater than `least`. Fast if it is not.
+    #[must_use]
+    pub fn distance_beyond(&self, p: [f64; 2], least: f64) -> Option<f64> {
+        let is_near = |(circle, edges): (&Circle, &[Edge])| {
+            distance(p, circle.middle) - circle.radius <= least
+                && edges.iter().any(|edge| edge.nearest(p).0 <= least * least)
+        };
+        let is_any_near = self.groups.iter().zip(self.edges.chunks(EDGES_PER_GROUP)).any(is_near);
+        (!is_any_near).then(|| self.distance(p)).filter(|distance| *distance > least)
+    }
+
     /// Writes into `found` all edges that can be nearest to any point of a circle.
     pub(super) fn near(&self, middle: [f64; 2], radius: f64, found: &mut Vec<Edge>) {
         let reach = self.distance(middle) + 2.0 * radius;

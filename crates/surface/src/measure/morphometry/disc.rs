@@ -1,6 +1,6 @@
 //! Largest disc in the lumen.
 
-use super::shape::Shape;
+use super::shape::{Shape, edges};
 use crate::model::Border;
 use crate::tissue::Contour;
 
@@ -33,15 +33,26 @@ pub(super) fn largest_radius(shape: &Shape<'_>, mut chords: Vec<Chord>) -> f64 {
     let contour = Contour::new(&border);
     let mut starts: Vec<(f64, P2)> = Vec::with_capacity(STARTS + 1);
     for chord in chords {
-        if starts.len() == STARTS && f64::from(chord.length) / 2.0 <= starts[STARTS - 1].0 {
+        let least = if starts.len() < STARTS { 0.0 } else { starts[STARTS - 1].0 };
+        if f64::from(chord.length) / 2.0 <= least {
             break;
         }
-        let radius = contour.distance(chord.middle);
-        let place = starts.partition_point(|start| start.0 >= radius);
-        starts.insert(place, (radius, chord.middle));
-        starts.truncate(STARTS);
+        if let Some(radius) = contour.distance_beyond(chord.middle, least)
+            && is_in_lumen(shape, chord.middle)
+        {
+            let place = starts.partition_point(|start| start.0 >= radius);
+            starts.insert(place, (radius, chord.middle));
+            starts.truncate(STARTS);
+        }
     }
     starts.into_iter().map(|start| widened(&contour, start)).fold(0.0, f64::max)
+}
+
+/// True if a point lies in the lumen. The normal at a sharp tip can leave the lumen, so the middle of
+/// a chord can lie in the tissue.
+fn is_in_lumen(shape: &Shape<'_>, [x, y]: P2) -> bool {
+    let crosses = |([ax, ay], [bx, by]): (P2, P2)| (ay > y) != (by > y) && x < ax + (y - ay) / (by - ay) * (bx - ax);
+    shape.lumen.iter().flat_map(|ring| edges(ring)).filter(|&edge| crosses(edge)).count() % 2 == 1
 }
 
 /// Radius of a disc that was moved until it does not grow any more.
@@ -50,10 +61,10 @@ fn widened(contour: &Contour, (mut radius, mut middle): (f64, P2)) -> f64 {
     while step >= STEPS[1] && radius > 0.0 && radius.is_finite() {
         let turns = (0..8).map(|k| libm::sincos(std::f64::consts::FRAC_PI_4 * f64::from(k)));
         let moved = turns.map(|(sin, cos)| [middle[0] + step * radius * cos, middle[1] + step * radius * sin]);
-        let discs = moved.map(|middle| (contour.distance(middle), middle));
+        let discs = moved.filter_map(|middle| Some((contour.distance_beyond(middle, radius)?, middle)));
         match discs.reduce(|best, one| if one.0 > best.0 { one } else { best }) {
-            Some(best) if best.0 > radius => (radius, middle) = best,
-            _ => step /= 2.0,
+            Some(best) => (radius, middle) = best,
+            None => step /= 2.0,
         }
     }
     radius
@@ -91,5 +102,15 @@ mod tests {
         let triangle = [[-300.0, 0.0], [300.0, 0.0], [0.0, 400.0]];
         within(radius(vec![&triangle]), 150.0);
         assert_eq!(radius(Vec::new()), 0.0);
+    }
+
+    #[test]
+    fn a_chord_through_the_tissue_does_not_count() {
+        let outer = circle(1000.0, [0.0; 2]);
+        let lumen = circle(100.0, [0.0; 2]);
+        let shape = Shape { outer: &outer, lumen: vec![&lumen] };
+        let mut chords = distances(&shape, true).chords;
+        chords.push(Chord { length: 800.0, middle: [500.0, 0.0] });
+        assert!((largest_radius(&shape, chords) - 100.0).abs() < 0.6);
     }
 }

@@ -50,6 +50,21 @@ fn slit(gap: f64) -> Vec<Section> {
     (0..9).map(|k| section(k, 25.0, wall(k), circle(60, |_| 400.0))).collect()
 }
 
+#[test]
+fn division_of_a_flat_triangle_ends() {
+    // The midpoint of the edge 1–2 is as far from 0 as 1 from 2, and so on.
+    let wall = circle(400, |_| 1000.0);
+    let sheet = sheet::Sheet::new(&[(&wall, 0.0), (&wall, 60.0)]).unwrap();
+    let limits = RemeshLimits { length: 40.0, tolerance: 4.0 };
+    let field = field::LengthField::new(&sheet, limits, &[]);
+    let places = vec![[0.0, 10.0], [96.0, 10.0], [32.0, 10.01], [64.0, 30.0]];
+    let points = places.iter().map(|&place| sheet.point(place)).collect();
+    let web = web::Web::new(points, places, vec![[0, 1, 2], [2, 1, 3]], 4);
+    let mut weave = weave::Weave::new(&sheet, &field, web);
+    weave.even_out(1);
+    assert!(weave.web.triangles.len() < 100, "{}", weave.web.triangles.len());
+}
+
 fn made(sections: &[Section], lids: bool) -> Remeshed {
     let quality = Quality { lids, ..DEFAULT };
     remesh(sections, &quality, &|_| false).unwrap()

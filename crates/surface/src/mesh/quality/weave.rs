@@ -79,9 +79,22 @@ impl<'a> Weave<'a> {
             };
             let corners = self.web.triangles[t];
             let (place, point) = self.middle(corners[k], corners[(k + 1) % 3]);
+            if !self.can_split(t as u32, k, place) {
+                t += 1;
+                continue;
+            }
             self.web.split(t as u32, k, point, place);
             self.aims.push(self.field.length(self.sheet, place));
         }
+    }
+
+    /// True if the triangles on both sides of an edge keep an area when it is split at a place.
+    /// Triangles without area could be divided for ever.
+    fn can_split(&self, t: u32, k: usize, place: [f64; 2]) -> bool {
+        let Some((n, j)) = self.web.beyond(t, k) else { return false };
+        let corner = |t: u32, k: usize| self.web.places[self.web.triangles[t as usize][k % 3] as usize];
+        let [a, b, c, d] = [corner(t, k), corner(t, k + 1), corner(t, k + 2), corner(n, j + 2)];
+        [[a, place, c], [place, b, c], [place, a, d], [b, place, d]].iter().all(|&s| self.is_upright(s))
     }
 
     /// Longest inner edge of a triangle that is too long.
@@ -308,16 +321,10 @@ impl<'a> Weave<'a> {
         let whole = self.doubled_area(places);
         let parts = [0, 1, 2].map(|k| self.doubled_area([places[k], places[(k + 1) % 3], place]) / whole);
         let k = (0..3).min_by(|&i, &j| parts[i].total_cmp(&parts[j])).unwrap_or(0);
-        if parts[k] < 0.2
-            && let Some((n, j)) = self.web.beyond(t, k)
-        {
-            let [a, b, c] = [places[k], places[(k + 1) % 3], places[(k + 2) % 3]];
-            let d = self.web.places[self.web.triangles[n as usize][(j + 2) % 3] as usize];
-            if [[a, place, c], [place, b, c], [place, a, d], [b, place, d]].iter().all(|&s| self.is_upright(s)) {
-                self.web.split(t, k, point, place);
-                self.aims.push(self.field.length(self.sheet, place));
-                return true;
-            }
+        if parts[k] < 0.2 && self.can_split(t, k, place) {
+            self.web.split(t, k, point, place);
+            self.aims.push(self.field.length(self.sheet, place));
+            return true;
         }
         if parts[k] > 1e-3 {
             self.web.insert(t, point, place);
