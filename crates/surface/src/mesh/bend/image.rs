@@ -25,18 +25,24 @@ pub(super) fn place(course: &Course, p: [f64; 3]) -> [f64; 3] {
     (course.place(p.map(|x| x * 1e6)) * 1e-6).into()
 }
 
-/// Distance of the midpoint of an edge from its image, µm, given the images of its ends. Zero
-/// across the tube, where the map is rigid.
+/// Maximum distance of quarter points of an edge from their images, µm, given the images of its
+/// ends. Zero across the tube, where the map is rigid.
 pub(super) fn off(mesh: &Mesh, course: &Course, (v, w): (u32, u32), image: impl Fn(u32) -> DVec3) -> f64 {
     let [p, q] = [v, w].map(|v| mesh.positions[v as usize].map(f64::from));
     if p[2] == q[2] {
         return 0.0;
     }
-    1e6 * DVec3::from(place(course, middle(p, q))).distance((image(v) + image(w)) / 2.0)
+    let [from, to] = [image(v), image(w)];
+    let at = |part: f64| DVec3::from(place(course, between(p, q, part))).distance(from.lerp(to, part));
+    1e6 * [0.5, 0.25, 0.75].map(at).into_iter().fold(0.0, f64::max)
 }
 
 pub(super) fn middle(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
-    [0, 1, 2].map(|axis| 0.5 * (p[axis] + q[axis]))
+    between(p, q, 0.5)
+}
+
+fn between(p: [f64; 3], q: [f64; 3], part: f64) -> [f64; 3] {
+    [0, 1, 2].map(|axis| (1.0 - part) * p[axis] + part * q[axis])
 }
 
 /// Maximum distances of edges from their images.
