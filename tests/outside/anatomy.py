@@ -23,9 +23,8 @@ MISSED = {
         "isthmus: outer diameter (narrow report)",
         "isthmus: outer diameter right/left age 14-49",
         "ampulla: outer diameter right/left age 14-49",
-        "ampulla: number of primary mucosal folds",
     ],
-    "cow": [],
+    "cow": ["whole: tube length, heifer, oestrus"],
 }
 # Maximum change of a measure between two of the 201 sections, as a fraction of its difference
 # between isthmus and ampulla.
