@@ -38,5 +38,5 @@ pub use list::{BulkResult, Change, Counts, ListFilter, Page};
 pub use open::{Database, open};
 pub use operators::{Instruction, Pause, PoolUse, WorkerInfo, WorkerKind, WorkerState};
 pub use options::StoreOptions;
-pub use sql::{Hook, Store, UpkeepTask};
+pub use sql::{Hook, LastRound, Mismatch, Store, UpkeepState, UpkeepTask};
 pub use state::ClaimScope;

@@ -5,14 +5,19 @@
 //! sees a whole model or none. A file whose removal fails becomes an orphan, and the next orphan
 //! sweep removes it.
 //!
+//! No orphan is deleted while the job store seems to be the wrong one: it is new, or it was restored
+//! from a backup that is older than the artifacts ([`Sweeper::observe`]).
+//!
 //! One process at a time sweeps, of all processes that share the stores: [`Sweeper`] holds a lock
 //! in the job store.
 
 use super::JobId;
 use super::artifacts::{ArtifactError, Artifacts, MODELS, PROBES};
 use super::error::StoreError;
-use super::sql::{Store, UpkeepTask};
+use super::sql::{LastRound, Mismatch, Store, UpkeepState, UpkeepTask};
+use futures_util::TryStreamExt;
 use jiff::Timestamp;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// Number of jobs that one query reads.
@@ -24,6 +29,9 @@ const RETENTION_LOCK: Duration = Duration::from_secs(3 * 60);
 const ORPHANS_LOCK: Duration = Duration::from_secs(10 * 60);
 /// Minimum age of a file to remove that a check of the artifact store left.
 const PROBE_AGE: Duration = Duration::from_secs(60 * 60);
+
+/// Time without a round of upkeep after which the two stores are compared. Rounds are a minute apart.
+const COMPARED_AFTER: Duration = Duration::from_secs(3 * 60);
 
 /// Limits of retention. `None` and zero mean no limit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -44,24 +52,66 @@ pub struct Swept {
 }
 
 /// Sweeps the stores of a service, unless another process does so.
-#[derive(Clone)]
 pub struct Sweeper {
     store: Store,
     artifacts: Artifacts,
     /// Name of this process.
     owner: String,
+    /// Whether this sweeper has compared the two stores.
+    has_compared: AtomicBool,
 }
 
 impl Sweeper {
     /// A sweeper of the process named `owner`.
     #[must_use]
     pub fn new(store: Store, artifacts: Artifacts, owner: impl Into<String>) -> Self {
-        Self { store, artifacts, owner: owner.into() }
+        Self { store, artifacts, owner: owner.into(), has_compared: AtomicBool::new(false) }
     }
 
     /// Takes or renews the lock on a task; false if another process holds it.
     async fn lock(&self, task: UpkeepTask, lease: Duration) -> Result<bool, StoreError> {
         self.store.acquire_upkeep(task, &self.owner, lease).await
+    }
+
+    /// Records that upkeep has seen the records, to be called every minute and before any sweep.
+    ///
+    /// The first call, and each call after a time without rounds, compares the two stores: a model
+    /// that the job store does not know, made after the last round, is a sign that the job store
+    /// has lost records. The sign is recorded, and no orphan is deleted until a call with `trust`.
+    ///
+    /// # Errors
+    /// [`ArtifactError::Store`], [`ArtifactError::Jobs`]; then nothing is recorded.
+    pub async fn observe(&self, trust: bool) -> Result<UpkeepState, ArtifactError> {
+        let last = self.store.last_round().await?;
+        let is_due = last.seen_at.is_none_or(|seen| last.now.duration_since(seen).unsigned_abs() > COMPARED_AFTER);
+        let compares = !trust && (is_due || !self.has_compared.load(Ordering::Relaxed));
+        let found = if compares { self.compare(&last).await? } else { None };
+        let state = self.store.record_round(found, trust).await?;
+        self.has_compared.store(true, Ordering::Relaxed);
+        Ok(state)
+    }
+
+    /// Searches the artifact store for a model that was made after the last round and that the job
+    /// store does not know. Ids of models begin with the time of their submission.
+    async fn compare(&self, last: &LastRound) -> Result<Option<Mismatch>, ArtifactError> {
+        let after = last.seen_at.map(|seen| JobId::least_after(seen).to_string()).unwrap_or_default();
+        let mut folders = self.artifacts.models_after(&after).await?;
+        let mut known = String::new();
+        while let Some(folder) = folders.try_next().await? {
+            if folder == known {
+                continue;
+            }
+            let is_known = match folder.parse().map(JobId) {
+                Ok(id) => self.store.get(id).await?.is_some(),
+                // Not the folder of a model. It counts only if there should be nothing at all.
+                Err(_) => last.seen_at.is_some(),
+            };
+            if !is_known {
+                return Ok(Some(Mismatch { is_new: last.seen_at.is_none(), example: format!("{MODELS}/{folder}") }));
+            }
+            known = folder;
+        }
+        Ok(None)
     }
 
     /// Does one round of retention, to be called every minute: deletes models that are too old by
@@ -139,9 +189,9 @@ impl Sweeper {
     /// leave orphans, and so do processes that end between upload and commit.
     ///
     /// Files of running attempts stay whatever their times are, because these may be by another
-    /// clock. Files of checks are removed after an hour. Returns `None` if another process sweeps,
-    /// or did so less than `every` ago: each process may call this every `every`, and one of them
-    /// sweeps.
+    /// clock. Files of checks are removed after an hour. Returns `None` if the state of upkeep has a
+    /// [`Mismatch`], or if another process sweeps or did so less than `every` ago: each process may
+    /// call this every `every`, and one of them sweeps.
     ///
     /// # Errors
     /// [`ArtifactError::Store`], [`ArtifactError::Jobs`]; files removed before the error stay
@@ -152,7 +202,8 @@ impl Sweeper {
         age: Duration,
         every: Duration,
     ) -> Result<Option<u64>, ArtifactError> {
-        if !self.lock(UpkeepTask::Orphans, ORPHANS_LOCK).await? {
+        let is_held = self.store.upkeep_state().await?.is_some_and(|state| state.mismatch.is_some());
+        if is_held || !self.lock(UpkeepTask::Orphans, ORPHANS_LOCK).await? {
             return Ok(None);
         }
         let mut removed = 0;

@@ -22,6 +22,7 @@ mod fits;
 mod gate;
 mod gpu;
 mod kill;
+mod mismatch;
 mod outage;
 mod postgres;
 #[path = "../common/queue.rs"]

@@ -28,7 +28,7 @@ use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::task::{JoinHandle, JoinSet};
 use tokio_util::sync::CancellationToken;
-use upkeep::UpkeepContext;
+use upkeep::{Locations, UpkeepContext};
 
 /// Minimum time to send the last responses during a shutdown, even with a shorter `--grace`.
 const LAST_ANSWERS: Duration = Duration::from_secs(5);
@@ -47,8 +47,7 @@ pub(in crate::cli) struct Runtime {
 struct Stores {
     jobs: Store,
     artifacts: Artifacts,
-    /// Whether other processes may use them at the same time.
-    shared: bool,
+    locations: Locations,
 }
 
 /// A running service.
@@ -108,8 +107,8 @@ impl Stores {
             .open(options)
             .await
             .with_context(|| format!("the job store {} could not be opened", location(&database)))?;
-        let (artifacts, remote) = artifacts(args)?;
-        Ok(Self { jobs, artifacts, shared: remote || database.is_shared() })
+        let (artifacts, place) = artifacts(args)?;
+        Ok(Self { jobs, artifacts, locations: Locations { jobs: location(&database), artifacts: place } })
     }
 }
 
@@ -208,10 +207,10 @@ impl Service {
             store: stores.jobs.clone(),
             artifacts: stores.artifacts.clone(),
             metrics: metrics.clone(),
-            shared: stores.shared,
+            locations: stores.locations.clone(),
         };
-        // Before the workers: upkeep deletes orphans that are older than its start.
-        let upkeep = upkeep::start(context, Retention { age: args.keep, bytes: args.keep_bytes });
+        let retention = Retention { age: args.keep, bytes: args.keep_bytes };
+        let upkeep = upkeep::start(context, retention, args.sweep_now);
         let access = access(args, address, &stores.jobs).await?;
         let runtime = Runtime::over(stores, &args.process, gpus, metrics)?;
 
@@ -343,22 +342,22 @@ fn limits(args: &ServeArgs, connections: usize) -> Result<Limits, Failure> {
     })
 }
 
-/// Returns the artifact store that the options select, and whether other processes may use it.
+/// Returns the artifact store that the options select, and its location for messages.
 ///
 /// # Errors
 /// [`Failure::Usage`] for an unknown kind of store; [`Failure::Failed`] if the store cannot be
 /// opened.
-fn artifacts(args: &ProcessArgs) -> Result<(Artifacts, bool), Failure> {
+fn artifacts(args: &ProcessArgs) -> Result<(Artifacts, String), Failure> {
     match args.artifacts.as_deref().filter(|url| url.starts_with("s3:")) {
         Some(url) => match Artifacts::s3(url, std::env::vars()) {
-            Ok(artifacts) => Ok((artifacts, true)),
+            Ok(artifacts) => Ok((artifacts, url.to_owned())),
             Err(error) => Err(Failure::usage(format!("--artifacts: {error}"))),
         },
         None => {
             let path = artifacts_path(args.artifacts.as_deref(), &args.database.data)?;
             let artifacts = Artifacts::local(&path)
                 .with_context(|| format!("the artifact store at {} could not be opened", path.display()))?;
-            Ok((artifacts, false))
+            Ok((artifacts, path.display().to_string()))
         }
     }
 }

@@ -33,7 +33,7 @@ use futures_util::{FutureExt, StreamExt, TryStreamExt};
 use local::Root;
 use object_store::buffered::BufWriter;
 use object_store::path::Path as Key;
-use object_store::{GetOptions, GetRange, ObjectStore, ObjectStoreExt};
+use object_store::{GetOptions, GetRange, ObjectMeta, ObjectStore, ObjectStoreExt};
 use sha2::{Digest, Sha256};
 use std::ops::Range;
 use std::path::Path;
@@ -374,6 +374,26 @@ impl Artifacts {
             // Fused, because the caller polls the stream once more after its end.
             None => Listing::Remote(self.store.list(Some(&Key::from(prefix))).fuse().boxed()),
         }
+    }
+
+    /// Names of the folders below `models/` that sort after `after`. A name may come several times.
+    pub(super) async fn models_after(
+        &self,
+        after: &str,
+    ) -> Result<BoxStream<'static, Result<String, ArtifactError>>, ArtifactError> {
+        if let Some(root) = self.local.clone() {
+            let after = after.to_owned();
+            let names = tokio::task::spawn_blocking(move || root.folders_after(MODELS, &after)).await;
+            let names = names.map_err(ArtifactError::store)?.map_err(ArtifactError::store)?;
+            return Ok(futures_util::stream::iter(names).map(Ok).boxed());
+        }
+        let offset = Key::from(format!("{MODELS}/{after}"));
+        let listed = self.store.list_with_offset(Some(&Key::from(MODELS)), &offset);
+        let name = |object: ObjectMeta| object.location.parts().nth(1).map(|part| part.as_ref().to_owned());
+        Ok(listed
+            .map_err(ArtifactError::from)
+            .try_filter_map(move |object| std::future::ready(Ok(name(object))))
+            .boxed())
     }
 
     /// Removes objects of a [`Listing`] and returns their number.
