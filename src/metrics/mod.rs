@@ -140,6 +140,8 @@ metrics! {
         "checkpoints", "Checkpoints stored";
     removed: Counter = Counter::default(),
         "models_removed", "Models removed because of their age or of the limit on bytes";
+    clock_jumps: Counter = Counter::default(), "clock_jumps",
+        "Advances of the job store's clock that are longer than the time that passed; each skipped a round of retention";
     pictures: Counters = Counters::default(), "pictures",
         "Requests for pictures of models: drawn, kept (in memory from an earlier request), refused (too many waited)";
     picture_seconds: Histogram = short(),
@@ -322,6 +324,11 @@ impl Metrics {
     /// Counts models removed because of their age or of the limit on bytes.
     pub fn removed(&self, models: u64) {
         self.0.removed.inc_by(models);
+    }
+
+    /// Counts a jump of the clock of the job store.
+    pub fn clock_jumped(&self) {
+        self.0.clock_jumps.inc();
     }
 
     /// Counts a request for a picture of a model by its `result`: `drawn`, `kept` (in memory from

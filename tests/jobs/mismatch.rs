@@ -8,7 +8,7 @@ use crate::unread::execute;
 use bytes::Bytes;
 use oviduct::clock::Clock;
 use oviduct::jobs::artifacts::{Artifacts, key};
-use oviduct::jobs::sweep::Sweeper;
+use oviduct::jobs::sweep::{Retention, Sweeper};
 use oviduct::jobs::{ClaimScope, JobId, Mismatch, Store, StoreOptions};
 use std::time::Duration;
 
@@ -38,29 +38,37 @@ async fn has(artifacts: &Artifacts, id: JobId) -> bool {
 async fn a_new_job_store_deletes_nothing(database: Database, bucket: Option<&Bucket>) {
     let mut first = Place::on(database, StoreOptions::default()).await;
     first.artifacts = bucket.map_or(first.artifacts, Bucket::artifacts);
-    assert_eq!(sweeper(&first).observe(false).await.unwrap().mismatch, None, "both stores are empty");
+    assert_eq!(
+        sweeper(&first).observe(Retention::default(), false).await.unwrap().state.mismatch,
+        None,
+        "both stores are empty"
+    );
     let model = make(&first.store, &first.artifacts, "a").await;
-    assert_eq!(sweeper(&first).observe(false).await.unwrap().mismatch, None, "its record is known");
+    assert_eq!(
+        sweeper(&first).observe(Retention::default(), false).await.unwrap().state.mismatch,
+        None,
+        "its record is known"
+    );
 
     // The same artifacts with a database that does not know them.
     let mut second = Place::on(database, StoreOptions::default()).await;
     second.artifacts = first.artifacts.clone();
     let expected = Some(Mismatch { is_new: true, example: format!("models/{model}") });
-    assert_eq!(sweeper(&second).observe(false).await.unwrap().mismatch, expected);
+    assert_eq!(sweeper(&second).observe(Retention::default(), false).await.unwrap().state.mismatch, expected);
     make(&second.store, &second.artifacts, "b").await;
     for _ in 0..2 {
         // A restart does not forget it, although there are younger records by then.
         let restarted = sweeper(&second);
-        assert_eq!(restarted.observe(false).await.unwrap().mismatch, expected);
+        assert_eq!(restarted.observe(Retention::default(), false).await.unwrap().state.mismatch, expected);
         assert_eq!(sweep(&restarted).await, None);
     }
     assert!(has(&second.artifacts, model).await);
     let trusting = sweeper(&second);
-    assert_eq!(trusting.observe(true).await.unwrap().mismatch, None);
+    assert_eq!(trusting.observe(Retention::default(), true).await.unwrap().state.mismatch, None);
     // The file of the second job goes too, because no attempt of the job runs.
     assert_eq!(sweep(&trusting).await, Some(2));
     assert!(!has(&second.artifacts, model).await);
-    assert_eq!(sweeper(&second).observe(false).await.unwrap().mismatch, None);
+    assert_eq!(sweeper(&second).observe(Retention::default(), false).await.unwrap().state.mismatch, None);
 }
 
 async fn an_older_job_store_deletes_nothing(database: Database, bucket: Option<&Bucket>) {
@@ -75,7 +83,11 @@ async fn an_older_job_store_deletes_nothing(database: Database, bucket: Option<&
     let kept = make(&place.store, &place.artifacts, "b").await;
     clock.advance(HOUR);
     let running = sweeper(&place);
-    assert_eq!(running.observe(false).await.unwrap().mismatch, None, "its record was deleted before the last round");
+    assert_eq!(
+        running.observe(Retention::default(), false).await.unwrap().state.mismatch,
+        None,
+        "its record was deleted before the last round"
+    );
 
     // Restoring a backup takes the records back to the last round.
     clock.advance(HOUR);
@@ -84,17 +96,17 @@ async fn an_older_job_store_deletes_nothing(database: Database, bucket: Option<&
     execute(database, &url, &format!("DELETE FROM jobs WHERE id = '{lost}'")).await;
     let restored = sweeper(&place);
     let expected = Some(Mismatch { is_new: false, example: format!("models/{lost}") });
-    assert_eq!(restored.observe(false).await.unwrap().mismatch, expected);
+    assert_eq!(restored.observe(Retention::default(), false).await.unwrap().state.mismatch, expected);
     // The process that has run all the time notices it too.
-    assert_eq!(running.observe(false).await.unwrap().mismatch, expected);
+    assert_eq!(running.observe(Retention::default(), false).await.unwrap().state.mismatch, expected);
     clock.advance(HOUR);
     make(&place.store, &place.artifacts, "d").await;
-    assert_eq!(sweeper(&place).observe(false).await.unwrap().mismatch, expected);
+    assert_eq!(sweeper(&place).observe(Retention::default(), false).await.unwrap().state.mismatch, expected);
     assert_eq!(sweep(&restored).await, None);
     assert!(has(&place.artifacts, deleted).await && has(&place.artifacts, lost).await);
 
     place.store.claim("w", ClaimScope::Cpu, LEASE, 1).await.unwrap();
-    assert_eq!(restored.observe(true).await.unwrap().mismatch, None);
+    assert_eq!(restored.observe(Retention::default(), true).await.unwrap().state.mismatch, None);
     assert_eq!(sweep(&restored).await, Some(3));
     assert!(has(&place.artifacts, kept).await, "its attempt runs");
     assert!(!has(&place.artifacts, lost).await);
@@ -132,8 +144,14 @@ async fn records_without_rounds_are_as_young_as_the_youngest_job() {
     make(&place.store, &place.artifacts, "a").await;
     let old = Store::open_in_memory(StoreOptions { clock: clock.clone(), ..StoreOptions::default() }).await.unwrap();
     old.submit(new_job("b")).await.unwrap();
-    let observe =
-        async || Sweeper::new(old.clone(), place.artifacts.clone(), "a").observe(false).await.unwrap().mismatch;
+    let observe = async || {
+        Sweeper::new(old.clone(), place.artifacts.clone(), "a")
+            .observe(Retention::default(), false)
+            .await
+            .unwrap()
+            .state
+            .mismatch
+    };
     assert_eq!(observe().await, None, "made before the youngest job");
     clock.advance(HOUR);
     assert_eq!(observe().await, None);

@@ -4,8 +4,9 @@
 
 use crate::clock::Clock;
 use crate::jobs::artifacts::Artifacts;
+use crate::jobs::jumps::Jump;
 use crate::jobs::sweep::{Retention, Sweeper};
-use crate::jobs::{Mismatch, Store};
+use crate::jobs::{Mismatch, Store, UpkeepRound};
 use crate::metrics::Metrics;
 use std::sync::Arc;
 use std::time::Duration;
@@ -41,8 +42,9 @@ pub(super) struct Locations {
     pub(super) artifacts: String,
 }
 
-/// Starts the maintenance tasks. The first round compares the two stores, unless `trust` is true;
-/// orphans are swept after it. Dropping the result stops the tasks.
+/// Starts the maintenance tasks. The first round compares the two stores, and the clock with the
+/// time of the last round, unless `trust` is true; orphans are swept after it. Dropping the result
+/// stops the tasks.
 pub(super) fn start(context: UpkeepContext, retention: Retention, trust: bool) -> JoinSet<()> {
     let mut tasks = JoinSet::new();
     let owner = uuid::Uuid::now_v7().to_string();
@@ -71,11 +73,11 @@ pub(super) fn start(context: UpkeepContext, retention: Retention, trust: bool) -
     tasks.spawn(async move {
         let mut trust = trust;
         loop {
-            match sweeper.observe(trust).await {
-                Ok(state) => {
+            match sweeper.observe(retention, trust).await {
+                Ok(round) => {
                     trust = false;
-                    observed.send_replace(Some(state.mismatch));
-                    expired.sweep_expired(&sweeper, retention).await;
+                    observed.send_replace(Some(round.state.mismatch.clone()));
+                    expired.sweep_expired(&sweeper, retention, &round).await;
                 }
                 Err(error) => tracing::warn!(%error, "a round of upkeep failed; the next one is in a minute"),
             }
@@ -93,11 +95,23 @@ pub(super) fn start(context: UpkeepContext, retention: Retention, trust: bool) -
 }
 
 impl UpkeepContext {
-    async fn sweep_expired(&self, sweeper: &Sweeper, retention: Retention) {
+    async fn sweep_expired(&self, sweeper: &Sweeper, retention: Retention, round: &UpkeepRound) {
+        // Without a limit on age, a jump is only recorded.
+        if let (Some(Jump { by, .. }), Some(_)) = (round.jump, retention.age) {
+            self.metrics.clock_jumped();
+            let (now, by) = (round.state.seen_at, jiff::SignedDuration::try_from(by).unwrap_or_default());
+            tracing::warn!(
+                %now, by = format!("{by:#}"),
+                "the clock of the job store advanced by more time than passed while this service watched: the clock was \
+                 set, or no service ran. This round of retention was skipped, and this time does not count for --keep. \
+                 If the clock is wrong, correct it. To count the time, start once with --sweep-now"
+            );
+            return;
+        }
         if retention == Retention::default() {
             return;
         }
-        match sweeper.retain(retention).await {
+        match sweeper.retain(retention, &round.state).await {
             Ok(Some(swept)) => {
                 self.metrics.removed(swept.removed);
                 if let Some(bytes) = swept.stored_bytes {

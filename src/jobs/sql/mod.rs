@@ -48,4 +48,4 @@ pub(super) use migrations::{migrations, migrator};
 pub(super) use store::Engine;
 pub use store::{Hook, Store};
 pub(super) use tx::{Connection, Time, roll_back};
-pub use upkeep::{LastRound, Mismatch, UpkeepState, UpkeepTask};
+pub use upkeep::{LastRound, Mismatch, Observation, UpkeepRound, UpkeepState, UpkeepTask};

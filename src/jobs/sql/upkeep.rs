@@ -6,7 +6,9 @@ use super::error::SqlError;
 use super::operation::Done;
 use super::store::Store;
 use super::tx::Tx;
-use crate::jobs::StoreError;
+use crate::clock::Stopwatch;
+use crate::jobs::jumps::{Jump, Jumps};
+use crate::jobs::{StoreError, StoreOptions};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -49,6 +51,35 @@ pub struct UpkeepState {
     /// Found by the latest comparison with the artifact store. While there is one, no orphan is
     /// deleted.
     pub mismatch: Option<Mismatch>,
+    /// Jumps of the clock of the store.
+    #[serde(default)]
+    pub jumps: Jumps,
+}
+
+/// Findings of a process for [`Store::record_round`].
+#[derive(Clone, Debug)]
+pub struct Observation {
+    /// Mismatch that the process found in this round.
+    pub mismatch: Option<Mismatch>,
+    /// Runs since the process began its rounds.
+    pub watch: Stopwatch,
+    /// Reading of `watch` in the last round of this process.
+    pub read_at: Option<Duration>,
+    /// Maximum difference between clock and `watch` that is no jump.
+    pub tolerance: Duration,
+    /// Whether to accept both stores and the clock as they are.
+    pub trust: bool,
+}
+
+/// A recorded round.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UpkeepRound {
+    /// State after the round.
+    pub state: UpkeepState,
+    /// Jump of the clock since the last round.
+    pub jump: Option<Jump>,
+    /// Reading of the stopwatch at [`UpkeepState::seen_at`].
+    pub read_at: Duration,
 }
 
 /// Result of [`Store::last_round`].
@@ -73,17 +104,8 @@ impl Store {
     /// Reads when upkeep last saw the records.
     pub async fn last_round(&self) -> Result<LastRound, StoreError> {
         let tx = &mut self.read("last_round").await?;
-        let now = tx.now().await?;
-        let mut seen_at = state(tx).await?.map(|state| state.seen_at);
-        if seen_at.is_none() {
-            // Before the first round of this version, the records themselves are the trace of time.
-            let job = tx.optional("SELECT created_at AS at FROM jobs ORDER BY id DESC LIMIT 1", values![]).await?;
-            if let Some(job) = job {
-                let beat = tx.one("SELECT MAX(heartbeat_at) AS at FROM workers", values![]).await?;
-                seen_at = beat.optional_time("at")?.max(Some(job.time("at")?));
-            }
-        }
-        Ok(LastRound { now, seen_at })
+        let state = state(tx).await?;
+        Ok(LastRound { now: tx.now().await?, seen_at: last_seen(state.as_ref(), tx).await? })
     }
 
     /// The state of upkeep; `None` before the first round.
@@ -91,10 +113,10 @@ impl Store {
         Ok(state(&mut self.read("upkeep_state").await?).await?)
     }
 
-    /// Records a round of upkeep with the mismatch that it found. An earlier mismatch stays unless
-    /// `trust` is true. Returns the new state.
-    pub async fn record_round(&self, found: Option<Mismatch>, trust: bool) -> Result<UpkeepState, StoreError> {
-        self.apply("record_round", (found, trust), |(found, trust), tx, _| Box::pin(record(found, *trust, tx))).await
+    /// Records a round of upkeep. An earlier mismatch and earlier jumps stay unless
+    /// [`Observation::trust`] is true.
+    pub async fn record_round(&self, seen: Observation) -> Result<UpkeepRound, StoreError> {
+        self.apply("record_round", seen, |seen, tx, options| Box::pin(record(seen, options, tx))).await
     }
 
     /// Returns the subset of `keys` in use: named by a record as a file or a checkpoint, or under
@@ -128,16 +150,40 @@ async fn acquire(task: UpkeepTask, owner: &str, lease: Duration, tx: &mut Tx<'_>
 
 async fn state(tx: &mut Tx<'_>) -> Result<Option<UpkeepState>, SqlError> {
     let row = tx.optional("SELECT state FROM upkeep_state", values![]).await?;
-    row.map(|row| parse(row.get("state")?)).transpose()
+    // `null` while the first round is recorded.
+    Ok(row.map(|row| parse::<Option<UpkeepState>>(row.get("state")?)).transpose()?.flatten())
 }
 
-async fn record(found: &Option<Mismatch>, trust: bool, tx: &mut Tx<'_>) -> Result<Done<UpkeepState>, SqlError> {
-    let seen_at = tx.now().await?;
-    let before = state(tx).await?.and_then(|state| state.mismatch).filter(|_| !trust);
-    let state = UpkeepState { seen_at, mismatch: found.clone().or(before) };
-    let sql = "INSERT INTO upkeep_state (id, state) VALUES (1, $1) ON CONFLICT (id) DO UPDATE SET state = $1";
-    tx.execute(sql, values![json(&state)]).await?;
-    Ok(Done::quiet(state))
+/// Time of the last round. Before the first one, the records themselves are the trace of time.
+async fn last_seen(state: Option<&UpkeepState>, tx: &mut Tx<'_>) -> Result<Option<Timestamp>, SqlError> {
+    if let Some(state) = state {
+        return Ok(Some(state.seen_at));
+    }
+    let job = tx.optional("SELECT created_at AS at FROM jobs ORDER BY id DESC LIMIT 1", values![]).await?;
+    let Some(job) = job else { return Ok(None) };
+    let beat = tx.one("SELECT MAX(heartbeat_at) AS at FROM workers", values![]).await?;
+    Ok(beat.optional_time("at")?.max(Some(job.time("at")?)))
+}
+
+async fn record(seen: &Observation, options: &StoreOptions, tx: &mut Tx<'_>) -> Result<Done<UpkeepRound>, SqlError> {
+    // Locks the row, so that of several processes one records a jump.
+    let lock = "INSERT INTO upkeep_state (id, state) VALUES (1, 'null') ON CONFLICT (id) DO UPDATE SET id = 1";
+    tx.execute(lock, values![]).await?;
+    let before = state(tx).await?;
+    let (now, read_at) = (tx.now().await?, options.clock.elapsed(&seen.watch));
+    let mut state = UpkeepState { seen_at: now, mismatch: seen.mismatch.clone(), jumps: Jumps::default() };
+    let mut jump = None;
+    if !seen.trust
+        && let Some(last) = last_seen(before.as_ref(), tx).await?
+    {
+        let before = before.unwrap_or(UpkeepState { seen_at: last, mismatch: None, jumps: Jumps::default() });
+        state.jumps = before.jumps;
+        state.mismatch = state.mismatch.or(before.mismatch);
+        let elapsed = seen.read_at.map_or(Duration::ZERO, |last| read_at.saturating_sub(last));
+        jump = state.jumps.note(last, now, elapsed, seen.tolerance);
+    }
+    tx.execute("UPDATE upkeep_state SET state = $1 WHERE id = 1", values![json(&state)]).await?;
+    Ok(Done::quiet(UpkeepRound { state, jump, read_at }))
 }
 
 /// Frees the locks of all upkeep tasks, for a store that no other process has open.
