@@ -26,6 +26,8 @@ mod measure;
 mod orphans;
 #[path = "cli/render.rs"]
 mod render;
+#[path = "cli/scrub.rs"]
+mod scrub;
 #[path = "cli/units.rs"]
 mod units;
 #[path = "cli/workers.rs"]

@@ -23,6 +23,7 @@ pub mod reuse;
 #[cfg(test)]
 mod sample;
 pub mod scratch;
+pub mod scrub;
 mod sql;
 mod sqlite;
 pub mod state;

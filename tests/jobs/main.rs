@@ -30,6 +30,7 @@ mod queue;
 mod random;
 mod redirect;
 mod scripted;
+mod scrub;
 mod sick;
 mod sqlite;
 mod step;

@@ -4,6 +4,7 @@
 pub(super) mod connections;
 pub(super) mod keys;
 pub(super) mod run;
+pub(super) mod scrub;
 mod upkeep;
 
 use crate::cli::args::{DatabaseArgs, ProcessArgs, ServeArgs};
@@ -107,7 +108,7 @@ impl Stores {
             .open(options)
             .await
             .with_context(|| format!("the job store {} could not be opened", location(&database)))?;
-        let (artifacts, place) = artifacts(args)?;
+        let (artifacts, place) = artifacts(args.artifacts.as_deref(), &args.database.data)?;
         Ok(Self { jobs, artifacts, locations: Locations { jobs: location(&database), artifacts: place } })
     }
 }
@@ -347,19 +348,24 @@ fn limits(args: &ServeArgs, connections: usize) -> Result<Limits, Failure> {
 /// # Errors
 /// [`Failure::Usage`] for an unknown kind of store; [`Failure::Failed`] if the store cannot be
 /// opened.
-fn artifacts(args: &ProcessArgs) -> Result<(Artifacts, String), Failure> {
-    match args.artifacts.as_deref().filter(|url| url.starts_with("s3:")) {
+fn artifacts(url: Option<&str>, data: &Path) -> Result<(Artifacts, String), Failure> {
+    match url.filter(|_| is_bucket(url)) {
         Some(url) => match Artifacts::s3(url, std::env::vars()) {
             Ok(artifacts) => Ok((artifacts, url.to_owned())),
             Err(error) => Err(Failure::usage(format!("--artifacts: {error}"))),
         },
         None => {
-            let path = artifacts_path(args.artifacts.as_deref(), &args.database.data)?;
+            let path = artifacts_path(url, data)?;
             let artifacts = Artifacts::local(&path)
                 .with_context(|| format!("the artifact store at {} could not be opened", path.display()))?;
             Ok((artifacts, path.display().to_string()))
         }
     }
+}
+
+/// True if the artifact store is a bucket.
+fn is_bucket(url: Option<&str>) -> bool {
+    url.is_some_and(|url| url.starts_with("s3:"))
 }
 
 /// Returns the path in `file:PATH`, `file://PATH` or a plain path; `data/artifacts` if none is

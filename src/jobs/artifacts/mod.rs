@@ -8,13 +8,16 @@
 //! - A key belongs to one attempt ([`key()`]), so two attempts never write the same key.
 //! - A file is an artifact only once the record of a job names it.
 //!   [`Sweeper`](super::sweep::Sweeper) removes orphans.
-//! - A file is hashed while it is uploaded, and its size is compared afterwards.
+//! - A file is hashed while it is uploaded, and its size is compared afterwards. A recorded file
+//!   that is read whole is compared with its record.
 //!
 //! | file | subject |
 //! |---|---|
 //! | `local`, `s3` | the two kinds of store |
+//! | `checked` | comparison of a file with its record while it is read |
 //! | `listing` | objects in pages, for sweeps |
 
+mod checked;
 mod error;
 mod listing;
 mod local;
@@ -24,9 +27,10 @@ pub use error::ArtifactError;
 pub(super) use listing::Listing;
 
 use super::error::with_causes;
-use super::job::JobId;
+use super::job::{File, JobId};
 use crate::availability::Availability;
 use bytes::Bytes;
+use checked::{check_size, checked};
 use futures_util::future::BoxFuture;
 use futures_util::stream::BoxStream;
 use futures_util::{FutureExt, StreamExt, TryStreamExt};
@@ -234,6 +238,27 @@ impl Artifacts {
         let result = self.store.get_opts(&location, options).await?;
         let (size, range) = (result.meta.size, result.range.clone());
         Ok(Download { size, range, stream: result.into_stream().map_err(ArtifactError::from).boxed() })
+    }
+
+    /// Opens a recorded file, or its bytes in `range`. A whole file is compared with its record
+    /// while it is read: the stream ends with [`ArtifactError::Damaged`] before the last bytes of a
+    /// damaged file. Of a file that is read in part, only the size is compared.
+    ///
+    /// # Errors
+    /// [`ArtifactError::Damaged`] for another size than the recorded one; the others of
+    /// [`Artifacts::get_range`].
+    pub async fn open(&self, file: &File, range: Option<Range<u64>>) -> Result<Download, ArtifactError> {
+        let range = range.filter(|range| *range != (0..file.bytes));
+        let is_whole = range.is_none();
+        let download = match self.get_range(&file.key, range).await {
+            Err(ArtifactError::Range(detail)) => {
+                return Err(ArtifactError::Damaged { key: file.key.clone(), detail });
+            }
+            opened => opened?,
+        };
+        check_size(file, download.size)?;
+        let stream = if is_whole { checked(download.stream, file) } else { download.stream };
+        Ok(Download { stream, ..download })
     }
 
     /// The bytes of the file under `key` in each of `ranges`, which must not be empty or extend

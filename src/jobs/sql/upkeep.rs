@@ -5,10 +5,10 @@ use super::codec::{json, parse, until, values};
 use super::error::SqlError;
 use super::operation::Done;
 use super::store::Store;
-use super::tx::Tx;
+use super::tx::{Row, Tx};
 use crate::clock::Stopwatch;
 use crate::jobs::jumps::{Jump, Jumps};
-use crate::jobs::{StoreError, StoreOptions};
+use crate::jobs::{File, JobId, StoreError, StoreOptions};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -117,6 +117,34 @@ impl Store {
     /// [`Observation::trust`] is true.
     pub async fn record_round(&self, seen: Observation) -> Result<UpkeepRound, StoreError> {
         self.apply("record_round", seen, |seen, tx, options| Box::pin(record(seen, options, tx))).await
+    }
+
+    /// Files that records name, by key: the `limit` ones after the key `after`. A file of several
+    /// jobs comes once.
+    pub async fn files_after(&self, after: &str, limit: u32) -> Result<Vec<File>, StoreError> {
+        let tx = &mut self.read("files_after").await?;
+        let sql = format!(
+            "SELECT key, MIN(name) AS name, MIN(media_type) AS media_type, MIN(bytes) AS bytes, MIN(sha256) AS sha256 \
+             FROM files{} WHERE key > $1 GROUP BY key ORDER BY key LIMIT {limit}",
+            tx.either(" INDEXED BY files_by_key", ""),
+        );
+        let file = |row: &Row| {
+            Ok(File {
+                name: row.get("name")?,
+                media_type: row.get("media_type")?,
+                bytes: row.count("bytes")?,
+                sha256: row.get("sha256")?,
+                key: row.get("key")?,
+            })
+        };
+        tx.all(sql, values![after]).await?.iter().map(file).collect()
+    }
+
+    /// Jobs whose records name the file under `key`.
+    pub async fn jobs_with_file(&self, key: &str) -> Result<Vec<JobId>, StoreError> {
+        let tx = &mut self.read("jobs_with_file").await?;
+        let rows = tx.all("SELECT DISTINCT job_id FROM files WHERE key = $1 ORDER BY job_id", values![key]).await?;
+        rows.iter().map(|row| Ok(JobId(row.id("job_id")?))).collect()
     }
 
     /// Returns the subset of `keys` in use: named by a record as a file or a checkpoint, or under
