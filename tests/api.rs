@@ -13,6 +13,7 @@ mod api {
     mod create;
     mod crowd;
     mod cut;
+    mod damaged;
     mod events;
     mod examples;
     mod faulty;

@@ -22,8 +22,12 @@ mod keys;
 mod load;
 #[path = "cli/measure.rs"]
 mod measure;
+#[path = "cli/orphans.rs"]
+mod orphans;
 #[path = "cli/render.rs"]
 mod render;
+#[path = "cli/scrub.rs"]
+mod scrub;
 #[path = "cli/units.rs"]
 mod units;
 #[path = "cli/workers.rs"]
@@ -447,7 +451,7 @@ fn a_service_and_a_worker_share_a_database() {
     until("the worker is alive", || code(&run(at.path(), &["healthcheck", "--url", &url])) == 0);
     sleep(Duration::from_secs(1));
     assert!(orphan.exists());
-    let server = Server::start_with(at.path(), &[&options[..], &["--cpu-workers", "0"]].concat());
+    let server = Server::start_with(at.path(), &[&options[..], &["--cpu-workers", "0", "--sweep-now"]].concat());
     until("the orphan is deleted", || !orphan.exists());
     let mut arguments = vec!["submit", "--url", &server.url, "--seed", "7", "--wait", "--json"];
     arguments.extend(TINY);

@@ -32,7 +32,7 @@ use crate::spec;
 use args::{Cli, Command};
 use local::{check, compare, convert, cut, fit, measure, report, section};
 use remote::{demo, submit, workers};
-use service::{keys, run as process};
+use service::{keys, run as process, scrub};
 use std::ffi::OsString;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -97,6 +97,7 @@ async fn dispatch(command: Command) -> Ended {
         Command::Keys(args) => keys::run(args).await,
         Command::Workers(args) => workers::run(args).await,
         Command::Migrate(args) => process::migrate(args).await,
+        Command::Scrub(args) => scrub::run(args).await,
         Command::Schema => Ok(term::print_json(&spec::schema())?),
         Command::Openapi => Ok(term::print(&crate::http::openapi_yaml())?),
         Command::Healthcheck { url } => Client::new(&url, None)?.get("/healthz").await.map(|_| ()),

@@ -64,12 +64,12 @@ impl Database {
         }
     }
 
-    /// Opens the job store to manage its API keys, even while a service has it open. No other call
-    /// may be made.
+    /// Opens the job store to manage its API keys, or only to read it, even while a service has it
+    /// open. No other call may be made.
     ///
     /// # Errors
     /// [`StoreError::Database`].
-    pub async fn open_for_keys(&self) -> Result<Store, StoreError> {
+    pub async fn open_beside_service(&self) -> Result<Store, StoreError> {
         let options = StoreOptions::default();
         match self {
             Self::Sqlite(path) => match Sqlite::open_shared(path).await? {

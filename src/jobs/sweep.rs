@@ -5,13 +5,22 @@
 //! sees a whole model or none. A file whose removal fails becomes an orphan, and the next orphan
 //! sweep removes it.
 //!
+//! Ages are by the clock of the store, without the time that did not pass while upkeep watched
+//! ([`Jumps`](super::jumps::Jumps)), so a wrong clock deletes no model.
+//!
+//! No orphan is deleted while the job store seems to be the wrong one: it is new, or it was
+//! restored from a backup that is older than the artifacts ([`Sweeper::observe`]).
+//!
 //! One process at a time sweeps, of all processes that share the stores: [`Sweeper`] holds a lock
 //! in the job store.
 
 use super::JobId;
 use super::artifacts::{ArtifactError, Artifacts, MODELS, PROBES};
 use super::error::StoreError;
-use super::sql::{Store, UpkeepTask};
+use super::sql::{LastRound, Mismatch, Observation, Store, UpkeepRound, UpkeepState, UpkeepTask};
+use crate::clock::Stopwatch;
+use crate::lock::Mutex;
+use futures_util::TryStreamExt;
 use jiff::Timestamp;
 use std::time::Duration;
 
@@ -25,6 +34,14 @@ const ORPHANS_LOCK: Duration = Duration::from_secs(10 * 60);
 /// Minimum age of a file to remove that a check of the artifact store left.
 const PROBE_AGE: Duration = Duration::from_secs(60 * 60);
 
+/// Time without a round of upkeep after which the two stores are compared. Rounds are a minute
+/// apart.
+const COMPARED_AFTER: Duration = Duration::from_secs(3 * 60);
+/// Minimum difference between clock and elapsed time that is a jump.
+const SMALLEST_JUMP: Duration = Duration::from_secs(60);
+/// Minimum difference that is a jump if there is no limit on the age of models yet.
+const JUMP_WITHOUT_LIMIT: Duration = Duration::from_secs(24 * 60 * 60);
+
 /// Limits of retention. `None` and zero mean no limit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Retention {
@@ -32,6 +49,14 @@ pub struct Retention {
     pub age: Option<Duration>,
     /// Maximum bytes of all files together. Above it, the models that ended first are deleted.
     pub bytes: Option<u64>,
+}
+
+impl Retention {
+    /// Maximum difference between clock and elapsed time that is no jump. It deletes models early
+    /// by at most a tenth of their time.
+    fn tolerance(&self) -> Duration {
+        self.age.map_or(JUMP_WITHOUT_LIMIT, |age| (age / 10).max(SMALLEST_JUMP))
+    }
 }
 
 /// Result of a round of retention.
@@ -44,19 +69,22 @@ pub struct Swept {
 }
 
 /// Sweeps the stores of a service, unless another process does so.
-#[derive(Clone)]
 pub struct Sweeper {
     store: Store,
     artifacts: Artifacts,
     /// Name of this process.
     owner: String,
+    /// Runs since this sweeper was made.
+    watch: Stopwatch,
+    /// Reading of `watch` in the last round.
+    read_at: Mutex<Option<Duration>>,
 }
 
 impl Sweeper {
     /// A sweeper of the process named `owner`.
     #[must_use]
     pub fn new(store: Store, artifacts: Artifacts, owner: impl Into<String>) -> Self {
-        Self { store, artifacts, owner: owner.into() }
+        Self { store, artifacts, owner: owner.into(), watch: Stopwatch::start(), read_at: Mutex::default() }
     }
 
     /// Takes or renews the lock on a task; false if another process holds it.
@@ -64,20 +92,68 @@ impl Sweeper {
         self.store.acquire_upkeep(task, &self.owner, lease).await
     }
 
-    /// Does one round of retention, to be called every minute: deletes models that are too old by
-    /// the clock of the store, then models above the limit of bytes. `None` if another process does
-    /// the rounds.
+    /// Records that upkeep has seen the records, to be called every minute and before any sweep.
+    ///
+    /// The first call, and each call after a time without rounds, compares the two stores: a model
+    /// that the job store does not know, made after the last round, is a sign that the job store
+    /// has lost records. The sign is recorded, and no orphan is deleted until a call with `trust`.
+    ///
+    /// Each call compares the time since the last round of any process by the clock of the store
+    /// with the time that has passed for this sweeper since its last call, zero at its first call.
+    /// A larger difference than a tenth of [`Retention::age`] is a jump, which is recorded and does
+    /// not count for the ages of models until a call with `trust`.
+    ///
+    /// # Errors
+    /// [`ArtifactError::Store`], [`ArtifactError::Jobs`]; then nothing is recorded.
+    pub async fn observe(&self, retention: Retention, trust: bool) -> Result<UpkeepRound, ArtifactError> {
+        let last = self.store.last_round().await?;
+        let is_due = last.seen_at.is_none_or(|seen| last.now.duration_since(seen).unsigned_abs() > COMPARED_AFTER);
+        let read_at = *self.read_at.lock();
+        let compares = !trust && (is_due || read_at.is_none());
+        let mismatch = if compares { self.compare(&last).await? } else { None };
+        let (watch, tolerance) = (self.watch, retention.tolerance());
+        let round = self.store.record_round(Observation { mismatch, watch, read_at, tolerance, trust }).await?;
+        *self.read_at.lock() = Some(round.read_at);
+        Ok(round)
+    }
+
+    /// Searches the artifact store for a model that was made after the last round and that the job
+    /// store does not know. Ids of models begin with the time of their submission.
+    async fn compare(&self, last: &LastRound) -> Result<Option<Mismatch>, ArtifactError> {
+        let after = last.seen_at.map(|seen| JobId::least_after(seen).to_string()).unwrap_or_default();
+        let mut folders = self.artifacts.models_after(&after).await?;
+        let mut known = String::new();
+        while let Some(folder) = folders.try_next().await? {
+            if folder == known {
+                continue;
+            }
+            let is_known = match folder.parse().map(JobId) {
+                Ok(id) => self.store.get(id).await?.is_some(),
+                // Not the folder of a model. It counts only if there should be nothing at all.
+                Err(_) => last.seen_at.is_some(),
+            };
+            if !is_known {
+                return Ok(Some(Mismatch { is_new: last.seen_at.is_none(), example: format!("{MODELS}/{folder}") }));
+            }
+            known = folder;
+        }
+        Ok(None)
+    }
+
+    /// Does one round of retention, to be called every minute: deletes models that were too old at
+    /// the observation `state`, then models above the limit of bytes. `None` if another process
+    /// does the rounds.
     ///
     /// # Errors
     /// [`StoreError`]; models deleted before the error stay deleted. Files that could not be
     /// removed are only logged.
-    pub async fn retain(&self, retention: Retention) -> Result<Option<Swept>, StoreError> {
+    pub async fn retain(&self, retention: Retention, state: &UpkeepState) -> Result<Option<Swept>, StoreError> {
         if !self.lock(UpkeepTask::Retention, RETENTION_LOCK).await? {
             return Ok(None);
         }
         let mut swept = Swept::default();
         if let Some(age) = retention.age.filter(|age| !age.is_zero()) {
-            self.remove_old(age, &mut swept).await?;
+            self.remove_old(state.jumps.before(state.seen_at, age), &mut swept).await?;
         }
         if let Some(most) = retention.bytes.filter(|most| *most > 0) {
             self.remove_excess(most, &mut swept).await?;
@@ -85,9 +161,9 @@ impl Sweeper {
         Ok(Some(swept))
     }
 
-    async fn remove_old(&self, age: Duration, swept: &mut Swept) -> Result<(), StoreError> {
+    async fn remove_old(&self, before: Timestamp, swept: &mut Swept) -> Result<(), StoreError> {
         while self.lock(UpkeepTask::Retention, RETENTION_LOCK).await? {
-            let old = self.store.ended(Some(age), PAGE).await?;
+            let old = self.store.ended(before, PAGE).await?;
             for &id in &old {
                 swept.removed += u64::from(self.remove(id).await?.is_some());
             }
@@ -103,7 +179,7 @@ impl Sweeper {
             // Read again for each page, because clients delete models and workers add some.
             let mut stored = self.store.stored_bytes().await?;
             swept.stored_bytes = Some(stored);
-            let oldest = if stored > most { self.store.ended(None, PAGE).await? } else { Vec::new() };
+            let oldest = if stored > most { self.store.ended(Timestamp::MAX, PAGE).await? } else { Vec::new() };
             if oldest.is_empty() {
                 break;
             }
@@ -139,9 +215,9 @@ impl Sweeper {
     /// leave orphans, and so do processes that end between upload and commit.
     ///
     /// Files of running attempts stay whatever their times are, because these may be by another
-    /// clock. Files of checks are removed after an hour. Returns `None` if another process sweeps,
-    /// or did so less than `every` ago: each process may call this every `every`, and one of them
-    /// sweeps.
+    /// clock. Files of checks are removed after an hour. Returns `None` if the state of upkeep has
+    /// a [`Mismatch`], or if another process sweeps or did so less than `every` ago: each process
+    /// may call this every `every`, and one of them sweeps.
     ///
     /// # Errors
     /// [`ArtifactError::Store`], [`ArtifactError::Jobs`]; files removed before the error stay
@@ -152,7 +228,8 @@ impl Sweeper {
         age: Duration,
         every: Duration,
     ) -> Result<Option<u64>, ArtifactError> {
-        if !self.lock(UpkeepTask::Orphans, ORPHANS_LOCK).await? {
+        let is_held = self.store.upkeep_state().await?.is_some_and(|state| state.mismatch.is_some());
+        if is_held || !self.lock(UpkeepTask::Orphans, ORPHANS_LOCK).await? {
             return Ok(None);
         }
         let mut removed = 0;
@@ -198,6 +275,11 @@ mod tests {
         (store, Artifacts::local(dir.path()).unwrap(), clock, dir)
     }
 
+    async fn retain(sweeper: &Sweeper, retention: Retention) -> Option<Swept> {
+        let round = sweeper.observe(retention, false).await.unwrap();
+        sweeper.retain(retention, &round.state).await.unwrap()
+    }
+
     #[tokio::test]
     async fn one_sweeper_at_a_time() {
         let (store, artifacts, clock, _dir) = stores().await;
@@ -205,12 +287,12 @@ mod tests {
         let (one, other) = (sweeper("one"), sweeper("other"));
         let keeps = Retention { age: Some(Duration::from_secs(1)), bytes: Some(1) };
         let swept = Some(Swept { removed: 0, stored_bytes: Some(0) });
-        assert_eq!(one.retain(keeps).await.unwrap(), swept);
+        assert_eq!(retain(&one, keeps).await, swept);
         clock.advance(Duration::from_secs(60));
-        assert_eq!(other.retain(keeps).await.unwrap(), None, "the first one does the rounds");
-        assert_eq!(one.retain(keeps).await.unwrap(), swept);
+        assert_eq!(retain(&other, keeps).await, None, "the first one does the rounds");
+        assert_eq!(retain(&one, keeps).await, swept);
         clock.advance(RETENTION_LOCK);
-        assert_eq!(other.retain(keeps).await.unwrap(), swept, "the first one has ended");
+        assert_eq!(retain(&other, keeps).await, swept, "the first one has ended");
 
         let every = Duration::from_secs(6 * 3600);
         let orphans =
@@ -270,7 +352,7 @@ mod tests {
         let keeps = Retention { age: None, bytes: Some(1050) };
         let sweeps = (0..4).map(|process| {
             let sweeper = Sweeper::new(store.clone(), artifacts.clone(), process.to_string());
-            tokio::spawn(async move { sweeper.retain(keeps).await.unwrap() })
+            tokio::spawn(async move { retain(&sweeper, keeps).await })
         });
         let swept = futures_util::future::join_all(sweeps).await;
         let swept: Vec<Swept> = swept.into_iter().filter_map(Result::unwrap).collect();
@@ -285,7 +367,7 @@ mod tests {
         clock.advance(Duration::from_secs(1));
         let sweeper = Sweeper::new(store.clone(), artifacts, "one");
         for (age, bytes) in [(Some(Duration::ZERO), None), (None, Some(0)), (None, None)] {
-            let swept = sweeper.retain(Retention { age, bytes }).await.unwrap();
+            let swept = retain(&sweeper, Retention { age, bytes }).await;
             assert_eq!(swept, Some(Swept::default()));
         }
         assert_eq!(store.counts().await.unwrap().succeeded, 2);

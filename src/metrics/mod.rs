@@ -140,6 +140,10 @@ metrics! {
         "checkpoints", "Checkpoints stored";
     removed: Counter = Counter::default(),
         "models_removed", "Models removed because of their age or of the limit on bytes";
+    clock_jumps: Counter = Counter::default(), "clock_jumps",
+        "Advances of the job store's clock that are longer than the time that passed; each skipped a round of retention";
+    damaged: Counter = Counter::default(), "damaged_files",
+        "Reads of whole stored files that differ from their records; such a file is not served";
     pictures: Counters = Counters::default(), "pictures",
         "Requests for pictures of models: drawn, kept (in memory from an earlier request), refused (too many waited)";
     picture_seconds: Histogram = short(),
@@ -322,6 +326,16 @@ impl Metrics {
     /// Counts models removed because of their age or of the limit on bytes.
     pub fn removed(&self, models: u64) {
         self.0.removed.inc_by(models);
+    }
+
+    /// Counts a jump of the clock of the job store.
+    pub fn clock_jumped(&self) {
+        self.0.clock_jumps.inc();
+    }
+
+    /// Counts a read of a stored file that differs from its record.
+    pub fn damaged_file(&self) {
+        self.0.damaged.inc();
     }
 
     /// Counts a request for a picture of a model by its `result`: `drawn`, `kept` (in memory from

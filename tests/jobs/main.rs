@@ -22,6 +22,7 @@ mod fits;
 mod gate;
 mod gpu;
 mod kill;
+mod mismatch;
 mod outage;
 mod postgres;
 #[path = "../common/queue.rs"]
@@ -29,6 +30,7 @@ mod queue;
 mod random;
 mod redirect;
 mod scripted;
+mod scrub;
 mod sick;
 mod sqlite;
 mod step;

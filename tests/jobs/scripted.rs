@@ -22,7 +22,7 @@ use rayon::ThreadPool;
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
 
 /// Expected bytes of a job's file, which depend only on seed and name. `model.glb` of seed 2 is
@@ -245,6 +245,7 @@ pub struct Place {
     pub artifacts: Artifacts,
     /// Counts the generations that run on CPU workers of this place.
     pub busy: Arc<Busy>,
+    sweeper: OnceLock<Sweeper>,
     own: Option<tempfile::TempDir>,
 }
 
@@ -260,6 +261,7 @@ impl Place {
             store,
             artifacts: Artifacts::local(&own.path().join("artifacts")).unwrap(),
             busy: Arc::default(),
+            sweeper: OnceLock::new(),
             own: Some(own),
         }
     }
@@ -281,7 +283,7 @@ impl Place {
     pub async fn with(dir: &Path, url: &str, options: StoreOptions) -> Self {
         let store = oviduct::jobs::open(url, options).await.unwrap();
         let artifacts = Artifacts::local(&dir.join("artifacts")).unwrap();
-        Self { dir: dir.to_owned(), store, artifacts, busy: Arc::default(), own: None }
+        Self { dir: dir.to_owned(), store, artifacts, busy: Arc::default(), sweeper: OnceLock::new(), own: None }
     }
 
     /// Default options of the worker pool. The lease is long enough that none expires on a slow
@@ -357,7 +359,8 @@ impl Place {
 
     /// Runs retention once, as the only process.
     pub async fn retain(&self, retention: Retention) -> Swept {
-        self.sweeper().retain(retention).await.unwrap().unwrap()
+        let round = self.sweeper().observe(retention, false).await.unwrap();
+        self.sweeper().retain(retention, &round.state).await.unwrap().unwrap()
     }
 
     /// Runs the orphan sweep once, as the only process; returns the number of removed files.
@@ -365,8 +368,8 @@ impl Place {
         self.sweeper().sweep_orphans(now, age, Duration::ZERO).await.unwrap().unwrap()
     }
 
-    fn sweeper(&self) -> Sweeper {
-        Sweeper::new(self.store.clone(), self.artifacts.clone(), "the only process")
+    fn sweeper(&self) -> &Sweeper {
+        self.sweeper.get_or_init(|| Sweeper::new(self.store.clone(), self.artifacts.clone(), "the only process"))
     }
 
     /// Compares the job's files with their expected bytes.

@@ -4,7 +4,7 @@ use crate::scripted::{Database, Place, scripted};
 use crate::suite::{LEASE, finished, new_job, problem};
 use crate::unread::execute;
 use oviduct::clock::Clock;
-use oviduct::jobs::sweep::Retention;
+use oviduct::jobs::sweep::{Retention, Sweeper};
 use oviduct::jobs::{
     ClaimScope, ClaimedJob, JobId, NewBatch, Priority, Status, Store, StoreOptions, SubmittedBatch, WorkerKind,
 };
@@ -13,9 +13,7 @@ use std::time::Duration;
 const HOUR: Duration = Duration::from_secs(3600);
 
 fn set_back(clock: &Clock, by: Duration) {
-    let Clock::Manual(at) = clock else { panic!("the clock cannot be set") };
-    let mut at = at.lock();
-    *at = at.saturating_sub(by).unwrap();
+    clock.set(clock.now().saturating_sub(by).unwrap());
 }
 
 async fn claim(store: &Store) -> Option<ClaimedJob> {
@@ -74,6 +72,110 @@ async fn retention_and_live_workers_are_by_the_clock_of_the_store() {
     clock.advance(HOUR + Duration::from_secs(1));
     assert_eq!(place.store.count_live_workers(WorkerKind::Cpu, HOUR).await.unwrap(), 0);
     assert_eq!(sweep().await, 1);
+}
+
+/// A service with a limit on the age of models, and its rounds of upkeep.
+struct Rounds {
+    place: Place,
+    clock: Clock,
+    sweeper: Sweeper,
+}
+
+const KEEP: Duration = Duration::from_secs(30 * 86_400);
+const DAY: Duration = Duration::from_secs(86_400);
+const YEAR: Duration = Duration::from_secs(365 * 86_400);
+
+impl Rounds {
+    /// A service whose one model has just ended.
+    async fn begin(database: Database) -> Self {
+        let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
+        let options = StoreOptions { clock: clock.clone(), ..StoreOptions::default() };
+        let place = Place::on(database, options).await;
+        let sweeper = Sweeper::new(place.store.clone(), place.artifacts.clone(), "first");
+        let rounds = Self { place, clock, sweeper };
+        rounds.end_model("a").await;
+        rounds
+    }
+
+    async fn end_model(&self, digest: &str) {
+        self.place.store.submit(new_job(digest)).await.unwrap();
+        let claimed = claim(&self.place.store).await.unwrap();
+        let done = finished(&claimed);
+        self.place.store.finish(claimed, done).await.unwrap();
+    }
+
+    fn restart(&mut self) {
+        self.sweeper = Sweeper::new(self.place.store.clone(), self.place.artifacts.clone(), "next");
+    }
+
+    /// Sets the clock ahead without letting time pass.
+    fn jump(&self, by: Duration) {
+        self.clock.set(self.clock.now() + by);
+    }
+
+    /// Does a round a minute later. Returns the jump of the clock and the number of deleted models.
+    async fn round(&self, trust: bool) -> (Option<Duration>, u64) {
+        self.clock.advance(Duration::from_secs(60));
+        let keeps = Retention { age: Some(KEEP), bytes: None };
+        let round = self.sweeper.observe(keeps, trust).await.unwrap();
+        // The process skips a round with a jump; this test does not, so that it sees more.
+        let swept = self.sweeper.retain(keeps, &round.state).await.unwrap();
+        (round.jump.map(|jump| jump.by), swept.map_or(0, |swept| swept.removed))
+    }
+}
+
+async fn a_clock_that_jumps_ahead_deletes_no_model(database: Database) {
+    let mut rounds = Rounds::begin(database).await;
+    assert_eq!(rounds.round(false).await, (None, 0));
+    rounds.jump(YEAR);
+    assert_eq!(rounds.round(false).await, (Some(YEAR), 0));
+    assert_eq!(rounds.round(false).await, (None, 0));
+    rounds.restart();
+    assert_eq!(rounds.round(false).await, (None, 0), "a restart remembers the jump");
+    rounds.end_model("b").await;
+
+    // If the clock stays so, each model is deleted after its whole time.
+    rounds.clock.advance(KEEP - DAY);
+    assert_eq!(rounds.round(false).await, (None, 0));
+    rounds.clock.advance(DAY);
+    assert_eq!(rounds.round(false).await, (None, 2));
+
+    // The operator says that the clock is right.
+    rounds.end_model("c").await;
+    rounds.jump(YEAR);
+    assert_eq!(rounds.round(false).await, (Some(YEAR), 0));
+    rounds.restart();
+    assert_eq!(rounds.round(true).await, (None, 1));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_clock_that_jumps_ahead_deletes_no_model_on_sqlite() {
+    a_clock_that_jumps_ahead_deletes_no_model(Database::Sqlite).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_clock_that_jumps_ahead_deletes_no_model_on_postgres() {
+    a_clock_that_jumps_ahead_deletes_no_model(Database::Postgres).await;
+}
+
+/// A stopped process cannot tell a wrong clock from a long stop.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn time_without_a_service_does_not_make_models_older() {
+    let mut rounds = Rounds::begin(Database::Sqlite).await;
+    // Before the first round, the youngest record is the last trace of time.
+    rounds.jump(YEAR);
+    assert_eq!(rounds.round(false).await, (Some(YEAR + Duration::from_secs(60)), 0));
+    rounds.jump(2 * DAY);
+    rounds.restart();
+    assert_eq!(rounds.round(false).await, (None, 0), "a short stop counts");
+    rounds.jump(YEAR);
+    rounds.restart();
+    assert_eq!(rounds.round(false).await, (Some(YEAR + Duration::from_secs(60)), 0));
+    // The clock was wrong at the start and is set right.
+    set_back(&rounds.clock, YEAR);
+    assert_eq!(rounds.round(false).await, (None, 0));
+    rounds.clock.advance(KEEP - 2 * DAY);
+    assert_eq!(rounds.round(false).await, (None, 1), "the jump and the short stop are all that was not seen");
 }
 
 /// Files that several models share count once. After each removal, the size is the sum that the

@@ -74,8 +74,8 @@ def stray(data):
 def sweep(service, folder):
     """Checks that the orphan sweep deletes the uploads of killed processes.
 
-    If other processes may share the artifact store, the sweep deletes only uploads that are at
-    least a day old. The files are therefore given an old time first.
+    The sweep deletes only uploads that are at least a day old. The files are therefore given an old
+    time first.
     """
     for path in stray(folder):
         os.utime(path, (0, 0))
@@ -115,8 +115,7 @@ def main(folder, *database):
     for model, ended in endings.items():
         assert service.json("GET", f"/models/{model}") == ended, "an ended model changed"
     service.stop()
-    if database:
-        sweep(service, folder)
+    sweep(service, folder)
     assert stray(folder) == [], stray(folder)
     print(f"crash: {len(ids)} models accepted, {len(ids)} ended, each once, with complete files, on {DATABASE}")
 

@@ -23,7 +23,7 @@ pub(super) use measure::MeasureArgs;
 pub use process::ServeArgs;
 pub(super) use process::{ProcessArgs, WorkerArgs};
 pub(super) use remote::{DemoArgs, SubmitArgs, WorkersAction, WorkersArgs};
-pub(super) use shared::{DatabaseArgs, ModelArgs, UnitArgs};
+pub(super) use shared::{DatabaseArgs, ModelArgs, ScrubArgs, UnitArgs};
 pub use shared::{GpuArgs, GpuUse, SpecArgs};
 
 use crate::generate::Backend;
@@ -130,6 +130,9 @@ pub(super) enum Command {
     Workers(WorkersArgs),
     /// Update the database schema and exit (serve and worker also do this when they start)
     Migrate(DatabaseArgs),
+    /// Compare all files of the artifact store with their records: missing, damaged and unknown
+    /// files; changes nothing, and works while a service runs
+    Scrub(ScrubArgs),
     /// Check that a service is alive (exit code 0 or 1); for container health checks
     #[command(hide = true)]
     Healthcheck {

@@ -65,6 +65,11 @@ pub struct ServeArgs {
     /// deleted [default: no limit]
     #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
     pub(in crate::cli) keep_bytes: Option<u64>,
+    /// Accept the stores and the clock as they are: delete orphans even if the job store is new or
+    /// older than the artifact store, and count all time for --keep. Give it once, after checking
+    /// --database, --artifacts and the time
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(in crate::cli) sweep_now: bool,
     #[command(flatten)]
     pub(in crate::cli) limits: LimitArgs,
     #[command(flatten)]

@@ -97,6 +97,20 @@ pub(in crate::cli) struct DatabaseArgs {
     pub(in crate::cli) database: Option<String>,
 }
 
+/// Options of `scrub`.
+#[derive(Clone, Debug, Args)]
+pub(in crate::cli) struct ScrubArgs {
+    #[command(flatten)]
+    pub(in crate::cli) database: DatabaseArgs,
+    /// Artifact store: `s3://BUCKET/PREFIX` with the usual AWS_… variables, `file:PATH` or a path
+    /// [default: DATA/artifacts]
+    #[arg(long, value_name = "URL")]
+    pub(in crate::cli) artifacts: Option<String>,
+    /// Print a JSON object with all differences instead of text
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(in crate::cli) json: bool,
+}
+
 /// Address of a service and the API key for it.
 #[derive(Clone, Debug, Args)]
 pub(in crate::cli) struct RemoteArgs {

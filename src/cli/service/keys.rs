@@ -24,7 +24,7 @@ pub(in crate::cli) async fn run(keys: Keys) -> Ended {
 
 async fn open(args: &DatabaseArgs) -> Result<Store, Failure> {
     let database = database(args)?;
-    let opened = database.open_for_keys().await;
+    let opened = database.open_beside_service().await;
     Ok(opened.with_context(|| format!("the job store {} could not be opened", location(&database)))?)
 }
 

@@ -4,6 +4,7 @@
 pub(super) mod connections;
 pub(super) mod keys;
 pub(super) mod run;
+pub(super) mod scrub;
 mod upkeep;
 
 use crate::cli::args::{DatabaseArgs, ProcessArgs, ServeArgs};
@@ -28,7 +29,7 @@ use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::task::{JoinHandle, JoinSet};
 use tokio_util::sync::CancellationToken;
-use upkeep::UpkeepContext;
+use upkeep::{Locations, UpkeepContext};
 
 /// Minimum time to send the last responses during a shutdown, even with a shorter `--grace`.
 const LAST_ANSWERS: Duration = Duration::from_secs(5);
@@ -47,8 +48,7 @@ pub(in crate::cli) struct Runtime {
 struct Stores {
     jobs: Store,
     artifacts: Artifacts,
-    /// Whether other processes may use them at the same time.
-    shared: bool,
+    locations: Locations,
 }
 
 /// A running service.
@@ -108,8 +108,8 @@ impl Stores {
             .open(options)
             .await
             .with_context(|| format!("the job store {} could not be opened", location(&database)))?;
-        let (artifacts, remote) = artifacts(args)?;
-        Ok(Self { jobs, artifacts, shared: remote || database.is_shared() })
+        let (artifacts, place) = artifacts(args.artifacts.as_deref(), &args.database.data)?;
+        Ok(Self { jobs, artifacts, locations: Locations { jobs: location(&database), artifacts: place } })
     }
 }
 
@@ -208,10 +208,10 @@ impl Service {
             store: stores.jobs.clone(),
             artifacts: stores.artifacts.clone(),
             metrics: metrics.clone(),
-            shared: stores.shared,
+            locations: stores.locations.clone(),
         };
-        // Before the workers: upkeep deletes orphans that are older than its start.
-        let upkeep = upkeep::start(context, Retention { age: args.keep, bytes: args.keep_bytes });
+        let retention = Retention { age: args.keep, bytes: args.keep_bytes };
+        let upkeep = upkeep::start(context, retention, args.sweep_now);
         let access = access(args, address, &stores.jobs).await?;
         let runtime = Runtime::over(stores, &args.process, gpus, metrics)?;
 
@@ -343,24 +343,29 @@ fn limits(args: &ServeArgs, connections: usize) -> Result<Limits, Failure> {
     })
 }
 
-/// Returns the artifact store that the options select, and whether other processes may use it.
+/// Returns the artifact store that the options select, and its location for messages.
 ///
 /// # Errors
 /// [`Failure::Usage`] for an unknown kind of store; [`Failure::Failed`] if the store cannot be
 /// opened.
-fn artifacts(args: &ProcessArgs) -> Result<(Artifacts, bool), Failure> {
-    match args.artifacts.as_deref().filter(|url| url.starts_with("s3:")) {
+fn artifacts(url: Option<&str>, data: &Path) -> Result<(Artifacts, String), Failure> {
+    match url.filter(|_| is_bucket(url)) {
         Some(url) => match Artifacts::s3(url, std::env::vars()) {
-            Ok(artifacts) => Ok((artifacts, true)),
+            Ok(artifacts) => Ok((artifacts, url.to_owned())),
             Err(error) => Err(Failure::usage(format!("--artifacts: {error}"))),
         },
         None => {
-            let path = artifacts_path(args.artifacts.as_deref(), &args.database.data)?;
+            let path = artifacts_path(url, data)?;
             let artifacts = Artifacts::local(&path)
                 .with_context(|| format!("the artifact store at {} could not be opened", path.display()))?;
-            Ok((artifacts, false))
+            Ok((artifacts, path.display().to_string()))
         }
     }
+}
+
+/// True if the artifact store is a bucket.
+fn is_bucket(url: Option<&str>) -> bool {
+    url.is_some_and(|url| url.starts_with("s3:"))
 }
 
 /// Returns the path in `file:PATH`, `file://PATH` or a plain path; `data/artifacts` if none is

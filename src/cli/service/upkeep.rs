@@ -3,24 +3,26 @@
 //! `worker` do none of it. Of several `serve` processes with one store, one sweeps at a time.
 
 use crate::clock::Clock;
-use crate::jobs::Store;
 use crate::jobs::artifacts::Artifacts;
+use crate::jobs::jumps::Jump;
 use crate::jobs::sweep::{Retention, Sweeper};
+use crate::jobs::{Mismatch, Store, UpkeepRound};
 use crate::metrics::Metrics;
 use std::sync::Arc;
 use std::time::Duration;
+use tokio::sync::watch;
 use tokio::task::JoinSet;
 
-/// Interval between sweeps by retention.
-const RETENTION_EVERY: Duration = Duration::from_secs(60);
+/// Interval between rounds: observation and sweep by retention.
+const ROUNDS_EVERY: Duration = Duration::from_secs(60);
 /// Interval between measurements of the size of all files, which is only a metric.
 const BYTES_EVERY: Duration = Duration::from_secs(15 * 60);
 /// Interval between searches for jobs that wait for an equal job that has ended.
 const STRANDED_EVERY: Duration = Duration::from_secs(60);
 /// Interval between sweeps of orphans.
 const ORPHANS_EVERY: Duration = Duration::from_secs(6 * 60 * 60);
-/// Minimum age of a deleted orphan if other processes may be uploading; longer than an upload and
-/// its commit take.
+/// Minimum age of a deleted orphan: longer than an upload and its commit take, and time for an
+/// operator to notice that files lost their records.
 const ORPHAN_AGE: Duration = Duration::from_secs(24 * 60 * 60);
 
 /// The stores to maintain and the metrics to report to.
@@ -29,25 +31,31 @@ pub(super) struct UpkeepContext {
     pub(super) store: Store,
     pub(super) artifacts: Artifacts,
     pub(super) metrics: Metrics,
-    /// Whether other processes may use the same stores.
-    pub(super) shared: bool,
+    /// Locations of both stores, for messages.
+    pub(super) locations: Locations,
 }
 
-/// Starts the maintenance tasks. The first sweep deletes orphans older than [`ORPHAN_AGE`], or all
-/// orphans older than this call if only this process uses the stores. Call it before any worker
-/// starts. Dropping the result stops the tasks.
-pub(super) fn start(context: UpkeepContext, retention: Retention) -> JoinSet<()> {
+/// Locations of the stores, for messages, without credentials.
+#[derive(Clone, Debug)]
+pub(super) struct Locations {
+    pub(super) jobs: String,
+    pub(super) artifacts: String,
+}
+
+/// Starts the maintenance tasks. The first round compares the two stores, and the clock with the
+/// time of the last round, unless `trust` is true; orphans are swept after it. Dropping the result
+/// stops the tasks.
+pub(super) fn start(context: UpkeepContext, retention: Retention, trust: bool) -> JoinSet<()> {
     let mut tasks = JoinSet::new();
     let owner = uuid::Uuid::now_v7().to_string();
     let sweeper = Arc::new(Sweeper::new(context.store.clone(), context.artifacts.clone(), owner));
-    let start = Clock::System.now();
-    let first_age = if context.shared { ORPHAN_AGE } else { Duration::ZERO };
-    let orphans = Arc::clone(&sweeper);
+    let (observed, mut observations) = watch::channel(None);
+    let (orphans, locations) = (Arc::clone(&sweeper), context.locations.clone());
     tasks.spawn(async move {
-        sweep_orphans(&orphans, start, first_age).await;
-        loop {
+        // Fails if the other task has stopped, which happens only together with this one.
+        while let Ok(Some(found)) = observations.wait_for(Option::is_some).await.map(|found| found.clone()) {
+            sweep_orphans(&orphans, found, &locations).await;
             tokio::time::sleep(ORPHANS_EVERY).await;
-            sweep_orphans(&orphans, Clock::System.now(), ORPHAN_AGE).await;
         }
     });
     let store = context.store.clone();
@@ -63,9 +71,17 @@ pub(super) fn start(context: UpkeepContext, retention: Retention) -> JoinSet<()>
     });
     let expired = context.clone();
     tasks.spawn(async move {
-        while retention != Retention::default() {
-            expired.sweep_expired(&sweeper, retention).await;
-            tokio::time::sleep(RETENTION_EVERY).await;
+        let mut trust = trust;
+        loop {
+            match sweeper.observe(retention, trust).await {
+                Ok(round) => {
+                    trust = false;
+                    observed.send_replace(Some(round.state.mismatch.clone()));
+                    expired.sweep_expired(&sweeper, retention, &round).await;
+                }
+                Err(error) => tracing::warn!(%error, "a round of upkeep failed; the next one is in a minute"),
+            }
+            tokio::time::sleep(ROUNDS_EVERY).await;
         }
     });
     tasks.spawn(async move {
@@ -79,8 +95,23 @@ pub(super) fn start(context: UpkeepContext, retention: Retention) -> JoinSet<()>
 }
 
 impl UpkeepContext {
-    async fn sweep_expired(&self, sweeper: &Sweeper, retention: Retention) {
-        match sweeper.retain(retention).await {
+    async fn sweep_expired(&self, sweeper: &Sweeper, retention: Retention, round: &UpkeepRound) {
+        // Without a limit on age, a jump is only recorded.
+        if let (Some(Jump { by, .. }), Some(_)) = (round.jump, retention.age) {
+            self.metrics.clock_jumped();
+            let (now, by) = (round.state.seen_at, jiff::SignedDuration::try_from(by).unwrap_or_default());
+            tracing::warn!(
+                %now, by = format!("{by:#}"),
+                "the clock of the job store advanced by more time than passed while this service watched: the clock was \
+                 set, or no service ran. This round of retention was skipped, and this time does not count for --keep. \
+                 If the clock is wrong, correct it. To count the time, start once with --sweep-now"
+            );
+            return;
+        }
+        if retention == Retention::default() {
+            return;
+        }
+        match sweeper.retain(retention, &round.state).await {
             Ok(Some(swept)) => {
                 self.metrics.removed(swept.removed);
                 if let Some(bytes) = swept.stored_bytes {
@@ -102,8 +133,24 @@ impl UpkeepContext {
     }
 }
 
-async fn sweep_orphans(sweeper: &Sweeper, now: jiff::Timestamp, age: Duration) {
-    match sweeper.sweep_orphans(now, age, ORPHANS_EVERY).await {
+async fn sweep_orphans(sweeper: &Sweeper, mismatch: Option<Mismatch>, locations: &Locations) {
+    if let Some(Mismatch { is_new, example }) = mismatch {
+        let reason = if is_new {
+            "the job store is new, but the artifact store already has files"
+        } else {
+            "the artifact store has models that were made after the newest record of the job store"
+        };
+        tracing::warn!(
+            job_store = locations.jobs,
+            artifact_store = locations.artifacts,
+            example,
+            "{reason}; no orphans will be deleted. If --database or --artifacts is wrong, stop this process, correct \
+             it and start again. If both are right and the unknown files may be deleted, start once with --sweep-now. \
+             See docs/operations.md, \"Files without records\""
+        );
+        return;
+    }
+    match sweeper.sweep_orphans(Clock::System.now(), ORPHAN_AGE, ORPHANS_EVERY).await {
         Ok(None | Some(0)) => {}
         Ok(Some(files)) => tracing::info!(files, "orphaned files were deleted"),
         Err(error) => tracing::warn!(%error, "orphaned files could not be deleted"),

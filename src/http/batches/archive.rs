@@ -9,12 +9,11 @@ use super::read::{each_model, find_batch};
 use super::study::StoredStudy;
 use crate::http::AppState;
 use crate::http::access::Caller;
-use crate::http::models::files::permit;
+use crate::http::models::files::{FileStream, open, permit};
 use crate::http::wire::extract::{BatchId, Parameters};
 use crate::http::wire::faults::RequestFault;
 use crate::http::wire::problem::Problem;
 use crate::http::wire::responses::{BadParameters, BatchMissing, DownloadUnavailable};
-use crate::jobs::artifacts::{Artifacts, Download};
 use crate::jobs::{Batch, File, Job};
 use axum::body::Body;
 use axum::extract::State;
@@ -116,8 +115,8 @@ fn read_parameters(parameters: &Parameters) -> Result<(Option<Vec<String>>, Arch
 /// Entries of an archive.
 struct ArchiveContents {
     manifest: (ArchiveEntry, Vec<u8>),
-    /// The other entries, each with the artifact key of its file.
-    files: Vec<(ArchiveEntry, String)>,
+    /// The other entries, each with its file.
+    files: Vec<(ArchiveEntry, File)>,
 }
 
 /// The manifest and the files with these names, or all files.
@@ -131,7 +130,7 @@ async fn contents(state: &AppState, batch: &Batch, names: Option<&[String]>) -> 
         known.extend(job.files.iter().map(|file| file.name.clone()));
         let chosen = |file: &&File| names.is_none_or(|names| names.contains(&file.name));
         let chosen: Vec<&File> = job.files.iter().filter(chosen).collect();
-        files.extend(chosen.iter().map(|file| (entry(place, job, file), file.key.clone())));
+        files.extend(chosen.iter().map(|file| (entry(place, job, file), (*file).clone())));
         manifest.add(&manifest_model(study.as_ref(), place, job, &chosen));
     })
     .await?;
@@ -212,7 +211,7 @@ async fn body(
     permit: OwnedSemaphorePermit,
 ) -> Result<Body, Problem> {
     let first = match contents.files.first() {
-        Some((_, key)) => Some(state.artifacts.get_range(key, None).await?),
+        Some((_, file)) => Some(open(state, file, None).await?),
         None => None,
     };
     state.metrics.bytes_out(contents.files.iter().fold(contents.manifest.0.bytes, |sum, (entry, _)| sum + entry.bytes));
@@ -221,8 +220,7 @@ async fn body(
         ArchiveFormat::Zip => Packer::zip(),
         ArchiveFormat::Tar => Packer::tar(),
     };
-    let artifacts = state.artifacts.clone();
-    let packing = tokio::spawn(pack(artifacts, packer, contents, first, sender, permit));
+    let packing = tokio::spawn(pack(state.clone(), packer, contents, first, sender, permit));
     // The channel closes even if packing fails or panics. The body must then end with an error.
     let end = stream::once(async move {
         match packing.await {
@@ -237,10 +235,10 @@ async fn body(
 
 /// Sends an archive in chunks. Ends without an error if the client disconnects.
 async fn pack(
-    artifacts: Artifacts,
+    state: AppState,
     mut packer: Packer,
     ArchiveContents { manifest: (entry, manifest), files }: ArchiveContents,
-    mut first: Option<Download>,
+    mut first: Option<FileStream>,
     sender: mpsc::Sender<Bytes>,
     _permit: OwnedSemaphorePermit,
 ) -> io::Result<()> {
@@ -252,13 +250,12 @@ async fn pack(
         }
     }
     drop(manifest);
-    for (entry, key) in files {
+    for (entry, file) in files {
         packer.begin(&entry)?;
-        let download = match first.take() {
-            Some(download) => download,
-            None => artifacts.get_range(&key, None).await.map_err(io::Error::other)?,
+        let mut chunks = match first.take() {
+            Some(chunks) => chunks,
+            None => open(&state, &file, None).await.map_err(io::Error::other)?,
         };
-        let mut chunks = download.stream;
         while let Some(chunk) = chunks.try_next().await.map_err(io::Error::other)? {
             packer.write(&chunk)?;
             if packer.ready() >= CHUNK && sender.send(packer.take()).await.is_err() {

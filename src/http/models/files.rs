@@ -20,9 +20,11 @@ use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
+use futures_util::stream::BoxStream;
 use futures_util::{StreamExt, TryStreamExt};
 use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
+use std::ops::Range;
 use std::time::Duration;
 use tokio::sync::OwnedSemaphorePermit;
 
@@ -228,9 +230,34 @@ fn manifest_of(job: &Job) -> Manifest {
     Manifest::new(origin, &job.outputs, &job.files.iter().map(file).collect::<Vec<_>>())
 }
 
-/// Reads a whole file.
+/// Bytes of a file as they are read.
+pub(in crate::http) type FileStream = BoxStream<'static, Result<Bytes, ArtifactError>>;
+
+/// Opens a file, or its bytes in `range`. A whole file is compared with its record while it is
+/// read; if it is damaged, the stream ends with an error before the last bytes.
+pub(in crate::http) async fn open(
+    state: &AppState,
+    file: &File,
+    range: Option<Range<u64>>,
+) -> Result<FileStream, ArtifactError> {
+    let metrics = state.metrics.clone();
+    let noted = move |error: &ArtifactError| {
+        if matches!(error, ArtifactError::Damaged { .. }) {
+            metrics.damaged_file();
+            tracing::error!(
+                %error,
+                "a stored file differs from its record, so its response was refused or cut off; compare all files with \
+                 `oviduct scrub`"
+            );
+        }
+    };
+    let opened = state.artifacts.open(file, range).await.inspect_err(&noted)?;
+    Ok(opened.stream.inspect_err(noted).boxed())
+}
+
+/// Reads a whole file and compares it with its record.
 pub(in crate::http) async fn whole(state: &AppState, file: &File) -> Result<Bytes, Problem> {
-    let chunks: Vec<Bytes> = state.artifacts.get_range(&file.key, None).await?.stream.try_collect().await?;
+    let chunks: Vec<Bytes> = open(state, file, None).await?.try_collect().await?;
     Ok(chunks.concat().into())
 }
 
@@ -293,7 +320,7 @@ async fn send(state: &AppState, file: &File, method: &Method, headers: &HeaderMa
     } else {
         let part = (status == StatusCode::PARTIAL_CONTENT).then(|| range.clone());
         let permit = permit(state)?;
-        let stream = state.artifacts.get_range(&file.key, part).await?.stream;
+        let stream = open(state, file, part).await?;
         state.metrics.bytes_out(range.end - range.start);
         // The stream holds the permit until the last byte is sent or the connection is closed.
         Body::from_stream(stream.inspect(move |_| {
@@ -328,6 +355,8 @@ impl From<ArtifactError> for Problem {
                 Self::new(Kind::FileNotFound, "The file is missing. The model may have been deleted a moment ago.")
             }
             ArtifactError::Jobs(error) => error.into(),
+            // Logged where the file was opened.
+            ArtifactError::Damaged { .. } => Self::new(Kind::Internal, "The stored file is damaged."),
             other => {
                 tracing::error!(error = %other, "the artifact store failed");
                 Self::new(Kind::StorageUnavailable, "The artifact store is unavailable. Try again later.")

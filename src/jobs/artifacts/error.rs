@@ -13,6 +13,14 @@ pub enum ArtifactError {
         /// The key.
         key: String,
     },
+    /// The file is not the one that its record describes.
+    #[error("{key} is damaged: {detail}")]
+    Damaged {
+        /// The key.
+        key: String,
+        /// The difference.
+        detail: String,
+    },
     /// The range lies outside the file.
     #[error("the range lies outside the file: {0}")]
     Range(String),

@@ -87,6 +87,22 @@ impl Root {
         removed
     }
 
+    /// Names of folders below `prefix` that sort after `after` and contain a file.
+    pub(super) fn folders_after(&self, prefix: &str, after: &str) -> io::Result<Vec<String>> {
+        let entries = match std::fs::read_dir(self.0.join(prefix)) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+            entries => entries?,
+        };
+        let mut names = Vec::new();
+        for entry in entries {
+            let name = entry?.file_name().to_string_lossy().into_owned();
+            if name.as_str() > after && self.walk(&format!("{prefix}/{name}")).next().is_some() {
+                names.push(name);
+            }
+        }
+        Ok(names)
+    }
+
     pub(super) fn walk(&self, prefix: &str) -> Walk {
         let top = self.0.join(prefix);
         Walk {

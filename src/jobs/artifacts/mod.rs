@@ -8,13 +8,16 @@
 //! - A key belongs to one attempt ([`key()`]), so two attempts never write the same key.
 //! - A file is an artifact only once the record of a job names it.
 //!   [`Sweeper`](super::sweep::Sweeper) removes orphans.
-//! - A file is hashed while it is uploaded, and its size is compared afterwards.
+//! - A file is hashed while it is uploaded, and its size is compared afterwards. A recorded file
+//!   that is read whole is compared with its record.
 //!
 //! | file | subject |
 //! |---|---|
 //! | `local`, `s3` | the two kinds of store |
+//! | `checked` | comparison of a file with its record while it is read |
 //! | `listing` | objects in pages, for sweeps |
 
+mod checked;
 mod error;
 mod listing;
 mod local;
@@ -24,16 +27,17 @@ pub use error::ArtifactError;
 pub(super) use listing::Listing;
 
 use super::error::with_causes;
-use super::job::JobId;
+use super::job::{File, JobId};
 use crate::availability::Availability;
 use bytes::Bytes;
+use checked::{check_size, checked};
 use futures_util::future::BoxFuture;
 use futures_util::stream::BoxStream;
 use futures_util::{FutureExt, StreamExt, TryStreamExt};
 use local::Root;
 use object_store::buffered::BufWriter;
 use object_store::path::Path as Key;
-use object_store::{GetOptions, GetRange, ObjectStore, ObjectStoreExt};
+use object_store::{GetOptions, GetRange, ObjectMeta, ObjectStore, ObjectStoreExt};
 use sha2::{Digest, Sha256};
 use std::ops::Range;
 use std::path::Path;
@@ -236,6 +240,27 @@ impl Artifacts {
         Ok(Download { size, range, stream: result.into_stream().map_err(ArtifactError::from).boxed() })
     }
 
+    /// Opens a recorded file, or its bytes in `range`. A whole file is compared with its record
+    /// while it is read: the stream ends with [`ArtifactError::Damaged`] before the last bytes of a
+    /// damaged file. Of a file that is read in part, only the size is compared.
+    ///
+    /// # Errors
+    /// [`ArtifactError::Damaged`] for another size than the recorded one; the others of
+    /// [`Artifacts::get_range`].
+    pub async fn open(&self, file: &File, range: Option<Range<u64>>) -> Result<Download, ArtifactError> {
+        let range = range.filter(|range| *range != (0..file.bytes));
+        let is_whole = range.is_none();
+        let download = match self.get_range(&file.key, range).await {
+            Err(ArtifactError::Range(detail)) => {
+                return Err(ArtifactError::Damaged { key: file.key.clone(), detail });
+            }
+            opened => opened?,
+        };
+        check_size(file, download.size)?;
+        let stream = if is_whole { checked(download.stream, file) } else { download.stream };
+        Ok(Download { stream, ..download })
+    }
+
     /// The bytes of the file under `key` in each of `ranges`, which must not be empty or extend
     /// beyond the end. One request reads all ranges of an object store with gaps below one
     /// mebibyte.
@@ -374,6 +399,26 @@ impl Artifacts {
             // Fused, because the caller polls the stream once more after its end.
             None => Listing::Remote(self.store.list(Some(&Key::from(prefix))).fuse().boxed()),
         }
+    }
+
+    /// Names of the folders below `models/` that sort after `after`. A name may come several times.
+    pub(super) async fn models_after(
+        &self,
+        after: &str,
+    ) -> Result<BoxStream<'static, Result<String, ArtifactError>>, ArtifactError> {
+        if let Some(root) = self.local.clone() {
+            let after = after.to_owned();
+            let names = tokio::task::spawn_blocking(move || root.folders_after(MODELS, &after)).await;
+            let names = names.map_err(ArtifactError::store)?.map_err(ArtifactError::store)?;
+            return Ok(futures_util::stream::iter(names).map(Ok).boxed());
+        }
+        let offset = Key::from(format!("{MODELS}/{after}"));
+        let listed = self.store.list_with_offset(Some(&Key::from(MODELS)), &offset);
+        let name = |object: ObjectMeta| object.location.parts().nth(1).map(|part| part.as_ref().to_owned());
+        Ok(listed
+            .map_err(ArtifactError::from)
+            .try_filter_map(move |object| std::future::ready(Ok(name(object))))
+            .boxed())
     }
 
     /// Removes objects of a [`Listing`] and returns their number.

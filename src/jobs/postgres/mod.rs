@@ -44,7 +44,7 @@ const PLANS: [(&str, &str); 5] = [
 ];
 
 /// Migrations of the tables, oldest first.
-const MIGRATIONS: [(&str, &str); 10] = migrations![
+const MIGRATIONS: [(&str, &str); 11] = migrations![
     "0001_jobs",
     "0002_priorities",
     "0003_traces",
@@ -55,6 +55,7 @@ const MIGRATIONS: [(&str, &str); 10] = migrations![
     "0008_front_ends",
     "0009_shared_growth",
     "0010_fits",
+    "0011_upkeep_state",
 ];
 
 /// The connections to a PostgreSQL database.

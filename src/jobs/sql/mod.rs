@@ -20,7 +20,7 @@
 //! | `read`, `record` | jobs, lists, attempts and counts; rows to jobs |
 //! | `workers` | the list of workers; pauses |
 //! | `keys`, `quota` | API keys and tickets; quotas of owners |
-//! | `upkeep` | locks of periodic tasks; keys in use |
+//! | `upkeep` | locks of periodic tasks; keys in use; state that outlives processes |
 //! | `migrations` | the tables from one version to the next |
 
 mod batch;
@@ -48,4 +48,4 @@ pub(super) use migrations::{migrations, migrator};
 pub(super) use store::Engine;
 pub use store::{Hook, Store};
 pub(super) use tx::{Connection, Time, roll_back};
-pub use upkeep::UpkeepTask;
+pub use upkeep::{LastRound, Mismatch, Observation, UpkeepRound, UpkeepState, UpkeepTask};

@@ -46,14 +46,9 @@ impl Store {
         Ok(attempts(&mut self.read("attempts").await?, id).await?)
     }
 
-    /// Jobs that ended more than `age` ago by the clock of the store, or all that have ended, in
-    /// the order of their ends; at most `limit`.
-    pub async fn ended(&self, age: Option<Duration>, limit: u32) -> Result<Vec<JobId>, StoreError> {
+    /// Jobs that ended before a time, in the order of their ends; at most `limit`.
+    pub async fn ended(&self, before: Timestamp, limit: u32) -> Result<Vec<JobId>, StoreError> {
         let tx = &mut self.read("ended").await?;
-        let before = match age {
-            Some(age) => tx.now().await?.saturating_sub(age).unwrap_or(Timestamp::MIN),
-            None => Timestamp::MAX,
-        };
         let sql = format!(
             "SELECT id FROM jobs{} WHERE finished_at < $1 ORDER BY finished_at, id LIMIT {limit}",
             tx.either(" INDEXED BY jobs_by_end", ""),

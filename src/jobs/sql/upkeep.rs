@@ -1,11 +1,16 @@
-//! Upkeep: the process that may sweep, and the keys of the artifact store that are in use.
+//! Upkeep: the process that may sweep, the keys of the artifact store that are in use, and the
+//! state that outlives processes.
 
-use super::codec::{until, values};
+use super::codec::{json, parse, until, values};
 use super::error::SqlError;
 use super::operation::Done;
 use super::store::Store;
-use super::tx::Tx;
-use crate::jobs::StoreError;
+use super::tx::{Row, Tx};
+use crate::clock::Stopwatch;
+use crate::jobs::jumps::{Jump, Jumps};
+use crate::jobs::{File, JobId, StoreError, StoreOptions};
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::time::Duration;
 
@@ -29,6 +34,63 @@ impl UpkeepTask {
     }
 }
 
+/// Sign that the job store has lost records of the artifact store, or is the wrong one for it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Mismatch {
+    /// True if the job store has never had a job; false if its records are older than the files.
+    pub is_new: bool,
+    /// Folder of a model that the job store does not know.
+    pub example: String,
+}
+
+/// State of upkeep that outlives processes.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct UpkeepState {
+    /// Time of the latest round of any process, by the clock of the store.
+    pub seen_at: Timestamp,
+    /// Found by the latest comparison with the artifact store. While there is one, no orphan is
+    /// deleted.
+    pub mismatch: Option<Mismatch>,
+    /// Jumps of the clock of the store.
+    #[serde(default)]
+    pub jumps: Jumps,
+}
+
+/// Findings of a process for [`Store::record_round`].
+#[derive(Clone, Debug)]
+pub struct Observation {
+    /// Mismatch that the process found in this round.
+    pub mismatch: Option<Mismatch>,
+    /// Runs since the process began its rounds.
+    pub watch: Stopwatch,
+    /// Reading of `watch` in the last round of this process.
+    pub read_at: Option<Duration>,
+    /// Maximum difference between clock and `watch` that is no jump.
+    pub tolerance: Duration,
+    /// Whether to accept both stores and the clock as they are.
+    pub trust: bool,
+}
+
+/// A recorded round.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UpkeepRound {
+    /// State after the round.
+    pub state: UpkeepState,
+    /// Jump of the clock since the last round.
+    pub jump: Option<Jump>,
+    /// Reading of the stopwatch at [`UpkeepState::seen_at`].
+    pub read_at: Duration,
+}
+
+/// Result of [`Store::last_round`].
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LastRound {
+    /// Time by the clock of the store.
+    pub now: Timestamp,
+    /// Time up to which the records are known to be complete; `None` if there was never a job.
+    pub seen_at: Option<Timestamp>,
+}
+
 /// Calls for upkeep.
 impl Store {
     /// Takes the lock of an upkeep task for `lease`, or renews it. Returns true if `owner` holds
@@ -37,6 +99,52 @@ impl Store {
         let input = (task, owner.to_owned(), lease);
         self.apply("acquire_upkeep", input, |(task, owner, lease), tx, _| Box::pin(acquire(*task, owner, *lease, tx)))
             .await
+    }
+
+    /// Reads when upkeep last saw the records.
+    pub async fn last_round(&self) -> Result<LastRound, StoreError> {
+        let tx = &mut self.read("last_round").await?;
+        let state = state(tx).await?;
+        Ok(LastRound { now: tx.now().await?, seen_at: last_seen(state.as_ref(), tx).await? })
+    }
+
+    /// The state of upkeep; `None` before the first round.
+    pub async fn upkeep_state(&self) -> Result<Option<UpkeepState>, StoreError> {
+        Ok(state(&mut self.read("upkeep_state").await?).await?)
+    }
+
+    /// Records a round of upkeep. An earlier mismatch and earlier jumps stay unless
+    /// [`Observation::trust`] is true.
+    pub async fn record_round(&self, seen: Observation) -> Result<UpkeepRound, StoreError> {
+        self.apply("record_round", seen, |seen, tx, options| Box::pin(record(seen, options, tx))).await
+    }
+
+    /// Files that records name, by key: the `limit` ones after the key `after`. A file of several
+    /// jobs comes once.
+    pub async fn files_after(&self, after: &str, limit: u32) -> Result<Vec<File>, StoreError> {
+        let tx = &mut self.read("files_after").await?;
+        let sql = format!(
+            "SELECT key, MIN(name) AS name, MIN(media_type) AS media_type, MIN(bytes) AS bytes, MIN(sha256) AS sha256 \
+             FROM files{} WHERE key > $1 GROUP BY key ORDER BY key LIMIT {limit}",
+            tx.either(" INDEXED BY files_by_key", ""),
+        );
+        let file = |row: &Row| {
+            Ok(File {
+                name: row.get("name")?,
+                media_type: row.get("media_type")?,
+                bytes: row.count("bytes")?,
+                sha256: row.get("sha256")?,
+                key: row.get("key")?,
+            })
+        };
+        tx.all(sql, values![after]).await?.iter().map(file).collect()
+    }
+
+    /// Jobs whose records name the file under `key`.
+    pub async fn jobs_with_file(&self, key: &str) -> Result<Vec<JobId>, StoreError> {
+        let tx = &mut self.read("jobs_with_file").await?;
+        let rows = tx.all("SELECT DISTINCT job_id FROM files WHERE key = $1 ORDER BY job_id", values![key]).await?;
+        rows.iter().map(|row| Ok(JobId(row.id("job_id")?))).collect()
     }
 
     /// Returns the subset of `keys` in use: named by a record as a file or a checkpoint, or under
@@ -66,6 +174,44 @@ async fn acquire(task: UpkeepTask, owner: &str, lease: Duration, tx: &mut Tx<'_>
                WHERE upkeep.owner = $2 OR upkeep.held_until <= $4";
     let taken = tx.execute(sql, values![task.name(), owner, until(now, lease), now]).await?;
     Ok(Done::quiet(taken > 0))
+}
+
+async fn state(tx: &mut Tx<'_>) -> Result<Option<UpkeepState>, SqlError> {
+    let row = tx.optional("SELECT state FROM upkeep_state", values![]).await?;
+    // `null` while the first round is recorded.
+    Ok(row.map(|row| parse::<Option<UpkeepState>>(row.get("state")?)).transpose()?.flatten())
+}
+
+/// Time of the last round. Before the first one, the records themselves are the trace of time.
+async fn last_seen(state: Option<&UpkeepState>, tx: &mut Tx<'_>) -> Result<Option<Timestamp>, SqlError> {
+    if let Some(state) = state {
+        return Ok(Some(state.seen_at));
+    }
+    let job = tx.optional("SELECT created_at AS at FROM jobs ORDER BY id DESC LIMIT 1", values![]).await?;
+    let Some(job) = job else { return Ok(None) };
+    let beat = tx.one("SELECT MAX(heartbeat_at) AS at FROM workers", values![]).await?;
+    Ok(beat.optional_time("at")?.max(Some(job.time("at")?)))
+}
+
+async fn record(seen: &Observation, options: &StoreOptions, tx: &mut Tx<'_>) -> Result<Done<UpkeepRound>, SqlError> {
+    // Locks the row, so that of several processes one records a jump.
+    let lock = "INSERT INTO upkeep_state (id, state) VALUES (1, 'null') ON CONFLICT (id) DO UPDATE SET id = 1";
+    tx.execute(lock, values![]).await?;
+    let before = state(tx).await?;
+    let (now, read_at) = (tx.now().await?, options.clock.elapsed(&seen.watch));
+    let mut state = UpkeepState { seen_at: now, mismatch: seen.mismatch.clone(), jumps: Jumps::default() };
+    let mut jump = None;
+    if !seen.trust
+        && let Some(last) = last_seen(before.as_ref(), tx).await?
+    {
+        let before = before.unwrap_or(UpkeepState { seen_at: last, mismatch: None, jumps: Jumps::default() });
+        state.jumps = before.jumps;
+        state.mismatch = state.mismatch.or(before.mismatch);
+        let elapsed = seen.read_at.map_or(Duration::ZERO, |last| read_at.saturating_sub(last));
+        jump = state.jumps.note(last, now, elapsed, seen.tolerance);
+    }
+    tx.execute("UPDATE upkeep_state SET state = $1 WHERE id = 1", values![json(&state)]).await?;
+    Ok(Done::quiet(UpkeepRound { state, jump, read_at }))
 }
 
 /// Frees the locks of all upkeep tasks, for a store that no other process has open.

@@ -30,7 +30,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Migrations of the tables, oldest first.
-const MIGRATIONS: [(&str, &str); 12] = migrations![
+const MIGRATIONS: [(&str, &str); 13] = migrations![
     "0001_jobs",
     "0002_operations",
     "0003_fair_share",
@@ -43,6 +43,7 @@ const MIGRATIONS: [(&str, &str); 12] = migrations![
     "0010_front_ends",
     "0011_shared_growth",
     "0012_fits",
+    "0013_upkeep_state",
 ];
 
 /// Maximum wait of a connection for a lock of another process.

@@ -55,7 +55,8 @@ pub async fn ended_jobs_are_listed_by_age_and_bytes(factory: Factory) {
     assert_eq!(bench.store.stored_bytes().await.unwrap(), 15, "shared files count once");
     let ended = |age: Option<Duration>, limit| {
         let store = bench.store.clone();
-        async move { store.ended(age, limit).await.unwrap() }
+        let before = age.map_or(Timestamp::MAX, |age| bench.clock.now() - age);
+        async move { store.ended(before, limit).await.unwrap() }
     };
     bench.clock.advance(second);
     assert_eq!(ended(Some(second), 10).await, [first.id, shared.id], "a job that ended exactly then is not older");

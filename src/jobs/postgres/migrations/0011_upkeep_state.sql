@@ -1,0 +1,5 @@
+-- State of upkeep that outlives processes, as JSON: one row.
+CREATE TABLE upkeep_state (
+    id    BIGINT NOT NULL PRIMARY KEY CHECK (id = 1),
+    state TEXT   NOT NULL
+);
