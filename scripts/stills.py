@@ -1,7 +1,7 @@
-"""Draws the pictures at the top of README.md: seven stained cuts across a pig oviduct, and the model
-cut open. Needs Pillow; scripts/pictures runs it.
+"""Draws the stained pictures of README.md and docs/histology.md: the model of a pig's oviduct cut
+open, and cuts across it. Needs Pillow; scripts/pictures runs it.
 
-Usage: readme-pictures.py OVIDUCT_BINARY IMAGES
+Usage: stills.py OVIDUCT_BINARY IMAGES
 """
 
 import io
@@ -33,6 +33,7 @@ def main(binary, images):
         whole = Image.open(images / "model.png").convert("RGBA")
         white = Image.new("RGBA", whole.size, "white")
         Image.alpha_composite(white, whole).convert("RGB").quantize(256).save(images / "model.png", optimize=True)
+        run("cut", surface, "--z", "44mm", "--preset", "pig", "--size", 1000, "--out", images / "histology.png")
         rows = -(-len(PLACES_MM) // COLUMNS)
         sheet = Image.new("RGB", (COLUMNS * CELL, rows * CELL), SLIDE)
         for number, place in enumerate(PLACES_MM):
