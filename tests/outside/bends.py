@@ -118,7 +118,7 @@ def judge_arc(binary, straight, bent, report):
     print(f"  on the arc: vertices within {off:.3f} µm, areas of cuts within {worst:.3%}", flush=True)
 
 
-def fill(folder, report):
+def fill(folder):
     """Fills lumen and tissue with TetGen."""
     for stem in ("model", "lumen"):
         scene = trimesh.load(os.path.join(folder, f"{stem}.glb"), process=False)
@@ -170,7 +170,7 @@ def main():
                         if name == "arc":
                             judge_arc(options.binary, straight, bent, report)
                         if filled:
-                            fill(bent, report)
+                            fill(bent)
     for fault in faults:
         print(fault, file=sys.stderr)
     sys.exit(1 if faults else 0)

@@ -1,11 +1,12 @@
 """Grows full models of many presets, seeds and courses and lets other programs judge them.
 
 Usage: seeds.py [--binary target/release/oviduct] [--presets paper|pig,human|all] [--seeds 1..20]
-                [--courses straight,bent] [--judged 1] [--backend auto]
+                [--courses straight,bent] [--judged 1] [--fill] [--backend auto]
 
 Bent means the course of the preset, or an arc of 90° if the preset is straight. --judged N judges
-every Nth model. scripts/test does not run this script: a model takes 1 to 30 s, and a judgement up
-to one minute.
+every Nth model. With --fill, TetGen fills tissue and lumen of the first model of each preset.
+scripts/test does not run this script: a model takes 1 to 30 s, a judgement up to one minute, and
+TetGen several minutes.
 """
 
 import argparse
@@ -14,6 +15,7 @@ import os
 import tempfile
 import time
 
+import bends
 import mesh
 from grown import Oviduct, of_paper_size
 
@@ -49,12 +51,13 @@ def main():
     parser.add_argument("--seeds", type=seeds, default=seeds("1..20"))
     parser.add_argument("--courses", default="straight")
     parser.add_argument("--judged", type=int, default=1)
+    parser.add_argument("--fill", action="store_true")
     parser.add_argument("--backend", default="auto")
     options = parser.parse_args()
     oviduct = Oviduct(options.binary)
     presets = {preset["name"]: preset["spec"] for preset in json.loads(oviduct.run("presets", "--json"))}
     names = list(presets) if options.presets == "all" else options.presets.split(",")
-    faults, models, judgements = [], 0, 0
+    faults, models, judgements, filled = [], 0, 0, set()
     row(*COLUMNS)
     for name, seed, wanted in ((n, s, c) for n in names for s in options.seeds for c in options.courses.split(",")):
         with tempfile.TemporaryDirectory() as folder:
@@ -62,7 +65,13 @@ def main():
             patch, out = os.path.join(folder, "patch.json"), os.path.join(folder, "model")
             with open(patch, "w", encoding="utf-8") as file:
                 json.dump({"course": course(wanted, presets[name]["course"])}, file)
-            told = oviduct.generate(out, "--preset", name, "--seed", str(seed), "--backend", options.backend, "--spec", patch)
+            fills = options.fill and name not in filled
+            bodies = "tissue,lumen" if fills else "tissue"
+            told = oviduct.generate(out, "--preset", name, "--seed", str(seed), "--backend", options.backend, "--spec", patch,
+                                    "--bodies", bodies)
+            if fills:
+                filled.add(name)
+                bends.fill(out)
             wrong = of_paper_size(told) if (name, wanted) == ("paper", "straight") else []
             crossing = closed = "-"
             if models % options.judged == 0:

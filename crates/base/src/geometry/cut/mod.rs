@@ -56,9 +56,10 @@ impl Lines {
     #[must_use]
     pub fn chain(mut crossings: Vec<Crossing>) -> Self {
         crossings.sort_unstable_by_key(|crossing| (crossing.from, crossing.to));
-        let next = |at: usize| crossings.binary_search_by_key(&crossings[at].to, |crossing| crossing.from).ok();
+        let following = |at: &Crossing| crossings.binary_search_by_key(&at.to, |crossing| crossing.from).ok();
+        let next: Vec<Option<usize>> = crossings.iter().map(following).collect();
         let mut follows = vec![false; crossings.len()];
-        (0..crossings.len()).filter_map(next).for_each(|at| follows[at] = true);
+        next.iter().flatten().for_each(|&at| follows[at] = true);
         let starts = (0..crossings.len()).filter(|&at| !follows[at]);
         let mut seen = vec![false; crossings.len()];
         let mut lines = Self::default();
@@ -69,7 +70,7 @@ impl Lines {
                 seen[now] = true;
                 line.push(crossings[now].from);
                 last = now;
-                at = next(now);
+                at = next[now];
             }
             if line.is_empty() {
                 continue;
