@@ -67,8 +67,8 @@ def main():
                 json.dump({"course": course(wanted, presets[name]["course"])}, file)
             fills = options.fill and name not in filled
             bodies = "tissue,lumen" if fills else "tissue"
-            told = oviduct.generate(out, "--preset", name, "--seed", str(seed), "--backend", options.backend, "--spec", patch,
-                                    "--bodies", bodies)
+            told = oviduct.generate(out, "--preset", name, "--seed", str(seed), "--backend", options.backend,
+                                    "--spec", patch, "--bodies", bodies)
             if fills:
                 filled.add(name)
                 bends.fill(out)

@@ -48,8 +48,8 @@ pub(super) fn largest_radius(shape: &Shape<'_>, mut chords: Vec<Chord>) -> f64 {
     starts.into_iter().map(|start| widened(&contour, start)).fold(0.0, f64::max)
 }
 
-/// True if a point lies in the lumen. The normal at a sharp tip can leave the lumen, so the middle of
-/// a chord can lie in the tissue.
+/// True if a point lies in the lumen. The normal at a sharp tip can leave the lumen, so the middle
+/// of a chord can lie in the tissue.
 fn is_in_lumen(shape: &Shape<'_>, [x, y]: P2) -> bool {
     let crosses = |([ax, ay], [bx, by]): (P2, P2)| (ay > y) != (by > y) && x < ax + (y - ay) / (by - ay) * (bx - ax);
     shape.lumen.iter().flat_map(|ring| edges(ring)).filter(|&edge| crosses(edge)).count() % 2 == 1
