@@ -9,7 +9,7 @@ use tokio::time::timeout;
 
 /// Time for which the result of a check is reused.
 const FRESH: Duration = Duration::from_secs(1);
-/// Maximum time of a check.
+/// Maximum time of a check by default.
 const LIMIT: Duration = Duration::from_secs(5);
 
 /// The latest use and the latest check of a store.
@@ -19,18 +19,24 @@ pub struct Availability {
     outage: Mutex<Option<String>>,
     /// The latest check. Locked while a check runs, so that concurrent callers share it.
     checked: tokio::sync::Mutex<Option<(Stopwatch, Result<(), String>)>>,
-    /// Maximum time of a check: [`LIMIT`], except in tests.
+    /// Maximum time of a check.
     limit: Duration,
 }
 
 impl Default for Availability {
     /// The availability of a store that works.
     fn default() -> Self {
-        Self { outage: Mutex::default(), checked: tokio::sync::Mutex::default(), limit: LIMIT }
+        Self::new(LIMIT)
     }
 }
 
 impl Availability {
+    /// The availability of a store that works. A check fails after the time `limit`.
+    #[must_use]
+    pub fn new(limit: Duration) -> Self {
+        Self { outage: Mutex::default(), checked: tokio::sync::Mutex::default(), limit }
+    }
+
     /// Remembers whether a use of the store succeeded.
     pub fn note(&self, result: Result<(), String>) {
         *self.outage.lock() = result.err();
@@ -46,7 +52,7 @@ impl Availability {
     /// Concurrent calls share one probe.
     ///
     /// # Errors
-    /// The error of the probe, or a message that it did not complete within 5 s.
+    /// The error of the probe, or a message that it did not complete in time.
     pub async fn check(&self, probe: impl Future<Output = Result<(), String>>) -> Result<(), String> {
         let mut checked = self.checked.lock().await;
         if let Some((since, result)) = &*checked
@@ -84,7 +90,7 @@ mod tests {
 
     #[tokio::test]
     async fn a_check_that_hangs_fails_after_its_time_limit() {
-        let store = Availability { limit: Duration::from_millis(10), ..Availability::default() };
+        let store = Availability::new(Duration::from_millis(10));
         let error = store.check(std::future::pending()).await.unwrap_err();
         assert!(error.contains("within 10ms") && store.outage().is_some(), "{error}");
     }

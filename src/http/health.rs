@@ -82,22 +82,23 @@ async fn check_jobs(state: &AppState) -> Result<(), String> {
         };
         availability.check(read).await
     };
-    in_time(check, || state.store_availability.outage()).await
+    in_time(JOBS_CHECK_TIME, check, || state.store_availability.outage()).await
 }
 
 async fn check_artifacts(state: &AppState) -> Result<(), String> {
     let artifacts = state.artifacts.clone();
     let check = async move { artifacts.check().await.map_err(|error| error.to_string()) };
-    in_time(check, || state.artifacts.outage()).await
+    in_time(ARTIFACTS_CHECK_TIME, check, || state.artifacts.outage()).await
 }
 
-/// Returns the result of `check`. A check that takes longer than [`CHECK_TIME`], such as on a busy
-/// disk, continues in the background. Until it ends, the known `outage` is the result.
+/// Returns the result of `check`. A check that takes longer than `limit`, such as on a busy disk,
+/// continues in the background. Until it ends, the known `outage` is the result.
 async fn in_time(
+    limit: Duration,
     check: impl Future<Output = Result<(), String>> + Send + 'static,
     outage: impl FnOnce() -> Option<String>,
 ) -> Result<(), String> {
-    match tokio::time::timeout(CHECK_TIME, tokio::spawn(check)).await {
+    match tokio::time::timeout(limit, tokio::spawn(check)).await {
         Ok(Ok(checked)) => checked,
         Ok(Err(panic)) => Err(panic.to_string()),
         Err(_) => outage().map_or(Ok(()), Err),
@@ -109,8 +110,10 @@ pub(super) fn not_ready(condition: Condition, detail: impl Into<String>) -> Prob
     Problem::new(Kind::NotReady, detail).with("condition", condition.name()).with_header(header::RETRY_AFTER, LATER)
 }
 
-/// Maximum time for which a probe waits for a store. Probes of orchestrators often time out after 1
-/// s.
-const CHECK_TIME: Duration = Duration::from_millis(50);
+/// Maximum time for which a probe waits for the job store: a little longer than a check of a
+/// server. Probes of orchestrators often time out after 1 s.
+const JOBS_CHECK_TIME: Duration = Duration::from_millis(900);
+/// Maximum time for which a probe waits for the artifact store, whose check writes a file.
+const ARTIFACTS_CHECK_TIME: Duration = Duration::from_millis(50);
 /// `Retry-After`, in seconds.
 const LATER: u32 = 5;

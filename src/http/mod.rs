@@ -155,6 +155,7 @@ impl AppState {
             [limits.streams, limits.held, limits.downloads].map(|most| Arc::new(Semaphore::new(most)));
         let access = Arc::new(Access::new(store.clone(), AccessOptions::default(), limits.cors_origins.clone()));
         let pictures = Arc::new(Pictures::new(limits.pictures));
+        let store_availability = Arc::new(Availability::new(store.ready_within()));
         Self {
             store,
             artifacts,
@@ -163,7 +164,7 @@ impl AppState {
             metrics: Metrics::default(),
             access,
             status: Status::default(),
-            store_availability: Arc::default(),
+            store_availability,
             feed,
             streams,
             held,

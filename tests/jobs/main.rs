@@ -32,6 +32,7 @@ mod redirect;
 mod scripted;
 mod scrub;
 mod sick;
+mod silence;
 mod sqlite;
 mod step;
 mod streams;

@@ -27,7 +27,7 @@ const SERVER: Factory = |options| {
     async move {
         let url = Database::Postgres.url("".as_ref()).await;
         let store = Store::open_postgres(&url, options).await.unwrap();
-        (store, Box::new(()) as Box<dyn Send>)
+        (store, Box::new(()) as Box<dyn Send + Sync>)
     }
     .boxed()
 };

@@ -13,7 +13,7 @@ use std::time::Duration;
 const MEMORY: Factory = |options| {
     async move {
         let store = Store::open_in_memory(options).await.unwrap();
-        (store, Box::new(()) as Box<dyn Send>)
+        (store, Box::new(()) as Box<dyn Send + Sync>)
     }
     .boxed()
 };
@@ -22,7 +22,7 @@ const FILE: Factory = |options| {
     async move {
         let dir = tempfile::tempdir().unwrap();
         let store = Store::open_sqlite(dir.path().join("jobs.db"), options).await.unwrap();
-        (store, Box::new(dir) as Box<dyn Send>)
+        (store, Box::new(dir) as Box<dyn Send + Sync>)
     }
     .boxed()
 };

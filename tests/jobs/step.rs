@@ -6,7 +6,8 @@ use crate::unread::execute;
 use oviduct::clock::Clock;
 use oviduct::jobs::sweep::{Retention, Sweeper};
 use oviduct::jobs::{
-    ClaimScope, ClaimedJob, JobId, NewBatch, Priority, Status, Store, StoreOptions, SubmittedBatch, WorkerKind,
+    ClaimScope, ClaimedJob, Directive, JobId, NewBatch, Priority, Status, Store, StoreOptions, SubmittedBatch,
+    WorkerKind,
 };
 use std::time::Duration;
 
@@ -53,6 +54,45 @@ async fn a_clock_that_is_set_back_delays_no_job_on_sqlite() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_clock_that_is_set_back_delays_no_job_on_postgres() {
     a_clock_that_is_set_back_delays_no_job(Database::Postgres).await;
+}
+
+/// The clock of a server is set back by hours. Workers that are alive keep their jobs; the job of a
+/// worker that has vanished is claimed again, although its lease seems to last for hours.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_lease_from_before_the_clock_was_set_back_expires() {
+    let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
+    let options = StoreOptions { clock: clock.clone(), ..StoreOptions::default() };
+    let place = Place::on(Database::Postgres, options).await;
+    let store = &place.store;
+    let (vanished, alive) = (store.submit(new_job("a")).await.unwrap(), store.submit(new_job("b")).await.unwrap());
+    let taken = claim(store).await.unwrap();
+    assert_eq!(taken.job().id, vanished.job().id);
+    let held = claim(store).await.unwrap();
+    assert_eq!(held.job().id, alive.job().id);
+    let beat = async || {
+        let beat = store.heartbeat(&held, LEASE, &held.job().backend, None, None).await.unwrap();
+        assert_eq!(beat, Directive::Continue);
+    };
+    // The process has seen the database for a whole lease.
+    clock.advance(LEASE / 2);
+    beat().await;
+    assert!(claim(store).await.is_none());
+    clock.advance(LEASE / 2 - Duration::from_secs(1));
+    beat().await;
+    assert!(claim(store).await.is_none());
+
+    set_back(&clock, 3 * HOUR);
+    // The holder has not renewed its lease yet since the clock was set.
+    assert!(claim(store).await.is_none(), "no lease expires at the step");
+    clock.advance(LEASE / 2);
+    beat().await;
+    assert!(claim(store).await.is_none(), "holders have a whole lease to renew");
+    clock.advance(LEASE / 2);
+    beat().await;
+    let again = claim(store).await.expect("the lease has expired");
+    assert_eq!((again.job().id, again.attempt()), (vanished.job().id, 2));
+    beat().await;
+    place.store.close().await;
 }
 
 /// The store's clock, years behind the clock of this process, determines ages.

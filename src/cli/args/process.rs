@@ -136,7 +136,7 @@ pub(in crate::cli) struct ProcessArgs {
     #[arg(long, value_name = "TIME", value_parser = units::positive_duration, default_value = "2s")]
     pub(in crate::cli) heartbeat: Duration,
     /// Time without a heartbeat after which another worker may claim the job; at least two
-    /// heartbeats
+    /// heartbeats, at most 10 minutes
     #[arg(long, value_name = "TIME", value_parser = units::positive_duration, default_value = "8s")]
     pub(in crate::cli) lease: Duration,
     /// Fail a job after this many counted attempts; released attempts do not count

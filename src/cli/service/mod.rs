@@ -15,7 +15,7 @@ use crate::jobs::artifacts::Artifacts;
 use crate::jobs::fault::Faults;
 use crate::jobs::keys::{KeyLimits, NewKey, NoOwner, Scope, Secret};
 use crate::jobs::sweep::Retention;
-use crate::jobs::{Database, Quota, Store, StoreOptions};
+use crate::jobs::{Database, MAX_LEASE, Quota, Store, StoreOptions};
 use crate::metrics::Metrics;
 use crate::status::{Condition, Status};
 use crate::worker::{ALIVE_HEARTBEATS, BatchGenerator, PoolOptions, WorkerPool, generate_on_cpu};
@@ -185,10 +185,13 @@ type Gpus = Result<Vec<Arc<dyn BatchGenerator>>, String>;
 /// Returns the GPUs that the options allow.
 ///
 /// # Errors
-/// [`Failure::Usage`] for leases that are too short.
+/// [`Failure::Usage`] for leases that are too short or too long.
 async fn find_gpus(args: &ProcessArgs) -> Result<Gpus, Failure> {
     if args.lease < 2 * args.heartbeat {
         return Err(Failure::usage("--lease must be at least twice --heartbeat"));
+    }
+    if args.lease > MAX_LEASE {
+        return Err(Failure::usage(format!("--lease must be at most {} s", MAX_LEASE.as_secs())));
     }
     Ok(gpu::generators(args.gpu).await)
 }

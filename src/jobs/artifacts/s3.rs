@@ -18,7 +18,7 @@ use std::time::Duration;
 /// Maximum time for which one request is retried. Workers retry the whole upload in addition.
 const RETRY: Duration = Duration::from_secs(8);
 /// Time without data after which a request fails. The duration of a download is not limited.
-const SILENCE: Duration = Duration::from_secs(20);
+const SILENCE: Duration = Duration::from_secs(10);
 
 /// Signer of URLs at which a file can be downloaded without credentials.
 #[derive(Clone, Debug)]

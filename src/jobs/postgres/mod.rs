@@ -9,30 +9,41 @@
 //! - **Outages** (a restart, a failover): the store retries a transaction that was rolled back. If
 //!   the response to a commit was lost, the store reads the records to find out whether the commit
 //!   succeeded.
+//! - **A database that does not answer** fails every use after a deadline; see `pool`.
 //! - **A process that stalls** inside a transaction loses it after `IDLE_IN_TRANSACTION`, which
-//!   releases its locks.
+//!   releases its locks. The server closes the connections of a process that has vanished.
 
 mod notify;
+pub(super) mod pool;
 
 use super::error::StoreError;
 use super::list::Change;
 use super::operators::PoolUse;
 use super::options::StoreOptions;
 use super::sql::{Connection, Severity, SqlError, migrations, migrator};
+use crate::clock::Stopwatch;
 use notify::Notifier;
-use sqlx::postgres::{PgConnectOptions, PgPool, PgPoolOptions};
+use pool::{ACQUIRE_TIMEOUT, Pool};
+use sqlx::migrate::MigrateError;
+use sqlx::postgres::{PgConnectOptions, PgPoolOptions};
 use std::str::FromStr;
 use std::time::Duration;
 use tokio::sync::broadcast;
+use tokio::time::{sleep, timeout};
 
-/// Maximum wait for a connection.
-const ACQUIRE_TIMEOUT: Duration = Duration::from_secs(5);
 /// Maximum time that a transaction may wait for its process; the database then aborts it.
 const IDLE_IN_TRANSACTION: &str = "5s";
-/// Maximum time that a statement may wait for a lock.
-const LOCK_TIMEOUT: &str = "10s";
-/// Maximum time that a statement may run.
-const STATEMENT_TIMEOUT: &str = "30s";
+/// Maximum time of a migration, which may wait for that of another process.
+const MIGRATION_TIMEOUT: Duration = Duration::from_secs(30 * 60);
+/// Wait before a start that found no database tries again, for [`ACQUIRE_TIMEOUT`] in total.
+const RETRY_WAIT: Duration = Duration::from_millis(200);
+/// Settings by which the server notices within half a minute that a process has vanished.
+const KEEPALIVE: [(&str, &str); 4] = [
+    ("tcp_keepalives_idle", "10"),
+    ("tcp_keepalives_interval", "5"),
+    ("tcp_keepalives_count", "3"),
+    ("tcp_user_timeout", "25s"),
+];
 /// Settings of the planner that make every query use its index, even if the statistics describe a
 /// queue that was short a minute ago. Parallel workers cost more than any of these queries.
 const PLANS: [(&str, &str); 5] = [
@@ -61,27 +72,54 @@ const MIGRATIONS: [(&str, &str); 11] = migrations![
 /// The connections to a PostgreSQL database.
 #[derive(Debug)]
 pub(super) struct Postgres {
-    pool: PgPool,
+    pool: Pool,
     notifier: Notifier,
 }
 
 /// Migrates the tables of the database at `url`. Tables of a newer version stay unchanged, so that
-/// versions can run side by side during an upgrade.
+/// versions can run side by side during an upgrade. Retries for some seconds if the database is
+/// unavailable, because it may be restarting.
 pub(super) async fn migrate(url: &str) -> Result<(), StoreError> {
-    let pool = PgPoolOptions::new()
-        .max_connections(1)
-        .acquire_timeout(ACQUIRE_TIMEOUT)
-        .connect_with(connect_options(url)?)
-        .await
-        .map_err(SqlError::from)?;
-    let migrated = migrator(&MIGRATIONS).run(&pool).await;
-    pool.close().await;
-    migrated.map_err(|error| StoreError::Database(Box::new(error)))
+    let connect = connect_options(url)?;
+    let since = Stopwatch::start();
+    loop {
+        let Err(error) = migrate_once(&connect).await else { return Ok(()) };
+        if severity(&error) != Severity::Outage || since.elapsed() > ACQUIRE_TIMEOUT {
+            return Err(error.into());
+        }
+        tracing::warn!(%error, "the database is unavailable; trying again");
+        sleep(RETRY_WAIT).await;
+    }
+}
+
+async fn migrate_once(connect: &PgConnectOptions) -> Result<(), SqlError> {
+    let pool = PgPoolOptions::new().max_connections(1).acquire_timeout(ACQUIRE_TIMEOUT);
+    let pool = pool.connect_with(connect.clone()).await?;
+    let migrated = timeout(MIGRATION_TIMEOUT, migrator(&MIGRATIONS).run(&pool)).await;
+    // A server that does not answer any more closes the connection by itself.
+    let _ = timeout(ACQUIRE_TIMEOUT, pool.close()).await;
+    migrated.map_err(|_| SqlError::NoAnswer(MIGRATION_TIMEOUT))?.map_err(|error| match error {
+        MigrateError::Execute(error) | MigrateError::ExecuteMigration(error, _) => SqlError::Database(error),
+        error => StoreError::Database(Box::new(error)).into(),
+    })
 }
 
 fn connect_options(url: &str) -> Result<PgConnectOptions, StoreError> {
     let options = PgConnectOptions::from_str(url).map_err(SqlError::from)?;
-    Ok(options.application_name("oviduct"))
+    Ok(options.application_name("oviduct").options(KEEPALIVE))
+}
+
+/// Settings of the sessions that run transactions. The server ends a statement shortly before the
+/// process stops waiting for its answer, and a wait for a lock after half of that time.
+fn session_options(answer_within: Duration) -> [(&'static str, String); 4] {
+    let limit = |share: f64| format!("{}ms", answer_within.mul_f64(share).as_millis());
+    [
+        ("idle_in_transaction_session_timeout", IDLE_IN_TRANSACTION.to_owned()),
+        ("lock_timeout", limit(0.5)),
+        ("statement_timeout", limit(0.9)),
+        // A database whose default is weaker would lose accepted jobs.
+        ("synchronous_commit", "on".to_owned()),
+    ]
 }
 
 impl Postgres {
@@ -95,73 +133,40 @@ impl Postgres {
     ) -> Result<Self, StoreError> {
         migrate(url).await?;
         let connect = connect_options(url)?;
-        let pool = PgPoolOptions::new()
-            .max_connections(options.connections)
-            .acquire_timeout(ACQUIRE_TIMEOUT)
-            .connect_with(connect.clone().options(PLANS).options([
-                ("idle_in_transaction_session_timeout", IDLE_IN_TRANSACTION),
-                ("lock_timeout", LOCK_TIMEOUT),
-                ("statement_timeout", STATEMENT_TIMEOUT),
-            ]))
-            .await
-            .map_err(SqlError::from)?;
-        let notifier = Notifier::start(connect, pool.clone(), changes).await.map_err(SqlError::from)?;
+        let session = connect.clone().options(PLANS).options(session_options(options.answer_within));
+        let pool = pool::pool(session, options);
+        // Settings that the server refuses fail the start, not the first request.
+        drop(pool::acquire(&pool).await?);
+        let notifier = Notifier::start(connect, pool.clone(), changes).await?;
         Ok(Self { pool, notifier })
     }
 
-    /// A connection in a new transaction.
+    /// A session in a new transaction.
     pub(super) async fn begin(&self) -> Result<Connection, SqlError> {
-        Ok(Connection::PostgresTransaction(self.pool.begin().await?))
+        let mut session = pool::acquire(&self.pool).await?;
+        session.begin().await?;
+        Ok(Connection::Postgres(session))
     }
 
-    /// A connection for reading alone.
+    /// A session for reading alone.
     pub(super) async fn reader(&self) -> Result<Connection, SqlError> {
-        Ok(Connection::Postgres(self.pool.acquire().await?))
+        Ok(Connection::Postgres(pool::acquire(&self.pool).await?))
+    }
+
+    /// True if the database answered this process `within` this time, whatever the question was.
+    pub(super) fn answered_within(&self, within: Duration) -> bool {
+        pool::answers(&self.pool).any_within(within)
     }
 
     /// Consequence of an error for the caller.
     pub(super) fn severity(&self, error: &SqlError) -> Severity {
-        let error = match error {
-            SqlError::Store(_) | SqlError::BrokenRecord(_) | SqlError::Inconsistent(_) => return Severity::Permanent,
-            SqlError::OwnerLocked => return Severity::Transient,
-            SqlError::Database(error) => error,
-        };
-        match error {
-            sqlx::Error::Io(_) | sqlx::Error::PoolTimedOut | sqlx::Error::WorkerCrashed => Severity::Outage,
-            // A connection that was closed in the middle of a response.
-            sqlx::Error::Protocol(_) => Severity::Outage,
-            sqlx::Error::Database(error) => {
-                let code = error.code().unwrap_or_default();
-                let class = |classes: &[&str]| classes.iter().any(|class| code.starts_with(class));
-                // Two submissions with the same idempotency key, or a retry after a commit that
-                // succeeded nevertheless: the next run finds the other record.
-                let is_key = |name: &str| name.contains("idempotency_key") || name.ends_with("_pkey");
-                let same_key = code == "23505" && error.constraint().is_some_and(is_key);
-                if class(&["08", "53", "57P", "58"]) || code == "25006" {
-                    // Connection lost; no connection, disk space or memory left; shutting down or
-                    // starting up; I/O error; a standby after a failover.
-                    Severity::Outage
-                } else if same_key || class(&["40"]) || ["55P03", "25P03", "57014"].contains(&code.as_ref()) {
-                    // Serialization, deadlock; lock timeout, transaction timeout, statement
-                    // timeout.
-                    Severity::Transient
-                } else {
-                    Severity::Permanent
-                }
-            }
-            _ => Severity::Permanent,
-        }
-    }
-
-    /// True after [`Postgres::close`].
-    pub(super) fn is_closed(&self) -> bool {
-        self.pool.is_closed()
+        severity(error)
     }
 
     /// Use of the pool of connections.
     pub(super) fn pools(&self) -> Vec<PoolUse> {
-        let (open, most) = (self.pool.size(), self.pool.options().get_max_connections());
-        let idle = u32::try_from(self.pool.num_idle()).unwrap_or(u32::MAX);
+        let status = self.pool.status();
+        let [open, idle, most] = [status.size, status.available, status.max_size].map(|sessions| sessions as u32);
         vec![PoolUse { name: "postgres", open, idle, most }]
     }
 
@@ -170,9 +175,44 @@ impl Postgres {
         self.notifier.send(changes);
     }
 
-    /// Sends the last notifications and closes all connections.
+    /// Sends the last notifications and closes all idle sessions; the others close when their
+    /// callers return them.
     pub(super) async fn close(&self) {
         self.notifier.close().await;
-        self.pool.close().await;
+        self.pool.close();
+    }
+}
+
+fn severity(error: &SqlError) -> Severity {
+    let error = match error {
+        SqlError::Store(_) | SqlError::BrokenRecord(_) | SqlError::Inconsistent(_) => return Severity::Permanent,
+        SqlError::OwnerLocked => return Severity::Transient,
+        SqlError::NoAnswer(_) => return Severity::Outage,
+        SqlError::Database(error) => error,
+    };
+    match error {
+        sqlx::Error::Io(_) | sqlx::Error::PoolTimedOut | sqlx::Error::WorkerCrashed => Severity::Outage,
+        // A connection that was closed in the middle of a response.
+        sqlx::Error::Protocol(_) => Severity::Outage,
+        sqlx::Error::Database(error) => {
+            let code = error.code().unwrap_or_default();
+            let class = |classes: &[&str]| classes.iter().any(|class| code.starts_with(class));
+            // Two submissions with the same idempotency key, or a retry after a commit that
+            // succeeded nevertheless: the next run finds the other record.
+            let is_key = |name: &str| name.contains("idempotency_key") || name.ends_with("_pkey");
+            let same_key = code == "23505" && error.constraint().is_some_and(is_key);
+            if class(&["08", "53", "57P", "58"]) || code == "25006" {
+                // Connection lost; no connection, disk space or memory left; shutting down or
+                // starting up; I/O error; a standby after a failover.
+                Severity::Outage
+            } else if same_key || class(&["40"]) || ["55P03", "25P03", "57014"].contains(&code.as_ref()) {
+                // Serialization, deadlock; lock timeout, transaction timeout, statement
+                // timeout.
+                Severity::Transient
+            } else {
+                Severity::Permanent
+            }
+        }
+        _ => Severity::Permanent,
     }
 }

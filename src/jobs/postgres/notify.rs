@@ -7,10 +7,12 @@
 //! polling by workers and event streams covers both. After a reconnection, the jobs that may have
 //! changed in the meantime are reported as changed.
 
+use super::pool::{Pool, acquire};
 use crate::clock::Stopwatch;
+use crate::jobs::sql::SqlError;
 use crate::jobs::{Change, JobId};
 use crate::lock::Mutex;
-use sqlx::postgres::{PgConnectOptions, PgListener, PgPool, PgPoolOptions};
+use sqlx::postgres::{PgConnectOptions, PgListener, PgPoolOptions};
 use sqlx::{Executor, Row};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -44,9 +46,9 @@ impl Notifier {
     /// `changes`.
     pub(super) async fn start(
         connect: PgConnectOptions,
-        pool: PgPool,
+        pool: Pool,
         changes: broadcast::Sender<Change>,
-    ) -> Result<Self, sqlx::Error> {
+    ) -> Result<Self, SqlError> {
         // Identifies this process, which ignores its own notifications.
         let own = uuid::Uuid::now_v7().simple().to_string();
         let connection = listen(&connect).await?;
@@ -78,13 +80,14 @@ impl Notifier {
 }
 
 /// Sends changes until the outbox is dropped.
-async fn send_all(pool: PgPool, own: String, mut inbox: mpsc::UnboundedReceiver<Change>) {
+async fn send_all(pool: Pool, own: String, mut inbox: mpsc::UnboundedReceiver<Change>) {
     let mut gathered = Vec::new();
     while inbox.recv_many(&mut gathered, MAX_CHANGES).await > 0 {
         let payload = write(&own, &gathered);
         gathered.clear();
-        let sent = sqlx::query("SELECT pg_notify($1, $2)").bind(CHANNEL).bind(payload).execute(&pool).await;
-        if let Err(error) = sent {
+        let notify = sqlx::query("SELECT pg_notify($1, $2)").bind(CHANNEL).bind(payload);
+        let sent = async { acquire(&pool).await?.answer(|connection| notify.execute(connection)).await };
+        if let Err(error) = sent.await {
             tracing::warn!(%error, "could not send changes to other processes; they will find them by polling");
         }
     }
@@ -122,7 +125,12 @@ fn read(own: &str, payload: &str) -> Vec<Change> {
         .collect()
 }
 
-async fn listen(connect: &PgConnectOptions) -> Result<PgListener, sqlx::Error> {
+async fn listen(connect: &PgConnectOptions) -> Result<PgListener, SqlError> {
+    let late = |_| SqlError::NoAnswer(RESPONSE_TIMEOUT);
+    timeout(RESPONSE_TIMEOUT, listen_unlimited(connect)).await.map_err(late)?.map_err(SqlError::from)
+}
+
+async fn listen_unlimited(connect: &PgConnectOptions) -> Result<PgListener, sqlx::Error> {
     let pool = PgPoolOptions::new()
         .max_connections(1)
         .acquire_timeout(RESPONSE_TIMEOUT)
@@ -139,7 +147,7 @@ async fn listen(connect: &PgConnectOptions) -> Result<PgListener, sqlx::Error> {
 async fn receive(
     connect: PgConnectOptions,
     mut listener: PgListener,
-    pool: PgPool,
+    pool: Pool,
     own: String,
     changes: broadcast::Sender<Change>,
 ) {
@@ -186,20 +194,19 @@ async fn receive(
 
 /// Jobs that may have changed within the time `past`: running jobs, jobs that ended recently, and
 /// the newest queued jobs. Readers notice deleted jobs when they read them.
-async fn catch_up(pool: &PgPool, past: Duration) -> Result<Vec<Change>, sqlx::Error> {
-    let now: i64 = sqlx::query_scalar("SELECT CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000000 AS BIGINT)")
-        .fetch_one(pool)
-        .await?;
+async fn catch_up(pool: &Pool, past: Duration) -> Result<Vec<Change>, SqlError> {
+    let mut session = acquire(pool).await?;
+    let now = sqlx::query_scalar("SELECT CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000000 AS BIGINT)");
+    let now: i64 = session.answer(|connection| now.fetch_one(connection)).await?;
     let past = i64::try_from(past.as_micros()).unwrap_or(i64::MAX);
-    let rows = sqlx::query(
+    let missed = sqlx::query(
         "(SELECT id, version FROM jobs WHERE status = 'running' LIMIT $1) \
          UNION (SELECT id, version FROM jobs WHERE finished_at >= $2 ORDER BY finished_at DESC LIMIT $1) \
          UNION (SELECT id, version FROM jobs WHERE status = 'queued' ORDER BY id DESC LIMIT $1)",
     )
     .bind(CAUGHT_UP)
-    .bind(now.saturating_sub(past))
-    .fetch_all(pool)
-    .await?;
+    .bind(now.saturating_sub(past));
+    let rows = session.answer(|connection| missed.fetch_all(connection)).await?;
     let change = |row: &sqlx::postgres::PgRow| {
         let (id, version): (&str, i64) = (row.try_get("id")?, row.try_get("version")?);
         Ok(id.parse().ok().map(|id| Change { id: JobId(id), version: u64::try_from(version).ok() }))

@@ -2,7 +2,7 @@
 
 use super::codec::{Value, enum_from_sql, json, values};
 use super::error::SqlError;
-use super::operation::{Done, Operation};
+use super::operation::{Done, Operation, Uncertain};
 use super::order::queue_room;
 use super::quota;
 use super::record::{owner, parse_optional, priority, select_jobs, submitter, to_record};
@@ -68,7 +68,9 @@ impl Store {
     /// Deletes a batch with all its jobs in one transaction. Returns keys as [`Store::delete`]
     /// does.
     pub async fn delete_batch(&self, id: BatchId) -> Result<Option<Vec<String>>, StoreError> {
-        self.apply("delete_batch", id, |id, tx, _| Box::pin(delete(*id, tx))).await
+        const DELETES: Uncertain<BatchId, Option<Vec<String>>> =
+            Uncertain::Recognised(|id, done, tx| Box::pin(was_deleted(*id, done, tx)));
+        self.apply("delete_batch", id, |id, tx, _| Box::pin(delete(*id, tx)), DELETES).await
     }
 }
 
@@ -124,10 +126,10 @@ impl Operation for SubmitBatch {
         Ok(accepted(known(tx, id).await?))
     }
 
-    async fn recover_committed(&self, tx: &mut Tx<'_>) -> Result<Option<Done<SubmittedBatch>>, SqlError> {
-        let tried = *self.tried.lock();
-        let Some(id) = tried else { return Ok(None) };
-        Ok(read(tx, id).await?.map(accepted))
+    async fn was_committed(&self, tx: &mut Tx<'_>, done: &Done<SubmittedBatch>) -> Result<bool, SqlError> {
+        // A run that found the batch of an earlier request has changed nothing.
+        let id = done.output.batch().id;
+        Ok(*self.tried.lock() == Some(id) && is_stored(tx, id).await?)
     }
 }
 
@@ -217,9 +219,18 @@ async fn known(tx: &mut Tx<'_>, id: BatchId) -> Result<Batch, SqlError> {
     read(tx, id).await?.ok_or_else(|| SqlError::Inconsistent(format!("batch {id}")))
 }
 
-async fn delete(id: BatchId, tx: &mut Tx<'_>) -> Result<Done<Option<Vec<String>>>, SqlError> {
+/// True if the batch exists. Locks it until the transaction ends.
+async fn is_stored(tx: &mut Tx<'_>, id: BatchId) -> Result<bool, SqlError> {
     let sql = format!("SELECT id FROM batches WHERE id = $1{}", tx.either("", " FOR UPDATE"));
-    if tx.optional(sql, values![id]).await?.is_none() {
+    Ok(tx.optional(sql, values![id]).await?.is_some())
+}
+
+async fn was_deleted(id: BatchId, done: &Done<Option<Vec<String>>>, tx: &mut Tx<'_>) -> Result<bool, SqlError> {
+    Ok(done.output.is_some() && !is_stored(tx, id).await?)
+}
+
+async fn delete(id: BatchId, tx: &mut Tx<'_>) -> Result<Done<Option<Vec<String>>>, SqlError> {
+    if !is_stored(tx, id).await? {
         return Ok(Done::quiet(None));
     }
     let (mut keys, mut changes) = (Vec::new(), Vec::new());

@@ -4,12 +4,15 @@
 use super::codec::Value;
 use super::error::SqlError;
 use super::lease;
-use super::operation::Done;
+use super::operation::{Done, Uncertain, are_cancelled, are_deleted};
 use super::read::matching;
 use super::store::Store;
 use super::submit;
 use super::tx::Tx;
 use crate::jobs::{BulkResult, JobId, ListFilter, Status, StoreError, StoreOptions};
+
+/// Jobs, and the status that they must still have.
+type Many = (Vec<JobId>, Option<Status>);
 
 /// Calls for many jobs.
 impl Store {
@@ -25,13 +28,18 @@ impl Store {
     /// Cancels these jobs as [`Store::cancel`] does, in one transaction. Ignores jobs that have
     /// ended, do not exist, or are not in `status` (any more).
     pub async fn cancel_many(&self, ids: Vec<JobId>, status: Option<Status>) -> Result<BulkResult, StoreError> {
-        self.apply("cancel_many", (ids, status), |input, tx, options| Box::pin(cancel(input, tx, options))).await
+        const CANCELS: Uncertain<Many, BulkResult> =
+            Uncertain::Recognised(|(ids, _), done, tx| Box::pin(are_cancelled(tx, ids, &done.changes)));
+        self.apply("cancel_many", (ids, status), |input, tx, options| Box::pin(cancel(input, tx, options)), CANCELS)
+            .await
     }
 
     /// Deletes these jobs as [`Store::delete`] does, in one transaction; with `status`, only jobs
     /// in that status.
     pub async fn delete_many(&self, ids: Vec<JobId>, status: Option<Status>) -> Result<BulkResult, StoreError> {
-        self.apply("delete_many", (ids, status), |input, tx, _| Box::pin(delete(input, tx))).await
+        const DELETES: Uncertain<Many, BulkResult> =
+            Uncertain::Recognised(|_, done, tx| Box::pin(are_deleted(tx, &done.changes)));
+        self.apply("delete_many", (ids, status), |input, tx, _| Box::pin(delete(input, tx)), DELETES).await
     }
 }
 
@@ -42,11 +50,7 @@ fn in_lock_order(ids: &[JobId]) -> Vec<JobId> {
     ids
 }
 
-async fn cancel(
-    (ids, status): &(Vec<JobId>, Option<Status>),
-    tx: &mut Tx<'_>,
-    options: &StoreOptions,
-) -> Result<Done<BulkResult>, SqlError> {
+async fn cancel((ids, status): &Many, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<BulkResult>, SqlError> {
     let mut all = Done::quiet(BulkResult::default());
     for id in in_lock_order(ids) {
         add(&mut all, lease::cancel(tx, options, id, *status).await?);
@@ -54,7 +58,7 @@ async fn cancel(
     Ok(all)
 }
 
-async fn delete((ids, status): &(Vec<JobId>, Option<Status>), tx: &mut Tx<'_>) -> Result<Done<BulkResult>, SqlError> {
+async fn delete((ids, status): &Many, tx: &mut Tx<'_>) -> Result<Done<BulkResult>, SqlError> {
     let mut all = Done::quiet(BulkResult::default());
     for id in in_lock_order(ids) {
         add(&mut all, submit::delete(tx, id, *status).await?);

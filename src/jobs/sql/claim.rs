@@ -13,7 +13,7 @@
 
 use super::codec::{Value, enum_to_sql, until, values};
 use super::error::SqlError;
-use super::lease::{self, AttemptEffect, End};
+use super::lease::{self, AttemptEffect, End, MAX_LEASE};
 use super::operation::{Done, LONG_RETRY_LIMIT, Operation, RETRY_LIMIT};
 use super::order;
 use super::read;
@@ -24,7 +24,6 @@ use super::workers::unpaused;
 use crate::clock::Stopwatch;
 use crate::jobs::state::{AttemptEnd, ClaimScope, Event};
 use crate::jobs::{Change, ClaimedJob, Job, JobId, Problem, StoreError, StoreOptions};
-use crate::lock::Mutex;
 use jiff::Timestamp;
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -73,7 +72,7 @@ impl Store {
             } else if !found.jobs_due {
                 return Ok(Vec::new());
             }
-            self.transact(Claim { worker: worker.to_owned(), scope, lease, limit, tried: Mutex::default() }).await
+            self.transact("claim", Claim { worker: worker.to_owned(), scope, lease, limit }).await
         };
         let claimed = claimed.await;
         self.after("claim", claimed)
@@ -86,8 +85,6 @@ struct Claim {
     scope: ClaimScope,
     lease: Duration,
     limit: u32,
-    /// The jobs that the latest run claimed, with their attempts.
-    tried: Mutex<Vec<(JobId, u32)>>,
 }
 
 /// Result of a look at the queue.
@@ -102,7 +99,7 @@ struct Look {
 /// Looks for work without a writer, because usually there is none.
 async fn look(tx: &mut Tx<'_>, worker: &str, scope: ClaimScope) -> Result<Look, SqlError> {
     let now = tx.steady().await?;
-    let mut values = values![now, until(now, MAX_RETRY_DELAY), worker];
+    let mut values = values![now, until(now, MAX_RETRY_DELAY), worker, until(now, MAX_LEASE)];
     // Not EXISTS: for EXISTS, PostgreSQL may read the table in the hope of an early match.
     let jobs = order::lanes(tx);
     let lane = |lane| {
@@ -116,7 +113,8 @@ async fn look(tx: &mut Tx<'_>, worker: &str, scope: ClaimScope) -> Result<Look, 
     let lanes: Vec<String> = scope.requested().iter().map(lane).collect();
     let sql = format!(
         "SELECT (SELECT 1 FROM jobs WHERE status = 'running' AND lease_until <= $1 ORDER BY lease_until LIMIT 1) \
-         IS NOT NULL AS expired, ({}) AND {} AS due",
+         IS NOT NULL OR (SELECT 1 FROM jobs WHERE status = 'running' AND lease_until > $4 \
+         ORDER BY lease_until DESC LIMIT 1) IS NOT NULL AS expired, ({}) AND {} AS due",
         lanes.join(" OR "),
         unpaused("$3")
     );
@@ -146,34 +144,28 @@ impl Operation for Claim {
         } else {
             self.fill(tx, options, &mut claimed, self.limit, None).await?;
         }
-        *self.tried.lock() = claimed.jobs.iter().map(|claimed| (claimed.job.id, claimed.attempt)).collect();
         Ok(Done::new(claimed.jobs, claimed.changes))
     }
 
-    async fn recover_committed(&self, tx: &mut Tx<'_>) -> Result<Option<Done<Vec<ClaimedJob>>>, SqlError> {
-        let tried = self.tried.lock().clone();
-        let mut claimed = Claimed::default();
+    async fn was_committed(&self, tx: &mut Tx<'_>, done: &Done<Vec<ClaimedJob>>) -> Result<bool, SqlError> {
         let until = until(tx.steady().await?, self.lease);
-        for (id, attempt) in tried {
+        let mut is_held = false;
+        for ClaimedJob { job, attempt, worker } in &done.output {
             // Waits at the job's row for a commit that is still under way; an update alone would
             // not see its result.
-            lease::load_for_renewal(tx, id).await?;
+            lease::load_for_renewal(tx, job.id).await?;
             // The lease begins again.
             let sql = "UPDATE jobs SET lease_until = $4 \
                        WHERE id = $1 AND status = 'running' AND attempts = $2 AND holder = $3";
-            if tx.execute(sql, values![id, attempt, &self.worker, until]).await? > 0 {
-                let job = read::known_job(tx, id).await?;
-                claimed.changes.push(Change::of(&job));
-                claimed.jobs.push(ClaimedJob { job, attempt, worker: self.worker.clone() });
-            }
+            is_held |= tx.execute(sql, values![job.id, *attempt, worker, until]).await? > 0;
         }
-        Ok((!claimed.jobs.is_empty()).then(|| Done::new(claimed.jobs, claimed.changes)))
+        Ok(is_held)
     }
 
     /// Long if a commit whose response was lost may have claimed jobs: nobody else runs them until
     /// their leases expire.
-    fn retry_limit(&self) -> Duration {
-        if self.tried.lock().is_empty() { RETRY_LIMIT } else { LONG_RETRY_LIMIT }
+    fn retry_limit(&self, is_uncertain: bool) -> Duration {
+        if is_uncertain { LONG_RETRY_LIMIT } else { RETRY_LIMIT }
     }
 }
 

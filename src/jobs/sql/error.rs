@@ -2,6 +2,7 @@
 
 use crate::jobs::StoreError;
 use crate::jobs::error::Cause;
+use std::time::Duration;
 
 /// Reason why an operation on the database failed.
 #[derive(Debug, thiserror::Error)]
@@ -18,6 +19,9 @@ pub(in crate::jobs) enum SqlError {
     /// A record changed or vanished although this transaction had locked it.
     #[error("{0} changed within a transaction")]
     Inconsistent(String),
+    /// The database did not answer within this time. The outcome of the statement is unknown.
+    #[error("the database did not answer within {0:?}")]
+    NoAnswer(Duration),
     /// The database failed or is unavailable.
     #[error(transparent)]
     Database(#[from] sqlx::Error),

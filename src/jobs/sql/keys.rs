@@ -2,7 +2,7 @@
 
 use super::codec::{json, parse, until, values};
 use super::error::{SqlError, broken};
-use super::operation::Done;
+use super::operation::{Done, Run, Uncertain};
 use super::store::Store;
 use super::tx::{Row, Tx};
 use crate::jobs::StoreError;
@@ -16,12 +16,12 @@ const COLUMNS: &str = "prefix, hash, owner, scopes, limits, created_at, expires_
 impl Store {
     /// Stores a key.
     pub async fn add_key(&self, new: NewKey) -> Result<Key, StoreError> {
-        self.apply("add_key", new, |new, tx, _| Box::pin(add(new, tx))).await
+        self.apply("add_key", new, |new, tx, _| Box::pin(add(new, tx)), Uncertain::RunsAgain).await
     }
 
     /// Stores a key if there is no other, not even a revoked one; otherwise returns `None`.
     pub async fn add_first_key(&self, new: NewKey) -> Result<Option<Key>, StoreError> {
-        self.apply("add_first_key", new, |new, tx, _| Box::pin(add_first(new, tx))).await
+        self.apply("add_first_key", new, |new, tx, _| Box::pin(add_first(new, tx)), Uncertain::RunsAgain).await
     }
 
     /// The time of the store, and all keys, oldest first, including expired and revoked keys.
@@ -36,12 +36,13 @@ impl Store {
     /// this prefix.
     pub async fn revoke_key(&self, prefix: &str, after: Duration) -> Result<Option<Key>, StoreError> {
         let key = (prefix.to_owned(), after);
-        self.apply("revoke_key", key, |(prefix, after), tx, _| Box::pin(revoke(prefix, *after, tx))).await
+        let revoke: Run<(String, Duration), _> = |(prefix, after), tx, _| Box::pin(revoke(prefix, *after, tx));
+        self.apply("revoke_key", key, revoke, Uncertain::RunsAgain).await
     }
 
     /// Stores a ticket, removes expired tickets, and returns the time at which the new one expires.
     pub async fn add_ticket(&self, new: NewTicket) -> Result<Timestamp, StoreError> {
-        self.apply("add_ticket", new, |new, tx, _| Box::pin(add_ticket(new, tx))).await
+        self.apply("add_ticket", new, |new, tx, _| Box::pin(add_ticket(new, tx)), Uncertain::RunsAgain).await
     }
 
     /// The prefix of the key whose ticket [`Store::use_ticket`] would use up.
@@ -57,7 +58,9 @@ impl Store {
     /// not exist, has expired, or is for another path; a ticket for another path stays valid.
     pub async fn use_ticket(&self, hash: &str, path: &str) -> Result<Option<String>, StoreError> {
         let ticket = (hash.to_owned(), path.to_owned());
-        self.apply("use_ticket", ticket, |(hash, path), tx, _| Box::pin(use_ticket(hash, path, tx))).await
+        let use_up: Run<(String, String), _> = |(hash, path), tx, _| Box::pin(use_ticket(hash, path, tx));
+        // A ticket that may be used up counts as used: its client requests another.
+        self.apply("use_ticket", ticket, use_up, Uncertain::RunsAgain).await
     }
 }
 

@@ -3,7 +3,7 @@
 
 use super::codec::{enum_from_sql, enum_to_sql, json, until, values};
 use super::error::SqlError;
-use super::operation::{Done, LONG_RETRY_LIMIT, Operation, Repeatable, Run};
+use super::operation::{Done, LONG_RETRY_LIMIT, Operation, Run, Simple, Uncertain, are_cancelled};
 use super::read::{self, known_job};
 use super::share;
 use super::store::Store;
@@ -18,6 +18,8 @@ use crate::jobs::{
 use jiff::Timestamp;
 use std::time::Duration;
 
+/// Maximum duration of a lease. A lease that ends later was given before the clock was set back.
+pub const MAX_LEASE: Duration = Duration::from_secs(600);
 /// Maximum number of leases that one transaction ends.
 const EXPIRED: u32 = 1000;
 
@@ -36,7 +38,9 @@ impl Store {
         let (id, fence, backend) = (claimed.job.id, claimed.fence(), backend.clone());
         let (progress, section) = (progress.copied(), section.cloned());
         let renewal = Renewal { id, fence, lease, backend, progress, section };
-        self.apply("heartbeat", renewal, |renewal, tx, options| Box::pin(renew(renewal, tx, options))).await
+        // The second run raises the version once more, which costs readers one read.
+        let run: Run<_, _> = |renewal, tx, options| Box::pin(renew(renewal, tx, options));
+        self.apply("heartbeat", renewal, run, Uncertain::RunsAgain).await
     }
 
     /// Records `key` as the latest checkpoint, from which the next attempt resumes. Returns the key
@@ -46,10 +50,11 @@ impl Store {
     /// outlives the attempt; the end of the job removes it from the record.
     pub async fn set_checkpoint(&self, claimed: &ClaimedJob, key: &str) -> Result<Option<String>, StoreError> {
         let input = (claimed.job.id, claimed.fence(), key.to_owned());
-        self.apply("set_checkpoint", input, |(id, fence, key), tx, options| {
-            Box::pin(set_checkpoint(*id, fence, key, tx, options))
-        })
-        .await
+        type Input = (JobId, Fence, String);
+        const NAMES: Uncertain<Input, Option<String>> =
+            Uncertain::Recognised(|(id, _, key), _, tx| Box::pin(names_checkpoint(*id, key, tx)));
+        let run: Run<Input, _> = |(id, fence, key), tx, options| Box::pin(set_checkpoint(*id, fence, key, tx, options));
+        self.apply("set_checkpoint", input, run, NAMES).await
     }
 
     /// Ends the job as succeeded. Its files and its state become visible together.
@@ -96,14 +101,17 @@ impl Store {
     /// ended stays unchanged. If this call ends the job, [`Job::checkpoint`] is the key that its
     /// record named until then, for removal from the artifact store.
     pub async fn cancel(&self, id: JobId) -> Result<Option<Job>, StoreError> {
-        self.apply("cancel", id, |id, tx, options| Box::pin(cancel_one(*id, tx, options))).await
+        const CANCELS: Uncertain<JobId, Option<Job>> =
+            Uncertain::Recognised(|id, done, tx| Box::pin(are_cancelled(tx, std::slice::from_ref(id), &done.changes)));
+        self.apply("cancel", id, |id, tx, options| Box::pin(cancel_one(*id, tx, options)), CANCELS).await
     }
 
     /// Ends the attempts that an earlier process left running, and frees its locks of upkeep tasks;
     /// to be called at the start of the only process that uses the store, before any worker. Each
     /// attempt counts as one whose worker vanished. Returns the jobs.
     pub async fn recover(&self) -> Result<Vec<JobId>, StoreError> {
-        self.transact(Repeatable { input: (), run: |(), tx, _| Box::pin(free_all(tx)) }).await?;
+        let run: Run<_, _> = |(), tx, _| Box::pin(free_all(tx));
+        self.transact("recover", Simple { input: (), run, uncertain: Uncertain::RunsAgain }).await?;
         let mut jobs = Vec::new();
         loop {
             let expired = self.expire(Timestamp::MAX).await?;
@@ -118,22 +126,26 @@ impl Store {
     /// none are left.
     pub(super) async fn expire(&self, before: Timestamp) -> Result<Vec<JobId>, StoreError> {
         let run: Run<_, _> = |before, tx, options| Box::pin(expire(*before, tx, options));
-        self.transact(Repeatable { input: before, run }).await
+        // The second run ends other attempts. Streams find the jobs of the first by polling.
+        self.transact("expire", Simple { input: before, run, uncertain: Uncertain::RunsAgain }).await
     }
 }
 
-/// Ends attempts whose lease ended at `before` or earlier, at most [`EXPIRED`] of them. Returns
-/// their jobs.
+/// Ends attempts whose lease ended at `before` or earlier, or ends later than any lease can because
+/// the clock was set back, at most [`EXPIRED`] of each. Returns their jobs.
 async fn expire(before: Timestamp, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Vec<JobId>>, SqlError> {
     // Skips rows that another transaction is writing.
-    let sql = format!(
-        "SELECT id FROM jobs{} WHERE status = 'running' AND lease_until <= $1 ORDER BY lease_until LIMIT {EXPIRED}{}",
-        tx.either(" INDEXED BY jobs_leases", ""),
-        tx.either("", " FOR UPDATE SKIP LOCKED"),
-    );
+    let far = until(tx.steady().await?, MAX_LEASE);
     let mut changes = Vec::new();
-    for row in tx.all(sql, values![before]).await? {
-        changes.extend(apply(tx, options, JobId(row.id("id")?), &Event::Expire, None).await?);
+    for (condition, limit) in [("<= $1 ORDER BY lease_until", before), ("> $1 ORDER BY lease_until DESC", far)] {
+        let sql = format!(
+            "SELECT id FROM jobs{} WHERE status = 'running' AND lease_until {condition} LIMIT {EXPIRED}{}",
+            tx.either(" INDEXED BY jobs_leases", ""),
+            tx.either("", " FOR UPDATE SKIP LOCKED"),
+        );
+        for row in tx.all(sql, values![limit]).await? {
+            changes.extend(apply(tx, options, JobId(row.id("id")?), &Event::Expire, None).await?);
+        }
     }
     Ok(Done::of_changes(changes))
 }
@@ -194,6 +206,12 @@ async fn set_checkpoint(
     Ok(Done::quiet(before.filter(|before| before != key)))
 }
 
+/// True if the record of the job names this checkpoint.
+async fn names_checkpoint(id: JobId, key: &str, tx: &mut Tx<'_>) -> Result<bool, SqlError> {
+    let is_stored = load_for_renewal(tx, id).await?.is_some();
+    Ok(is_stored && named_checkpoint(tx, id).await?.as_deref() == Some(key))
+}
+
 async fn named_checkpoint(tx: &mut Tx<'_>, id: JobId) -> Result<Option<String>, SqlError> {
     tx.one("SELECT checkpoint FROM jobs WHERE id = $1", values![id]).await?.get("checkpoint")
 }
@@ -249,22 +267,17 @@ impl Operation for End {
     }
 
     /// Long, because the finished model would be lost. The fence protects the job in the meantime.
-    fn retry_limit(&self) -> Duration {
+    fn retry_limit(&self, _is_uncertain: bool) -> Duration {
         LONG_RETRY_LIMIT
     }
 
-    async fn recover_committed(&self, tx: &mut Tx<'_>) -> Result<Option<Done<Job>>, SqlError> {
+    async fn was_committed(&self, tx: &mut Tx<'_>, _done: &Done<Job>) -> Result<bool, SqlError> {
         // Waits at the job's row for a commit that is still under way.
         load(tx, self.id).await?;
         // Only the holder ends its attempt, and only once.
         let Fence { attempt, worker } = &self.fence;
         let sql = "SELECT 1 AS done FROM attempts WHERE job_id = $1 AND attempt = $2 AND worker = $3 AND outcome = $4";
-        let done = tx.optional(sql, values![self.id, *attempt, worker, enum_to_sql(self.how)]).await?;
-        let job = if done.is_some() { read::job(tx, self.id).await? } else { None };
-        Ok(job.map(|job| {
-            let change = Change::of(&job);
-            Done::new(job, vec![change])
-        }))
+        Ok(tx.optional(sql, values![self.id, *attempt, worker, enum_to_sql(self.how)]).await?.is_some())
     }
 }
 

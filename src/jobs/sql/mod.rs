@@ -44,6 +44,7 @@ mod upkeep;
 mod workers;
 
 pub(super) use error::{Severity, SqlError};
+pub use lease::MAX_LEASE;
 pub(super) use migrations::{migrations, migrator};
 pub(super) use store::Engine;
 pub use store::{Hook, Store};

@@ -1,7 +1,8 @@
 //! Operations: what runs in one transaction.
 
+use super::codec::values;
 use super::error::SqlError;
-use super::tx::Tx;
+use super::tx::{Row, Tx};
 use crate::jobs::{Change, JobId, StoreOptions};
 use futures_util::future::BoxFuture;
 use std::future::Future;
@@ -15,7 +16,7 @@ pub(super) const LONG_RETRY_LIMIT: Duration = Duration::from_secs(60);
 /// A change of the database in one transaction.
 pub(in crate::jobs) trait Operation: Send + Sync + 'static {
     /// Result for the caller.
-    type Output: Send + 'static;
+    type Output: Send + Sync + 'static;
 
     /// Makes the change. The store calls this again if the transaction was rolled back.
     fn run(
@@ -24,17 +25,19 @@ pub(in crate::jobs) trait Operation: Send + Sync + 'static {
         options: &StoreOptions,
     ) -> impl Future<Output = Result<Done<Self::Output>, SqlError>> + Send;
 
-    /// The result of an earlier run whose commit succeeded although the response was lost. `None`
-    /// if no run was committed, or if running again has the same result.
-    fn recover_committed(
+    /// True if an earlier run with the result `done` was committed although the response to its
+    /// commit was lost; `done` is then the result of the operation. False to run again, because the
+    /// run was rolled back or because a second run has the same result. Waits for a commit that is
+    /// still under way.
+    fn was_committed(
         &self,
-        _tx: &mut Tx<'_>,
-    ) -> impl Future<Output = Result<Option<Done<Self::Output>>, SqlError>> + Send {
-        async { Ok(None) }
-    }
+        tx: &mut Tx<'_>,
+        done: &Done<Self::Output>,
+    ) -> impl Future<Output = Result<bool, SqlError>> + Send;
 
     /// Maximum time for which the store retries this operation after transient errors.
-    fn retry_limit(&self) -> Duration {
+    /// `is_uncertain` is true if an earlier run may have been committed.
+    fn retry_limit(&self, _is_uncertain: bool) -> Duration {
         RETRY_LIMIT
     }
 }
@@ -43,17 +46,38 @@ pub(in crate::jobs) trait Operation: Send + Sync + 'static {
 pub(super) type Run<I, T> =
     for<'a, 't> fn(&'a I, &'a mut Tx<'t>, &'a StoreOptions) -> BoxFuture<'a, Result<Done<T>, SqlError>>;
 
-/// A change whose result is the same if it runs again after its commit.
-pub(super) struct Repeatable<I, T> {
-    pub(super) input: I,
-    pub(super) run: Run<I, T>,
+/// Function for [`Operation::was_committed`].
+pub(super) type WasCommitted<I, T> =
+    for<'a, 't> fn(&'a I, &'a Done<T>, &'a mut Tx<'t>) -> BoxFuture<'a, Result<bool, SqlError>>;
+
+/// What follows if the response to a commit was lost.
+pub(super) enum Uncertain<I, T> {
+    /// The change runs again. Its caller cannot tell the result from that of the first run, or the
+    /// call states why that does not matter.
+    RunsAgain,
+    /// The records show whether the change was committed.
+    Recognised(WasCommitted<I, T>),
 }
 
-impl<I: Send + Sync + 'static, T: Send + 'static> Operation for Repeatable<I, T> {
+/// A change that consists of functions.
+pub(super) struct Simple<I, T> {
+    pub(super) input: I,
+    pub(super) run: Run<I, T>,
+    pub(super) uncertain: Uncertain<I, T>,
+}
+
+impl<I: Send + Sync + 'static, T: Send + Sync + 'static> Operation for Simple<I, T> {
     type Output = T;
 
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<T>, SqlError> {
         (self.run)(&self.input, tx, options).await
+    }
+
+    async fn was_committed(&self, tx: &mut Tx<'_>, done: &Done<T>) -> Result<bool, SqlError> {
+        match self.uncertain {
+            Uncertain::RunsAgain => Ok(false),
+            Uncertain::Recognised(was_committed) => was_committed(&self.input, done, tx).await,
+        }
     }
 }
 
@@ -82,4 +106,35 @@ impl Done<Vec<JobId>> {
     pub(super) fn of_changes(changes: Vec<Change>) -> Self {
         Self::new(changes.iter().map(|change| change.id).collect(), changes)
     }
+}
+
+/// True if these jobs were deleted by a run with these changes.
+pub(super) async fn are_deleted(tx: &mut Tx<'_>, changes: &[Change]) -> Result<bool, SqlError> {
+    let deleted = changes.iter().filter(|change| change.version.is_none());
+    let ids: Vec<String> = deleted.map(|change| change.id.to_string()).collect();
+    Ok(!ids.is_empty() && locked(tx, ids).await?.is_empty())
+}
+
+/// True if those of `jobs` that a run with these changes cancelled are cancelled.
+pub(super) async fn are_cancelled(tx: &mut Tx<'_>, jobs: &[JobId], changes: &[Change]) -> Result<bool, SqlError> {
+    let cancelled = changes.iter().filter(|change| jobs.contains(&change.id));
+    let ids: Vec<String> = cancelled.map(|change| change.id.to_string()).collect();
+    if ids.is_empty() {
+        return Ok(false);
+    }
+    for row in locked(tx, ids).await? {
+        if row.optional_time("finished_at")?.is_none() && !row.get::<bool>("cancel_requested")? {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
+/// Those of the jobs that exist, after all transactions that have locked them.
+async fn locked(tx: &mut Tx<'_>, ids: Vec<String>) -> Result<Vec<Row>, SqlError> {
+    let sql = tx.either(
+        "SELECT finished_at, cancel_requested FROM jobs WHERE id IN (SELECT value FROM json_each($1))",
+        "SELECT finished_at, cancel_requested FROM jobs WHERE id = ANY ($1) ORDER BY id FOR UPDATE",
+    );
+    tx.all(sql, values![ids]).await
 }

@@ -20,7 +20,7 @@
 
 use super::codec::{enum_to_sql, json, values};
 use super::error::SqlError;
-use super::operation::Done;
+use super::operation::{Done, Uncertain};
 use super::order::rank;
 use super::read::known_job;
 use super::record::{outputs_from_sql, submitter};
@@ -39,7 +39,8 @@ impl Store {
     /// This happens if an older version, which does not know shared growth, ended it. Returns the
     /// queued jobs.
     pub async fn queue_stranded(&self) -> Result<Vec<JobId>, StoreError> {
-        self.apply("queue_stranded", (), |(), tx, _| Box::pin(queue_stranded(tx))).await
+        // The second run finds none. Streams find the jobs by polling.
+        self.apply("queue_stranded", (), |(), tx, _| Box::pin(queue_stranded(tx)), Uncertain::RunsAgain).await
     }
 }
 

@@ -3,7 +3,7 @@
 //! Siblings of this file implement the calls of [`Store`], each next to its SQL.
 
 use super::error::{Severity, SqlError};
-use super::operation::{Done, Operation, Repeatable, Run};
+use super::operation::{Done, Operation, Run, Simple, Uncertain};
 use super::tx::{Time, Tx};
 use crate::clock::Stopwatch;
 use crate::jobs::job::IdGenerator;
@@ -16,11 +16,21 @@ use jiff::Timestamp;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::broadcast;
+use tokio::time::timeout;
+use tokio_util::task::TaskTracker;
 
 /// Number of changes by which a subscriber may lag before it is told so.
 const CHANGES: usize = 4096;
 /// First and maximum wait before a transaction is retried.
 const RETRY_WAITS: (Duration, Duration) = (Duration::from_millis(20), Duration::from_secs(1));
+
+/// Age up to which an answer of PostgreSQL shows that it is available.
+const ANSWERED_WITHIN: Duration = Duration::from_millis(500);
+/// Maximum difference between the database's clock and the time that has passed, between two looks
+/// at the queue, that does not count as a step of the clock.
+const CLOCK_TOLERANCE: Duration = Duration::from_secs(2);
+/// Maximum time for which a store waits for its changes, and for its database, while it closes.
+const CLOSE_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// A job store on SQLite or PostgreSQL, with the API keys and tickets of clients. Clones share it.
 ///
@@ -33,15 +43,41 @@ pub struct Store {
     hook: Option<Arc<dyn Hook>>,
 }
 
+/// A call, for the hook of a test.
+struct Call {
+    name: &'static str,
+    hook: Option<Arc<dyn Hook>>,
+}
+
 struct Shared {
     engine: Engine,
     time: Time,
     options: StoreOptions,
     changes: broadcast::Sender<Change>,
     ids: Arc<IdGenerator>,
-    /// Time of the first claim that the database answered after the start or after the last outage,
-    /// by the clock of leases. `None` if there was none yet.
-    available_since: Mutex<Option<Timestamp>>,
+    /// Looks at the queue since the start or since the last outage; `None` before the first one.
+    looks: Mutex<Option<Looks>>,
+    watch: Stopwatch,
+    /// Tasks that change records. Closed when the store is.
+    changing: TaskTracker,
+}
+
+/// Looks at the queue without an outage between them, by the clock of leases.
+#[derive(Clone, Copy, Debug)]
+struct Looks {
+    first: Timestamp,
+    latest: Timestamp,
+    /// Reading of [`Shared::watch`] at the latest look.
+    read_at: Duration,
+}
+
+impl Looks {
+    /// True if the clock was not set between the latest look and `now`.
+    fn agree(&self, now: Timestamp, read_at: Duration) -> bool {
+        let passed = now.duration_since(self.latest);
+        let error = passed.as_secs_f64() - read_at.saturating_sub(self.read_at).as_secs_f64();
+        error.abs() < CLOCK_TOLERANCE.as_secs_f64()
+    }
 }
 
 /// Connections to the database of a store.
@@ -78,6 +114,12 @@ pub trait Hook: Send + Sync + 'static {
         Ok(())
     }
 
+    /// True to lose the response to the commit of a call: the transaction takes effect, and the
+    /// store has to find that out.
+    fn loses_commit(&self, _call: &'static str) -> bool {
+        false
+    }
+
     /// Changes that subscribers receive instead of the changes of the store.
     fn changes(&self) -> Option<broadcast::Receiver<Change>> {
         None
@@ -90,33 +132,19 @@ impl std::fmt::Debug for Store {
     }
 }
 
-/// Runs `operation` on an open transaction. If an earlier commit may have succeeded, looks for its
-/// result first.
-async fn run_or_recover<O: Operation>(
-    operation: &O,
-    tx: &mut Tx<'_>,
-    options: &StoreOptions,
-    maybe_committed: bool,
-) -> Result<Done<O::Output>, SqlError> {
-    if maybe_committed && let Some(done) = operation.recover_committed(tx).await? {
-        return Ok(done);
-    }
-    operation.run(tx, options).await
-}
-
 impl Shared {
-    /// Runs `operation` until it succeeds, its retry limit has passed, or a retry would fail too.
-    async fn transact<O: Operation>(&self, operation: &O) -> Result<Done<O::Output>, SqlError> {
+    /// Runs the operation of `call` until it succeeds, its retry limit has passed, or a retry would
+    /// fail too.
+    async fn transact<O: Operation>(&self, call: &Call, operation: &O) -> Result<Done<O::Output>, SqlError> {
         let since = Stopwatch::start();
-        let mut maybe_committed = false;
+        let mut uncertain = None;
         let mut wait = RETRY_WAITS.0;
         loop {
-            let error = match self.run_once(operation, &mut maybe_committed).await {
+            let error = match self.run_once(call, operation, &mut uncertain).await {
                 Ok(done) => return Ok(done),
                 Err(error) => self.noted(error),
             };
-            let is_closed = over!(self.engine, database => database.is_closed());
-            let is_over = since.elapsed() > operation.retry_limit() || is_closed;
+            let is_over = since.elapsed() > operation.retry_limit(uncertain.is_some()) || self.is_closing();
             if is_over || self.severity(&error) == Severity::Permanent {
                 return Err(error);
             }
@@ -129,24 +157,42 @@ impl Shared {
         }
     }
 
-    /// Runs `operation` in one transaction and commits it durably. Sets `maybe_committed` before
-    /// the commit: if the commit fails, it may have taken effect nevertheless.
+    /// Runs `operation` in one transaction and commits it durably. `uncertain` is the result of an
+    /// earlier run whose commit failed: it may have taken effect nevertheless.
     async fn run_once<O: Operation>(
         &self,
+        call: &Call,
         operation: &O,
-        maybe_committed: &mut bool,
+        uncertain: &mut Option<Done<O::Output>>,
     ) -> Result<Done<O::Output>, SqlError> {
         let mut tx = Tx::new(over!(self.engine, database => database.begin().await?), &self.time);
-        match run_or_recover(operation, &mut tx, &self.options, *maybe_committed).await {
-            Ok(done) => {
-                *maybe_committed = true;
-                tx.commit().await.map(|()| done)
+        let run = async {
+            if let Some(done) = &*uncertain
+                && operation.was_committed(&mut tx, done).await?
+            {
+                return Ok(None);
             }
+            operation.run(&mut tx, &self.options).await.map(Some)
+        };
+        let done = match run.await {
+            Ok(done) => done,
             Err(error) => {
                 tx.roll_back().await;
-                Err(error)
+                return Err(error);
             }
+        };
+        if let Some(done) = done {
+            *uncertain = Some(done);
         }
+        tx.commit().await?;
+        if call.hook.as_ref().is_some_and(|hook| hook.loses_commit(call.name)) {
+            return Err(SqlError::NoAnswer(Duration::ZERO));
+        }
+        Ok(uncertain.take().expect("a result of this run or of an earlier one"))
+    }
+
+    fn is_closing(&self) -> bool {
+        self.changing.is_closed()
     }
 
     /// Consequence of an error for the caller.
@@ -157,7 +203,7 @@ impl Shared {
     /// Remembers an outage.
     fn noted(&self, error: SqlError) -> SqlError {
         if self.severity(&error) == Severity::Outage {
-            *self.available_since.lock() = None;
+            *self.looks.lock() = None;
         }
         error
     }
@@ -172,8 +218,17 @@ impl Store {
         options: StoreOptions,
         changes: broadcast::Sender<Change>,
     ) -> Self {
-        let (ids, available_since) = (Arc::new(IdGenerator::new()), Mutex::default());
-        Self { shared: Arc::new(Shared { engine, time, options, changes, ids, available_since }), hook: None }
+        let shared = Shared {
+            engine,
+            time,
+            options,
+            changes,
+            ids: Arc::new(IdGenerator::new()),
+            looks: Mutex::default(),
+            watch: Stopwatch::start(),
+            changing: TaskTracker::new(),
+        };
+        Self { shared: Arc::new(shared), hook: None }
     }
 
     pub(in crate::jobs) fn channel() -> broadcast::Sender<Change> {
@@ -199,18 +254,42 @@ impl Store {
         over!(self.shared.engine, database => database.pools())
     }
 
-    /// Checks that the store is available.
+    /// Checks that the store is available. PostgreSQL is asked only if it has not answered any
+    /// statement of this process for some time, so a busy pool of connections is no outage.
     ///
     /// # Errors
     /// [`StoreError::Database`] if it is not.
     pub async fn ready(&self) -> Result<(), StoreError> {
-        self.read("ready").await?.optional("SELECT 1 AS one FROM jobs LIMIT 1", vec![]).await?;
+        self.before("ready").await?;
+        let answered = match &self.shared.engine {
+            Engine::Postgres(database) => database.answered_within(ANSWERED_WITHIN),
+            Engine::Sqlite(_) => false,
+        };
+        if !answered {
+            self.reader().await?.optional("SELECT 1 AS one FROM jobs LIMIT 1", vec![]).await?;
+        }
         Ok(())
     }
 
-    /// Closes the store, which cannot be used afterwards.
+    /// Maximum time of [`Store::ready`] that does not count as an outage.
+    #[must_use]
+    pub fn ready_within(&self) -> Duration {
+        match &self.shared.engine {
+            Engine::Sqlite(_) => Duration::from_secs(5),
+            Engine::Postgres(_) => Duration::from_millis(800),
+        }
+    }
+
+    /// Closes the store, which cannot be used afterwards. Waits for changes that are under way,
+    /// and for the database, at most 10 s each.
     pub async fn close(&self) {
-        over!(self.shared.engine, database => database.close().await);
+        // From now on, a change that fails is not retried.
+        self.shared.changing.close();
+        let changes = timeout(CLOSE_TIMEOUT, self.shared.changing.wait()).await;
+        let closing = async { over!(self.shared.engine, database => database.close().await) };
+        if timeout(CLOSE_TIMEOUT, closing).await.is_err() || changes.is_err() {
+            tracing::warn!("the database did not answer while the store was closed; the last changes may be lost");
+        }
     }
 
     #[cfg(test)]
@@ -253,25 +332,35 @@ impl Store {
     /// Makes the change of `call`.
     pub(super) async fn change<O: Operation>(&self, call: &'static str, operation: O) -> Result<O::Output, StoreError> {
         self.before(call).await?;
-        let result = self.transact(operation).await;
+        let result = self.transact(call, operation).await;
         self.after(call, result)
     }
 
-    /// Makes the change of `call` by `run`. Its result must be the same if it runs again after its
-    /// commit.
-    pub(super) async fn apply<I, T>(&self, call: &'static str, input: I, run: Run<I, T>) -> Result<T, StoreError>
+    /// Makes the change of `call` by `run`.
+    pub(super) async fn apply<I, T>(
+        &self,
+        call: &'static str,
+        input: I,
+        run: Run<I, T>,
+        uncertain: Uncertain<I, T>,
+    ) -> Result<T, StoreError>
     where
         I: Send + Sync + 'static,
-        T: Send + 'static,
+        T: Send + Sync + 'static,
     {
-        self.change(call, Repeatable { input, run }).await
+        self.change(call, Simple { input, run, uncertain }).await
     }
 
     /// Completes `operation` even if the caller is dropped, and notifies subscribers.
-    pub(super) async fn transact<O: Operation>(&self, operation: O) -> Result<O::Output, StoreError> {
+    pub(super) async fn transact<O: Operation>(
+        &self,
+        call: &'static str,
+        operation: O,
+    ) -> Result<O::Output, StoreError> {
         let shared = Arc::clone(&self.shared);
-        let task = tokio::spawn(async move {
-            let done = shared.transact(&operation).await?;
+        let call = Call { name: call, hook: self.hook.clone() };
+        let task = self.shared.changing.spawn(async move {
+            let done = shared.transact(&call, &operation).await?;
             for change in &done.changes {
                 // Fails if nobody subscribes.
                 let _ = shared.changes.send(*change);
@@ -291,7 +380,7 @@ impl Store {
     /// Forgets since when the database was available: workers may have been unable to renew their
     /// leases.
     pub(super) fn note_outage(&self) {
-        *self.shared.available_since.lock() = None;
+        *self.shared.looks.lock() = None;
     }
 
     /// Forgets the same if `error` is an outage.
@@ -299,10 +388,14 @@ impl Store {
         self.shared.noted(error)
     }
 
-    /// True if leases that have expired by `now` may be ended: since the database became available,
-    /// their holders had a whole lease time to renew them.
+    /// True if leases that have expired by `now`, the time of a look at the queue, may be ended:
+    /// since the database became available and since its clock was last set, their holders had a
+    /// whole lease time to renew them.
     pub(super) fn may_expire(&self, now: Timestamp, lease: Duration) -> bool {
-        let since = *self.shared.available_since.lock().get_or_insert(now);
-        now.duration_since(since).unsigned_abs() >= lease
+        let read_at = self.shared.options.clock.elapsed(&self.shared.watch);
+        let mut looks = self.shared.looks.lock();
+        let first = looks.filter(|looks| looks.agree(now, read_at)).map_or(now, |looks| looks.first);
+        *looks = Some(Looks { first, latest: now, read_at });
+        now.duration_since(first).unsigned_abs() >= lease
     }
 }

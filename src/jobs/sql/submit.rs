@@ -2,7 +2,7 @@
 
 use super::codec::{Value, enum_from_sql, enum_to_sql, json, values};
 use super::error::SqlError;
-use super::operation::{Done, Operation};
+use super::operation::{Done, Operation, Uncertain, are_deleted};
 use super::order::{queue_room, rank, turn};
 use super::quota;
 use super::read::{self, known_job};
@@ -42,9 +42,12 @@ impl Store {
     /// the artifact store: the checkpoint, and files that no other job names. `None` if the job
     /// does not exist.
     pub async fn delete(&self, id: JobId) -> Result<Option<Vec<String>>, StoreError> {
-        self.apply("delete", id, |id, tx, _| Box::pin(delete_one(*id, tx))).await
+        self.apply("delete", id, |id, tx, _| Box::pin(delete_one(*id, tx)), DELETES).await
     }
 }
+
+const DELETES: Uncertain<JobId, Option<Vec<String>>> =
+    Uncertain::Recognised(|_, done, tx| Box::pin(are_deleted(tx, &done.changes)));
 
 /// Queues a job, or finds the job of an earlier request with the same idempotency key.
 struct Submit {
@@ -82,10 +85,10 @@ impl Operation for Submit {
         Ok(submitted(known_job(tx, id).await?))
     }
 
-    async fn recover_committed(&self, tx: &mut Tx<'_>) -> Result<Option<Done<Submitted>>, SqlError> {
-        let tried = *self.tried.lock();
-        let Some(id) = tried else { return Ok(None) };
-        Ok(read::job(tx, id).await?.map(submitted))
+    async fn was_committed(&self, tx: &mut Tx<'_>, done: &Done<Submitted>) -> Result<bool, SqlError> {
+        // A run that found the job of an earlier request has changed nothing.
+        let id = done.output.job().id;
+        Ok(*self.tried.lock() == Some(id) && read::job(tx, id).await?.is_some())
     }
 }
 

@@ -3,45 +3,23 @@
 use super::codec::{Value, json, until};
 use super::error::{SqlError, broken};
 use crate::clock::{Clock, Stopwatch};
+use crate::jobs::postgres::pool::Loan;
 use jiff::Timestamp;
 use sqlx::pool::PoolConnection;
 use sqlx::postgres::{PgArguments, PgRow};
 use sqlx::query::Query;
 use sqlx::sqlite::{SqliteArguments, SqliteRow};
-use sqlx::{
-    AssertSqlSafe, Decode, PgConnection, Postgres, Row as _, SqlSafeStr, SqlStr, Sqlite, SqliteConnection, Transaction,
-    Type,
-};
+use sqlx::{AssertSqlSafe, Decode, Postgres, Row as _, SqlSafeStr, SqlStr, Sqlite, SqliteConnection, Type};
 use std::borrow::Cow;
 #[cfg(test)]
 use std::time::Duration;
 use uuid::Uuid;
 
-/// A connection on loan from a pool.
+/// A connection on loan from a pool, in a transaction if its user has begun one.
 #[derive(Debug)]
 pub(in crate::jobs) enum Connection {
-    /// To SQLite, in a transaction if the caller has begun one.
     Sqlite(PoolConnection<Sqlite>),
-    /// To PostgreSQL, for reading.
-    Postgres(PoolConnection<Postgres>),
-    /// To PostgreSQL, in a transaction that is rolled back when dropped.
-    PostgresTransaction(Transaction<'static, Postgres>),
-}
-
-/// The driver's connection, by database.
-enum Driver<'c> {
-    Sqlite(&'c mut SqliteConnection),
-    Postgres(&'c mut PgConnection),
-}
-
-impl Connection {
-    fn driver(&mut self) -> Driver<'_> {
-        match self {
-            Self::Sqlite(connection) => Driver::Sqlite(connection),
-            Self::Postgres(connection) => Driver::Postgres(connection),
-            Self::PostgresTransaction(transaction) => Driver::Postgres(transaction),
-        }
-    }
+    Postgres(Loan),
 }
 
 /// Source of the time of leases and records.
@@ -130,8 +108,7 @@ impl<'c> Tx<'c> {
                 }
                 committed?;
             }
-            Connection::Postgres(_) => {}
-            Connection::PostgresTransaction(transaction) => transaction.commit().await?,
+            Connection::Postgres(mut session) => session.commit().await?,
         }
         Ok(())
     }
@@ -141,11 +118,7 @@ impl<'c> Tx<'c> {
     pub(in crate::jobs) async fn roll_back(self) {
         match self.connection {
             Connection::Sqlite(mut connection) => roll_back(&mut connection).await,
-            Connection::Postgres(_) => {}
-            Connection::PostgresTransaction(transaction) => {
-                // If this fails, the connection is lost, and its locks with it.
-                let _ = transaction.rollback().await;
-            }
+            Connection::Postgres(mut session) => session.roll_back().await,
         }
     }
 
@@ -184,21 +157,26 @@ impl<'c> Tx<'c> {
     /// Runs a statement and returns the number of changed rows.
     pub(super) async fn execute(&mut self, sql: impl Into<Sql>, values: Vec<Value>) -> Result<u64, SqlError> {
         let sql = constant(sql);
-        Ok(match self.connection.driver() {
-            Driver::Sqlite(driver) => for_sqlite(sql, values).execute(driver).await?.rows_affected(),
-            Driver::Postgres(driver) => for_postgres(sql, values).execute(driver).await?.rows_affected(),
+        Ok(match &mut self.connection {
+            Connection::Sqlite(driver) => for_sqlite(sql, values).execute(&mut **driver).await?.rows_affected(),
+            Connection::Postgres(session) => {
+                let query = for_postgres(sql, values);
+                session.answer(|driver| query.execute(driver)).await?.rows_affected()
+            }
         })
     }
 
     /// All rows of a query.
     pub(super) async fn all(&mut self, sql: impl Into<Sql>, values: Vec<Value>) -> Result<Vec<Row>, SqlError> {
         let sql = constant(sql);
-        Ok(match self.connection.driver() {
-            Driver::Sqlite(driver) => {
-                for_sqlite(sql, values).fetch_all(driver).await?.into_iter().map(Row::Sqlite).collect()
+        Ok(match &mut self.connection {
+            Connection::Sqlite(driver) => {
+                for_sqlite(sql, values).fetch_all(&mut **driver).await?.into_iter().map(Row::Sqlite).collect()
             }
-            Driver::Postgres(driver) => {
-                for_postgres(sql, values).fetch_all(driver).await?.into_iter().map(Row::Postgres).collect()
+            Connection::Postgres(session) => {
+                let query = for_postgres(sql, values);
+                let rows = session.answer(|driver| query.fetch_all(driver)).await?;
+                rows.into_iter().map(Row::Postgres).collect()
             }
         })
     }
@@ -206,9 +184,12 @@ impl<'c> Tx<'c> {
     /// The row of a query; `None` if there is none.
     pub(super) async fn optional(&mut self, sql: impl Into<Sql>, values: Vec<Value>) -> Result<Option<Row>, SqlError> {
         let sql = constant(sql);
-        Ok(match self.connection.driver() {
-            Driver::Sqlite(driver) => for_sqlite(sql, values).fetch_optional(driver).await?.map(Row::Sqlite),
-            Driver::Postgres(driver) => for_postgres(sql, values).fetch_optional(driver).await?.map(Row::Postgres),
+        Ok(match &mut self.connection {
+            Connection::Sqlite(driver) => for_sqlite(sql, values).fetch_optional(&mut **driver).await?.map(Row::Sqlite),
+            Connection::Postgres(session) => {
+                let query = for_postgres(sql, values);
+                session.answer(|driver| query.fetch_optional(driver)).await?.map(Row::Postgres)
+            }
         })
     }
 

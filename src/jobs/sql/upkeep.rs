@@ -3,7 +3,7 @@
 
 use super::codec::{json, parse, until, values};
 use super::error::SqlError;
-use super::operation::Done;
+use super::operation::{Done, Run, Uncertain};
 use super::store::Store;
 use super::tx::{Row, Tx};
 use crate::clock::Stopwatch;
@@ -97,8 +97,9 @@ impl Store {
     /// the lock.
     pub async fn acquire_upkeep(&self, task: UpkeepTask, owner: &str, lease: Duration) -> Result<bool, StoreError> {
         let input = (task, owner.to_owned(), lease);
-        self.apply("acquire_upkeep", input, |(task, owner, lease), tx, _| Box::pin(acquire(*task, owner, *lease, tx)))
-            .await
+        let run: Run<(UpkeepTask, String, Duration), _> =
+            |(task, owner, lease), tx, _| Box::pin(acquire(*task, owner, *lease, tx));
+        self.apply("acquire_upkeep", input, run, Uncertain::RunsAgain).await
     }
 
     /// Reads when upkeep last saw the records.
@@ -116,7 +117,9 @@ impl Store {
     /// Records a round of upkeep. An earlier mismatch and earlier jumps stay unless
     /// [`Observation::trust`] is true.
     pub async fn record_round(&self, seen: Observation) -> Result<UpkeepRound, StoreError> {
-        self.apply("record_round", seen, |seen, tx, options| Box::pin(record(seen, options, tx))).await
+        const RECORDS: Uncertain<Observation, UpkeepRound> =
+            Uncertain::Recognised(|_, done, tx| Box::pin(is_recorded(done, tx)));
+        self.apply("record_round", seen, |seen, tx, options| Box::pin(record(seen, options, tx)), RECORDS).await
     }
 
     /// Files that records name, by key: the `limit` ones after the key `after`. A file of several
@@ -182,6 +185,19 @@ async fn state(tx: &mut Tx<'_>) -> Result<Option<UpkeepState>, SqlError> {
     Ok(row.map(|row| parse::<Option<UpkeepState>>(row.get("state")?)).transpose()?.flatten())
 }
 
+/// True if the round was recorded. A second run would not report its jump.
+async fn is_recorded(done: &Done<UpkeepRound>, tx: &mut Tx<'_>) -> Result<bool, SqlError> {
+    lock_state(tx).await?;
+    Ok(state(tx).await?.as_ref() == Some(&done.output.state))
+}
+
+/// Locks the state of upkeep, so that of several processes one records a jump.
+async fn lock_state(tx: &mut Tx<'_>) -> Result<(), SqlError> {
+    let lock = "INSERT INTO upkeep_state (id, state) VALUES (1, 'null') ON CONFLICT (id) DO UPDATE SET id = 1";
+    tx.execute(lock, values![]).await?;
+    Ok(())
+}
+
 /// Time of the last round. Before the first one, the records themselves are the trace of time.
 async fn last_seen(state: Option<&UpkeepState>, tx: &mut Tx<'_>) -> Result<Option<Timestamp>, SqlError> {
     if let Some(state) = state {
@@ -194,9 +210,7 @@ async fn last_seen(state: Option<&UpkeepState>, tx: &mut Tx<'_>) -> Result<Optio
 }
 
 async fn record(seen: &Observation, options: &StoreOptions, tx: &mut Tx<'_>) -> Result<Done<UpkeepRound>, SqlError> {
-    // Locks the row, so that of several processes one records a jump.
-    let lock = "INSERT INTO upkeep_state (id, state) VALUES (1, 'null') ON CONFLICT (id) DO UPDATE SET id = 1";
-    tx.execute(lock, values![]).await?;
+    lock_state(tx).await?;
     let before = state(tx).await?;
     let (now, read_at) = (tx.now().await?, options.clock.elapsed(&seen.watch));
     let mut state = UpkeepState { seen_at: now, mismatch: seen.mismatch.clone(), jumps: Jumps::default() };

@@ -5,7 +5,7 @@
 
 use super::codec::{enum_from_sql, enum_to_sql, values};
 use super::error::SqlError;
-use super::operation::Done;
+use super::operation::{Done, Uncertain};
 use super::store::Store;
 use super::tx::{Row, Tx};
 use crate::jobs::{Instruction, JobId, Pause, StoreError, WorkerInfo, WorkerKind};
@@ -26,7 +26,8 @@ const KEPT_FOR: Duration = Duration::from_secs(24 * 60 * 60);
 impl Store {
     /// Records the heartbeat of a worker.
     pub async fn worker_seen(&self, worker: &WorkerInfo) -> Result<(), StoreError> {
-        self.apply("worker_seen", worker.clone(), |worker, tx, _| Box::pin(record(worker, tx))).await
+        self.apply("worker_seen", worker.clone(), |worker, tx, _| Box::pin(record(worker, tx)), Uncertain::RunsAgain)
+            .await
     }
 
     /// Workers with a heartbeat in the last five minutes, with the jobs that they hold, and their
@@ -106,7 +107,7 @@ impl Store {
     }
 
     async fn apply_instruction(&self, call: &'static str, input: Instruct) -> Result<bool, StoreError> {
-        self.apply(call, input, |input, tx, _| Box::pin(instruct(input, tx))).await
+        self.apply(call, input, |input, tx, _| Box::pin(instruct(input, tx)), Uncertain::RunsAgain).await
     }
 }
 

@@ -153,7 +153,11 @@ impl Sqlite {
 
     /// Consequence of an error for the caller.
     pub(super) fn severity(&self, error: &SqlError) -> Severity {
-        let SqlError::Database(error) = error else { return Severity::Permanent };
+        let error = match error {
+            SqlError::Database(error) => error,
+            SqlError::NoAnswer(_) => return Severity::Outage,
+            _ => return Severity::Permanent,
+        };
         let passing = [code::BUSY, code::LOCKED, code::IOERR, code::FULL, code::CANTOPEN, code::PROTOCOL];
         let timed_out = matches!(error, sqlx::Error::PoolTimedOut);
         if timed_out || primary(error).is_some_and(|code| passing.contains(&code)) {
@@ -166,11 +170,6 @@ impl Sqlite {
     /// Use of the pools of connections.
     pub(super) fn pools(&self) -> Vec<PoolUse> {
         vec![pool_use("readers", &self.reader), pool_use("writer", &self.writer)]
-    }
-
-    /// True after [`Sqlite::close`].
-    pub(super) fn is_closed(&self) -> bool {
-        self.writer.is_closed()
     }
 
     /// Closes all connections and releases the lock of the file.

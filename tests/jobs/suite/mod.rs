@@ -13,6 +13,7 @@ mod owners;
 mod pause;
 mod share;
 mod submit;
+mod uncertain;
 
 pub use batch::*;
 pub use bulk::*;
@@ -26,6 +27,7 @@ pub use owners::*;
 pub use pause::*;
 pub use share::*;
 pub use submit::*;
+pub use uncertain::*;
 
 use futures_util::future::{BoxFuture, join_all};
 use jiff::Timestamp;
@@ -44,7 +46,7 @@ use std::time::Duration;
 
 /// Creates an empty store. The second value owns resources that the store needs, such as its
 /// directory.
-pub type Factory = fn(StoreOptions) -> BoxFuture<'static, (Store, Box<dyn Send>)>;
+pub type Factory = fn(StoreOptions) -> BoxFuture<'static, (Store, Box<dyn Send + Sync>)>;
 
 pub const LEASE: Duration = Duration::from_secs(8);
 
@@ -127,6 +129,7 @@ macro_rules! over {
             equal_points_of_batches_share_growths
             racing_equal_submissions_share_one_growth
             a_job_does_not_wait_for_one_that_is_queued_again_behind_it
+            a_lost_response_to_a_commit_changes_no_result
         }
     };
 }
@@ -203,7 +206,7 @@ pub fn finished(claimed: &ClaimedJob) -> Finished {
 struct Bench {
     store: Store,
     clock: Clock,
-    _kept: Box<dyn Send>,
+    _kept: Box<dyn Send + Sync>,
 }
 
 async fn bench(factory: Factory, change: impl FnOnce(&mut StoreOptions)) -> Bench {

@@ -114,7 +114,7 @@ fn file(name: &str, bytes: u64, key: &str) -> File {
     File { name: name.into(), media_type: "text/plain".into(), bytes, sha256: "0".repeat(64), key: key.into() }
 }
 
-fn new_key(secret: &Secret, owner: &str, expires_at: Option<Timestamp>) -> NewKey {
+pub(super) fn new_key(secret: &Secret, owner: &str, expires_at: Option<Timestamp>) -> NewKey {
     NewKey {
         prefix: secret.prefix().into(),
         hash: secret.hash(),

@@ -1,0 +1,254 @@
+//! A server that accepts connections and statements and never answers: nothing waits for longer
+//! than the deadline, and no change is lost or made twice.
+
+use crate::cluster::Cluster;
+use crate::scripted::Database;
+use crate::suite::{finished, new_job};
+use oviduct::clock::Stopwatch;
+use oviduct::jobs::artifacts::Artifacts;
+use oviduct::jobs::state::AttemptEnd;
+use oviduct::jobs::{ClaimScope, Status, Store, StoreOptions};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::watch;
+
+/// Deadline of the stores in these tests.
+const ANSWER: Duration = Duration::from_millis(800);
+const LEASE: Duration = Duration::from_secs(600);
+
+/// What a line does with bytes of the server.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Line {
+    Open,
+    /// Forwards statements, but no answers.
+    Deaf,
+    /// Forwards nothing.
+    Dead,
+    /// Becomes deaf at the next commit, for all connections that are open then.
+    DeafAtCommit,
+}
+
+/// A way to the server that can fall silent. Connections that have been silent stay so.
+struct Way {
+    url: String,
+    line: Arc<watch::Sender<Line>>,
+}
+
+impl Way {
+    async fn open(url: &str) -> Self {
+        let server = url.split(['@', '/']).nth(3).unwrap().to_owned();
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let through = url.replace(&server, &listener.local_addr().unwrap().to_string());
+        let line = Arc::new(watch::Sender::new(Line::Open));
+        let lines = Arc::clone(&line);
+        tokio::spawn(async move {
+            while let Ok((client, _)) = listener.accept().await {
+                let server = TcpStream::connect(&server).await.unwrap();
+                tokio::spawn(relay(client, server, Arc::clone(&lines)));
+            }
+        });
+        Self { url: through, line }
+    }
+
+    fn set(&self, line: Line) {
+        self.line.send_replace(line);
+    }
+
+    async fn store(&self) -> Store {
+        let options = StoreOptions { answer_within: ANSWER, ..StoreOptions::default() };
+        Store::open_postgres(&self.url, options).await.unwrap()
+    }
+}
+
+/// Relays a connection until the line is silent; then holds it open.
+async fn relay(client: TcpStream, server: TcpStream, lines: Arc<watch::Sender<Line>>) -> std::io::Result<()> {
+    let ((mut from_client, mut to_client), (mut from_server, mut to_server)) =
+        (client.into_split(), server.into_split());
+    let (mut asked, mut answered) = (vec![0; 1 << 16], vec![0; 1 << 16]);
+    let mut is_deaf = false;
+    loop {
+        tokio::select! {
+            length = from_client.read(&mut asked) => {
+                let bytes = &asked[..length?];
+                if bytes.is_empty() {
+                    return Ok(());
+                }
+                if *lines.borrow() == Line::DeafAtCommit && bytes.windows(6).any(|window| window == b"COMMIT") {
+                    lines.send_replace(Line::Deaf);
+                }
+                if *lines.borrow() != Line::Dead {
+                    to_server.write_all(bytes).await?;
+                }
+            }
+            length = from_server.read(&mut answered) => {
+                let bytes = &answered[..length?];
+                if bytes.is_empty() {
+                    return Ok(());
+                }
+                is_deaf |= matches!(*lines.borrow(), Line::Deaf | Line::Dead);
+                if !is_deaf {
+                    to_client.write_all(bytes).await?;
+                }
+            }
+        }
+    }
+}
+
+/// Asserts that this takes at most `limit` and a second, for a busy machine.
+async fn within<T>(limit: Duration, what: &str, future: impl Future<Output = T>) -> T {
+    let since = Stopwatch::start();
+    let done = tokio::time::timeout(Duration::from_secs(120), future).await;
+    let elapsed = since.elapsed();
+    assert!(elapsed < limit + Duration::from_secs(1), "{what} took {elapsed:?}");
+    done.unwrap()
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn a_silent_server_fails_every_use_after_the_deadline() {
+    let way = Way::open(&Database::Postgres.url("".as_ref()).await).await;
+    let store = way.store().await;
+    let id = store.submit(new_job("a")).await.unwrap().job().id;
+    let claimed = store.claim("w", ClaimScope::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
+    for line in [Line::Deaf, Line::Dead] {
+        way.set(line);
+        let error = within(ANSWER, "a read", store.get(id)).await.unwrap_err();
+        assert!(error.to_string().contains("did not answer within 800ms"), "{error}");
+        // The next connection does not open at all: the server does not answer the handshake.
+        let opening = Duration::from_secs(5);
+        within(opening, "a second read", store.get(id)).await.unwrap_err();
+        let backend = &claimed.job().backend;
+        let beat = store.heartbeat(&claimed, LEASE, backend, None, None);
+        within(2 * opening, "a heartbeat", beat).await.unwrap_err();
+        // More callers than connections.
+        let readers = (0..40).map(|_| store.get(id));
+        let failed = within(2 * opening, "40 reads", futures_util::future::join_all(readers)).await;
+        assert!(failed.iter().all(Result::is_err));
+        way.set(Line::Open);
+        // The pool has not lost a connection.
+        let readers = (0..40).map(|_| store.get(id));
+        let read = within(opening, "reads after the silence", futures_util::future::join_all(readers)).await;
+        assert!(read.iter().all(Result::is_ok), "{read:?}");
+    }
+    way.set(Line::Dead);
+    within(Duration::from_secs(20), "closing", store.close()).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn a_commit_without_an_answer_takes_effect_once() {
+    let way = Way::open(&Database::Postgres.url("".as_ref()).await).await;
+    let store = way.store().await;
+    // Ends the silence some time after the commit.
+    let lose = || {
+        way.set(Line::DeafAtCommit);
+        let line = Arc::clone(&way.line);
+        tokio::spawn(async move {
+            line.subscribe().wait_for(|line| *line == Line::Deaf).await.unwrap();
+            tokio::time::sleep(ANSWER).await;
+            line.send_replace(Line::Open);
+        })
+    };
+    let limit = Duration::from_secs(8);
+    let silence = lose();
+    let id = within(limit, "a submission", store.submit(new_job("a"))).await.unwrap().job().id;
+    silence.await.unwrap();
+    let silence = lose();
+    let claim = store.claim("w", ClaimScope::Cpu, LEASE, 1);
+    let claimed = within(limit, "a claim", claim).await.unwrap().pop().expect("the claim was lost");
+    silence.await.unwrap();
+    assert_eq!((claimed.job().id, claimed.attempt()), (id, 1));
+    let silence = lose();
+    let done = finished(&claimed);
+    let job = within(limit, "the end", store.finish(claimed, done)).await.unwrap();
+    silence.await.unwrap();
+    assert_eq!(job.status, Status::Succeeded);
+    let ends: Vec<_> = store.attempts(id).await.unwrap().into_iter().map(|attempt| attempt.outcome).collect();
+    assert_eq!(ends, [Some(AttemptEnd::Succeeded)]);
+    let silence = lose();
+    let keys = within(limit, "a deletion", store.delete(id)).await.unwrap();
+    silence.await.unwrap();
+    assert_eq!(keys.map(|keys| keys.len()), Some(job.files.len()));
+    assert_eq!(store.counts().await.unwrap().total(), 0);
+    store.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn readiness_ends_within_a_second_of_a_silence_and_at_once_if_connections_are_refused() {
+    let way = Way::open(&Database::Postgres.url("".as_ref()).await).await;
+    let store = way.store().await;
+    let answered = Duration::from_millis(500);
+    store.ready().await.unwrap();
+    way.set(Line::Dead);
+    tokio::time::sleep(answered).await;
+    let checked = tokio::time::timeout(store.ready_within(), store.ready()).await;
+    assert!(!matches!(checked, Ok(Ok(()))), "{checked:?}");
+    way.set(Line::Open);
+    store.ready().await.unwrap();
+
+    let cluster = tokio::task::spawn_blocking(Cluster::start).await.unwrap();
+    let url = cluster.database();
+    let store = Store::open_postgres(&url, StoreOptions::default()).await.unwrap();
+    store.ready().await.unwrap();
+    tokio::task::spawn_blocking(move || drop(cluster)).await.unwrap();
+    let refused = async {
+        while store.ready().await.is_ok() {
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    };
+    within(Duration::from_secs(3), "noticing that the server is gone", refused).await;
+    within(Duration::ZERO, "a read without a server", store.counts()).await.unwrap_err();
+}
+
+/// An object store that accepts requests and never answers them.
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn a_silent_object_store_fails_every_request() {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let endpoint = format!("http://{}", listener.local_addr().unwrap());
+    tokio::spawn(async move {
+        let mut open = Vec::new();
+        while let Ok((mut client, _)) = listener.accept().await {
+            open.push(tokio::spawn(async move {
+                let mut bytes = vec![0; 1 << 16];
+                while client.read(&mut bytes).await.is_ok_and(|length| length > 0) {}
+            }));
+        }
+    });
+    let settings = [
+        ("AWS_ACCESS_KEY_ID", "a".to_owned()),
+        ("AWS_SECRET_ACCESS_KEY", "b".to_owned()),
+        ("AWS_ENDPOINT_URL", endpoint),
+    ];
+    let artifacts = Artifacts::s3("s3://bucket", settings.map(|(name, value)| (name.to_owned(), value))).unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("model.glb");
+    // Larger than a part, so that it is uploaded in several requests.
+    std::fs::write(&path, vec![0; 9_000_000]).unwrap();
+    let keys = ["models/a/1/model.glb".to_owned()];
+    let (key, ranges) = (keys[0].as_str(), [0..10, 20..30]);
+    // One request is not answered; it may have been retried once.
+    let limit = Duration::from_secs(22);
+    let (read, part, file, bytes, missing, deleted, checked) = within(limit, "all requests", async {
+        tokio::join!(
+            artifacts.read_all(key),
+            artifacts.get_ranges(key, &ranges),
+            artifacts.put_file(key, &path),
+            artifacts.put_bytes(key, "x".into()),
+            artifacts.missing(&keys),
+            artifacts.delete(&keys),
+            artifacts.check(),
+        )
+    })
+    .await;
+    let outcomes = [
+        read.is_err(),
+        part.is_err(),
+        file.is_err(),
+        bytes.is_err(),
+        missing.is_err(),
+        deleted.is_err(),
+        checked.is_err(),
+    ];
+    assert_eq!(outcomes, [true; 7]);
+    assert!(artifacts.outage().is_some());
+}
