@@ -38,6 +38,7 @@ use crate::metrics::Metrics;
 use crate::status::Status;
 use access::Access;
 use events::{Feed, FeedTiming};
+use models::specs::Specs;
 use pictures::queue::Pictures;
 use std::sync::Arc;
 use std::time::Duration;
@@ -139,6 +140,7 @@ pub struct AppState {
     held: Arc<Semaphore>,
     downloads: Arc<Semaphore>,
     pictures: Arc<Pictures>,
+    specs: Arc<Specs>,
 }
 
 impl AppState {
@@ -170,6 +172,7 @@ impl AppState {
             held,
             downloads,
             pictures,
+            specs: Arc::default(),
         }
     }
 

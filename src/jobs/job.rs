@@ -6,6 +6,7 @@ use crate::lock::Mutex;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// Identity of a job and of its model: a UUIDv7.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -277,7 +278,7 @@ pub struct NewJob {
     /// Seed.
     pub seed: u64,
     /// The resolved spec in canonical form.
-    pub spec: serde_json::Value,
+    pub spec: Arc<serde_json::Value>,
     /// Files to write.
     pub outputs: Outputs,
     /// Requested backend.
@@ -352,7 +353,7 @@ pub struct Job {
     /// Seed.
     pub seed: u64,
     /// The resolved spec in canonical form.
-    pub spec: serde_json::Value,
+    pub spec: Arc<serde_json::Value>,
     /// Requested files.
     pub outputs: Outputs,
     /// Labels.

@@ -11,7 +11,7 @@ impl NewJob {
             kind: JobKind::Model,
             preset: "pig".into(),
             seed,
-            spec: serde_json::json!({}),
+            spec: serde_json::json!({}).into(),
             outputs: vec![Output::Glb].into(),
             backend: Backend::Auto,
             labels: BTreeMap::new(),

@@ -67,7 +67,7 @@ fn new_job(n: usize) -> NewJob {
         kind: JobKind::Model,
         preset: "pig".into(),
         seed: 1,
-        spec: serde_json::json!({}),
+        spec: serde_json::json!({}).into(),
         outputs: vec![Output::Glb].into(),
         backend: Backend::Auto,
         labels: BTreeMap::new(),

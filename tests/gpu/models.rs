@@ -157,7 +157,7 @@ impl Place {
             kind: JobKind::Model,
             preset: "pig".into(),
             seed,
-            spec: spec.to_json(),
+            spec: spec.json(),
             outputs: vec![Output::Glb].into(),
             backend: Backend::Auto,
             labels: BTreeMap::new(),

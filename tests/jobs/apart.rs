@@ -159,7 +159,7 @@ async fn waiting_for_the_cpu_after_a_lost_gpu_does_not_count_against_the_time_li
     let place = Place::on(Database::Sqlite, StoreOptions::default()).await;
     let mut ids: Vec<JobId> = Vec::new();
     for seed in 1..=5 {
-        let spec = serde_json::json!({ "script": "slow", "size": 1 });
+        let spec = serde_json::json!({ "script": "slow", "size": 1 }).into();
         let new = NewJob { backend: Backend::Auto, spec, ..scripted("slow", seed) };
         ids.push(place.store.submit(new).await.unwrap().job().id);
     }

@@ -302,7 +302,7 @@ async fn a_full_scratch_directory_costs_no_attempt_and_no_partial_file_is_stored
         let patch = serde_json::json!({ "steps": 60, "particles": { "total": { "keys": [[0, 300], [1, 420]] } } });
         let spec = ModelSpec::resolve(preset("pig").unwrap(), &patch).unwrap();
         let ask = async |seed: u64| {
-            let new = NewJob { seed, spec: spec.to_json(), reuse: false, ..new_job(&spec.digest(seed)) };
+            let new = NewJob { seed, spec: spec.json(), reuse: false, ..new_job(&spec.digest(seed)) };
             place.store.submit(new).await.unwrap().job().id
         };
         let status = oviduct::status::Status::default();
@@ -401,7 +401,8 @@ async fn on_a_full_disk_under_everything_models_are_still_cancelled_and_deleted(
         let large = serde_json::json!({ "script": "ok", "large": "x".repeat(200_000) });
         let mut asked = Vec::new();
         let refused = loop {
-            let new = NewJob { backend: Backend::Gpu, spec: large.clone(), ..scripted("ok", asked.len() as u64) };
+            let new =
+                NewJob { backend: Backend::Gpu, spec: large.clone().into(), ..scripted("ok", asked.len() as u64) };
             match place.store.submit(new).await {
                 Ok(submitted) => asked.push(submitted.job().id),
                 Err(error) => break error,

@@ -26,7 +26,7 @@ fn request(evaluations: u32) -> FitSpec {
 async fn submit(place: &Place, fit: &FitSpec) -> JobId {
     let new = NewJob {
         kind: JobKind::Fit,
-        spec: fit.to_json(),
+        spec: fit.to_json().into(),
         outputs: Vec::new().into(),
         backend: Backend::Cpu,
         digest: fit.digest(),

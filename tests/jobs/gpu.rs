@@ -19,7 +19,7 @@ impl Place {
     async fn ask(&self, backend: Backend, script: &str, size: u64, seed: u64) -> JobId {
         let mut spec = gate::spec(&self.dir, script);
         spec["size"] = size.into();
-        self.store.submit(NewJob { backend, spec, ..scripted(script, seed) }).await.unwrap().job().id
+        self.store.submit(NewJob { backend, spec: spec.into(), ..scripted(script, seed) }).await.unwrap().job().id
     }
 }
 
@@ -88,7 +88,7 @@ async fn jobs_of_another_batch_key_wait_for_a_separate_batch() {
     let place = Place::fresh(|_| {}).await;
     let mut ids = Vec::new();
     for (seed, key) in [(1, "small"), (2, "large"), (3, "small")] {
-        let spec = serde_json::json!({ "script": "ok", "size": 1 });
+        let spec = serde_json::json!({ "script": "ok", "size": 1 }).into();
         let new = NewJob { backend: Backend::Gpu, batch_key: Some(key.into()), spec, ..scripted("ok", seed) };
         ids.push(place.store.submit(new).await.unwrap().job().id);
     }

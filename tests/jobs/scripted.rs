@@ -217,7 +217,7 @@ impl BatchGenerator for FakeGpu {
 }
 
 pub fn scripted(script: &str, seed: u64) -> NewJob {
-    let spec = serde_json::json!({ "script": script });
+    let spec = serde_json::json!({ "script": script }).into();
     NewJob { seed, spec, reuse: false, ..new_job(&format!("{script} {seed}")) }
 }
 
@@ -323,7 +323,7 @@ impl Place {
     }
 
     pub async fn queue(&self, script: &str, seed: u64) -> JobId {
-        let spec = gate::spec(&self.dir, script);
+        let spec = gate::spec(&self.dir, script).into();
         self.store.submit(NewJob { spec, ..scripted(script, seed) }).await.unwrap().job().id
     }
 

@@ -30,7 +30,7 @@ pub(super) struct CheckedBatch {
 
 /// A point of a study.
 pub(super) struct CheckedPoint {
-    pub(super) spec: ModelSpec,
+    pub(super) spec: Arc<ModelSpec>,
     pub(super) cost: Cost,
 }
 
@@ -116,7 +116,7 @@ fn resolve_points(
                         format!("gives the same model at {} and at {}", study.describe(first), study.describe(point));
                     faults.repeated.push(Fault::new("/vary/values", detail));
                 }
-                points.push(CheckedPoint { cost: Cost::new(&spec, &common.outputs), spec });
+                points.push(CheckedPoint { cost: Cost::new(&spec, &common.outputs), spec: Arc::new(spec) });
             }
             Err(of_point) => of_point.into_iter().for_each(|fault| faults.add(study, point, fault)),
         }

@@ -14,7 +14,7 @@ pub(super) fn job() -> Job {
         version: 1,
         preset: "pig".into(),
         seed: 7,
-        spec: json!({}),
+        spec: json!({}).into(),
         outputs: Vec::new().into(),
         labels: Default::default(),
         priority: Default::default(),

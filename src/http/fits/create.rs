@@ -20,6 +20,7 @@ use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde_json::Value;
+use std::sync::Arc;
 
 /// Maximum predicted time of a fit, in seconds of one core.
 const MAX_SECONDS: f64 = 24.0 * 3600.0;
@@ -99,7 +100,7 @@ fn new_job(caller: &Caller, CheckedFit { fit, labels, priority }: CheckedFit) ->
         kind: JobKind::Fit,
         preset: fit.preset().name.clone(),
         seed: fit.seed(),
-        spec: fit.to_json(),
+        spec: Arc::new(fit.to_json()),
         outputs: Vec::new().into(),
         backend: Backend::Cpu,
         labels,

@@ -8,6 +8,7 @@ use jiff::Timestamp;
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::time::Duration;
 use utoipa::ToSchema;
 use uuid::Uuid;
@@ -62,7 +63,7 @@ pub(in crate::http) struct Fit {
     /// The complete request, including defaults. Absent in lists and events.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = FitRequest, required = false, nullable = false)]
-    pub request: Option<Value>,
+    pub request: Option<Arc<Value>>,
     /// Result; null until the fit has succeeded. Absent in lists.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<FitResult>, required = false)]
@@ -101,7 +102,7 @@ impl Fit {
             expires_at: expires_at(job, keep),
             problem: job.problem.as_ref().map(ModelProblem::of),
             digest: job.digest.clone(),
-            request: (detail == FitDetail::Full).then(|| job.spec.clone()),
+            request: (detail == FitDetail::Full).then(|| Arc::clone(&job.spec)),
             result: (detail != FitDetail::Summary).then(|| job.summary.clone()),
         }
     }

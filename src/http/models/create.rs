@@ -27,13 +27,14 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use serde_json::Value;
 use sha2::{Digest, Sha256};
+use std::sync::Arc;
 use std::time::Duration;
 use utoipa::ToSchema;
 
 /// A request that passed all checks. Only a full queue can refuse it.
 pub(in crate::http) struct CheckedModel {
     pub(in crate::http) request: ModelRequest,
-    pub(in crate::http) spec: ModelSpec,
+    pub(in crate::http) spec: Arc<ModelSpec>,
     pub(in crate::http) cost: Cost,
 }
 
@@ -51,7 +52,7 @@ pub(in crate::http) async fn check(
     mut reader: JsonReader,
 ) -> Result<CheckedModel, Problem> {
     let spec = find_preset(&request, &mut reader).and_then(|preset| {
-        ModelSpec::resolve(preset, &request.spec).map_err(|faults| reader.extend("/spec", faults)).ok()
+        state.specs.resolve(preset, &request.spec).map_err(|faults| reader.extend("/spec", faults)).ok()
     });
     match spec.filter(|_| reader.count() == 0) {
         Some(spec) => check_limits(state, request, spec).await,
@@ -63,7 +64,7 @@ pub(in crate::http) async fn check(
 pub(super) async fn check_limits(
     state: &AppState,
     request: ModelRequest,
-    spec: ModelSpec,
+    spec: Arc<ModelSpec>,
 ) -> Result<CheckedModel, Problem> {
     let cost = Cost::new(&spec, &request.outputs);
     state.limits.cost.check(&cost).map_err(|over| too_much(&cost, &over))?;
@@ -234,7 +235,7 @@ pub(in crate::http) fn new_job(caller: &Caller, request: ModelRequest, spec: &Mo
         kind: JobKind::Model,
         preset: request.preset,
         seed,
-        spec: spec.to_json(),
+        spec: spec.json(),
         outputs: request.outputs,
         backend: request.backend,
         labels: request.labels,
@@ -314,7 +315,7 @@ pub(super) struct Validation {
     seed: Option<u64>,
     /// The complete resolved spec.
     #[schema(value_type = ModelSpec)]
-    spec: Value,
+    spec: Arc<Value>,
     /// Digest of the model; null if the seed will be drawn.
     digest: Option<String>,
     /// Predicted cost.
@@ -339,6 +340,5 @@ pub(in crate::http) async fn validate(
 ) -> Result<Response, Problem> {
     let CheckedModel { request, spec, cost } = check_body(&state, &body).await?;
     let digest = request.seed.map(|seed| spec.digest(seed));
-    Ok(Json(Validation { preset: request.preset, seed: request.seed, spec: spec.to_json(), digest, cost })
-        .into_response())
+    Ok(Json(Validation { preset: request.preset, seed: request.seed, spec: spec.json(), digest, cost }).into_response())
 }

@@ -225,7 +225,7 @@ fn manifest_of(job: &Job) -> Manifest {
         preset: &job.preset,
         seed: job.seed,
         digest: &job.digest,
-        spec: job.spec.clone(),
+        spec: Value::clone(&job.spec),
     };
     Manifest::new(origin, &job.outputs, &job.files.iter().map(file).collect::<Vec<_>>())
 }

@@ -2,7 +2,7 @@
 //!
 //! | file | subject |
 //! |---|---|
-//! | `request` | from a body to a well-formed request |
+//! | `request`, `specs` | from a body to a well-formed request; specifications resolved recently |
 //! | `model` | bodies of responses and events; the parameter `view`, references |
 //! | `create`, `retry` | `POST /models`, `POST /models/validate`, `POST /models/{id}/retry` |
 //! | `read` | `GET /models`; `GET`, `DELETE /models/{id}`, `POST /models/{id}/cancel` |
@@ -18,3 +18,4 @@ pub(in crate::http) mod read;
 pub(in crate::http) mod request;
 pub(in crate::http) mod retry;
 pub(in crate::http) mod select;
+pub(super) mod specs;

@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fmt::Display;
+use std::sync::Arc;
 use std::time::Duration;
 use utoipa::ToSchema;
 use uuid::Uuid;
@@ -94,7 +95,7 @@ pub struct Model {
     /// with `view=summary`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = ModelSpec, required = false, nullable = false)]
-    pub spec: Option<Value>,
+    pub spec: Option<Arc<Value>>,
 }
 
 /// Position and waiting time of a model in the queue.
@@ -180,7 +181,7 @@ impl Model {
             digest: job.digest.clone(),
             reused_from: job.reused_from.map(|id| id.0),
             retry_of: job.retry_of.map(|id| id.0),
-            spec: (detail == Detail::Full).then(|| job.spec.clone()),
+            spec: (detail == Detail::Full).then(|| Arc::clone(&job.spec)),
         }
     }
 }

@@ -15,6 +15,7 @@ use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use serde_json::json;
+use std::sync::Arc;
 
 /// Grow a failed model again, as a new model with the same request.
 ///
@@ -86,12 +87,12 @@ async fn check_again(state: &AppState, failed: &Job) -> Result<CheckedModel, Pro
     let request = ModelRequest {
         preset: failed.preset.clone(),
         seed: Some(failed.seed),
-        spec: failed.spec.clone(),
+        spec: serde_json::Value::clone(&failed.spec),
         outputs: failed.outputs.clone(),
         backend: failed.backend.requested,
         labels: failed.labels.clone(),
         priority: failed.priority,
         reuse: true,
     };
-    check_limits(state, request, spec).await
+    check_limits(state, request, Arc::new(spec)).await
 }

@@ -25,7 +25,8 @@ use crate::clock::Stopwatch;
 use notify::Notifier;
 use pool::{ACQUIRE_TIMEOUT, Pool};
 use sqlx::migrate::MigrateError;
-use sqlx::postgres::{PgConnectOptions, PgPoolOptions};
+use sqlx::postgres::{PgConnectOptions, PgConnection};
+use sqlx::{ConnectOptions as _, Connection as _};
 use std::str::FromStr;
 use std::time::Duration;
 use tokio::sync::broadcast;
@@ -93,11 +94,11 @@ pub(super) async fn migrate(url: &str) -> Result<(), StoreError> {
 }
 
 async fn migrate_once(connect: &PgConnectOptions) -> Result<(), SqlError> {
-    let pool = PgPoolOptions::new().max_connections(1).acquire_timeout(ACQUIRE_TIMEOUT);
-    let pool = pool.connect_with(connect.clone()).await?;
-    let migrated = timeout(MIGRATION_TIMEOUT, migrator(&MIGRATIONS).run(&pool)).await;
-    // A server that does not answer any more closes the connection by itself.
-    let _ = timeout(ACQUIRE_TIMEOUT, pool.close()).await;
+    let connected = timeout(ACQUIRE_TIMEOUT, connect.connect()).await;
+    let mut connection: PgConnection = connected.map_err(|_| SqlError::NoAnswer(ACQUIRE_TIMEOUT))??;
+    let migrated = timeout(MIGRATION_TIMEOUT, migrator(&MIGRATIONS).run_direct(None, &mut connection, false)).await;
+    // Fails if the connection is lost; the server then closes its end by itself.
+    let _ = timeout(ACQUIRE_TIMEOUT, connection.close()).await;
     migrated.map_err(|_| SqlError::NoAnswer(MIGRATION_TIMEOUT))?.map_err(|error| match error {
         MigrateError::Execute(error) | MigrateError::ExecuteMigration(error, _) => SqlError::Database(error),
         error => StoreError::Database(Box::new(error)).into(),

@@ -2,12 +2,12 @@
 
 use super::codec::{Value, enum_from_sql, json, values};
 use super::error::SqlError;
-use super::operation::{Done, Operation, Uncertain};
+use super::operation::{Done, Grouped, Operation, Uncertain};
 use super::order::queue_room;
 use super::quota;
 use super::record::{owner, parse_optional, priority, select_jobs, submitter, to_record};
 use super::store::Store;
-use super::submit::{self, place};
+use super::submit::{self, look, place};
 use super::tx::{Row, Tx};
 use crate::jobs::job::IdGenerator;
 use crate::jobs::{
@@ -92,6 +92,8 @@ fn accepted(batch: Batch) -> Done<SubmittedBatch> {
 impl Operation for SubmitBatch {
     type Output = SubmittedBatch;
 
+    const GROUPED: Grouped = Grouped::Never;
+
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<SubmittedBatch>, SqlError> {
         let whose = self.new.owner.as_deref();
         quota::lock_owner(tx, whose, self.new.quota).await?;
@@ -121,7 +123,9 @@ impl Operation for SubmitBatch {
         for (index, new) in (0_u32..).zip(&self.new.jobs) {
             let owner = self.new.owner.clone();
             let alone = NewJob { idempotency: None, priority: self.new.priority, owner, ..new.clone() };
-            place(tx, options, JobId(self.ids.next(now)), &alone, Some((id, Some(index))), &mut room).await?;
+            let found = look(tx, &alone).await?;
+            let place_in_batch = Some((id, Some(index)));
+            place(tx, options, JobId(self.ids.next(now)), &alone, place_in_batch, &found, &mut room).await?;
         }
         Ok(accepted(known(tx, id).await?))
     }

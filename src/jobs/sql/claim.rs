@@ -14,7 +14,7 @@
 use super::codec::{Value, enum_to_sql, until, values};
 use super::error::SqlError;
 use super::lease::{self, AttemptEffect, End, MAX_LEASE};
-use super::operation::{Done, LONG_RETRY_LIMIT, Operation, RETRY_LIMIT};
+use super::operation::{Done, Grouped, LONG_RETRY_LIMIT, Operation, RETRY_LIMIT};
 use super::order;
 use super::read;
 use super::record::{Record, select_jobs, to_record};
@@ -133,6 +133,8 @@ struct Claimed {
 
 impl Operation for Claim {
     type Output = Vec<ClaimedJob>;
+
+    const GROUPED: Grouped = Grouped::OnSqlite;
 
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Vec<ClaimedJob>>, SqlError> {
         let mut claimed = Claimed::default();

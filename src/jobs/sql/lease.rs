@@ -3,7 +3,7 @@
 
 use super::codec::{enum_from_sql, enum_to_sql, json, until, values};
 use super::error::SqlError;
-use super::operation::{Done, LONG_RETRY_LIMIT, Operation, Run, Simple, Uncertain, are_cancelled};
+use super::operation::{Done, Grouped, LONG_RETRY_LIMIT, Operation, Run, Simple, Uncertain, are_cancelled};
 use super::read::{self, known_job};
 use super::share;
 use super::store::Store;
@@ -235,6 +235,8 @@ pub(super) struct End {
 
 impl Operation for End {
     type Output = Job;
+
+    const GROUPED: Grouped = Grouped::OnSqlite;
 
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Job>, SqlError> {
         let id = self.id;

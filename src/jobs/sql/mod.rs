@@ -9,8 +9,9 @@
 //!
 //! | file | subject, with its calls |
 //! |---|---|
-//! | `store` | [`Store`]: connections to either database, retries, notification, test hook |
+//! | `store`, `hook` | [`Store`]: connections to either database, retries, notification; test hook |
 //! | `tx`, `codec`, `error`, `operation` | transactions, values, errors, operations |
+//! | `group` | changes that share a transaction and its commit |
 //! | `submit` | submissions, reuse, deletion |
 //! | `batch` | batches |
 //! | `bulk` | changes of many jobs in one transaction |
@@ -28,6 +29,8 @@ mod bulk;
 mod claim;
 mod codec;
 mod error;
+mod group;
+mod hook;
 mod keys;
 mod lease;
 mod migrations;
@@ -44,9 +47,10 @@ mod upkeep;
 mod workers;
 
 pub(super) use error::{Severity, SqlError};
+pub use hook::Hook;
 pub use lease::MAX_LEASE;
 pub(super) use migrations::{migrations, migrator};
 pub(super) use store::Engine;
-pub use store::{Hook, Store};
+pub use store::Store;
 pub(super) use tx::{Connection, Time, roll_back};
 pub use upkeep::{LastRound, Mismatch, Observation, UpkeepRound, UpkeepState, UpkeepTask};

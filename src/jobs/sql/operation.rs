@@ -13,10 +13,22 @@ pub(super) const RETRY_LIMIT: Duration = Duration::from_secs(5);
 /// Time for which the store retries operations that end an attempt, or may have begun one.
 pub(super) const LONG_RETRY_LIMIT: Duration = Duration::from_secs(60);
 
+/// The databases on which an operation shares a transaction with others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Grouped {
+    Never,
+    OnSqlite,
+    Always,
+}
+
 /// A change of the database in one transaction.
 pub(in crate::jobs) trait Operation: Send + Sync + 'static {
     /// Result for the caller.
     type Output: Send + Sync + 'static;
+
+    /// The databases on which the operation shares a transaction with others. An operation that is
+    /// grouped writes nothing before it fails with [`SqlError::Store`].
+    const GROUPED: Grouped;
 
     /// Makes the change. The store calls this again if the transaction was rolled back.
     fn run(
@@ -68,6 +80,8 @@ pub(super) struct Simple<I, T> {
 
 impl<I: Send + Sync + 'static, T: Send + Sync + 'static> Operation for Simple<I, T> {
     type Output = T;
+
+    const GROUPED: Grouped = Grouped::OnSqlite;
 
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<T>, SqlError> {
         (self.run)(&self.input, tx, options).await

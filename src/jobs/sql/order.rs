@@ -21,10 +21,10 @@
 
 use super::codec::{enum_to_sql, values};
 use super::error::SqlError;
-use super::record::{Record, submitter};
+use super::record::Record;
 use super::store::Store;
-use super::tx::Tx;
-use crate::jobs::{ClaimScope, Job, NewJob, Priority, Status, StoreError, StoreOptions};
+use super::tx::{Row, Tx};
+use crate::jobs::{ClaimScope, Job, Priority, Status, StoreError, StoreOptions};
 
 /// Largest exact position in the queue; jobs further back report this one.
 const POSITIONS: u64 = 1000;
@@ -57,23 +57,36 @@ pub(super) fn lanes(tx: &Tx<'_>) -> &'static str {
     tx.either("jobs INDEXED BY jobs_claimable", "jobs")
 }
 
-/// The turn of a job to be queued.
-pub(super) async fn turn(tx: &mut Tx<'_>, new: &NewJob) -> Result<i64, SqlError> {
-    // An aggregate over a lane would return the same; ORDER BY with LIMIT makes the planner read
-    // the end of the index.
-    let sql = format!(
-        "SELECT (SELECT turn FROM jobs WHERE status = 'running' AND backend_requested = $1 AND rank = $2 \
-         ORDER BY turn DESC LIMIT 1) AS running, \
-         (SELECT turn FROM {} WHERE status = 'queued' AND NOT shares AND backend_requested = $1 AND rank = $2 \
-         ORDER BY turn, id LIMIT 1) AS head, \
-         (SELECT turn FROM jobs WHERE status = 'queued' AND NOT shares AND backend_requested = $1 AND rank = $2 \
-         AND submitter = $3 ORDER BY turn DESC LIMIT 1) AS own",
-        lanes(tx)
-    );
-    let values = values![enum_to_sql(new.backend), rank(new.priority), submitter(new.owner.as_deref())];
-    let row = tx.one(sql, values).await?;
-    let present = row.get::<Option<i64>>("running")?.max(row.get("head")?).unwrap_or(0);
-    Ok(row.get::<Option<i64>>("own")?.map_or(present, |own| present.max(own + 1)))
+/// Columns from which [`turn`] takes the turn of a job to be queued. `$1` is its backend, `$2` its
+/// rank, `$3` its submitter.
+///
+/// Aggregates over a lane would return the same; ORDER BY with LIMIT makes the planner read the ends
+/// of indexes.
+pub(super) const TURN: &str = "\
+    (SELECT turn FROM jobs WHERE status = 'running' AND backend_requested = $1 AND rank = $2 \
+    ORDER BY turn DESC LIMIT 1) AS running_turn, \
+    (SELECT turn FROM jobs WHERE status = 'queued' AND NOT shares AND backend_requested = $1 AND rank = $2 \
+    ORDER BY turn, id LIMIT 1) AS head_turn, \
+    (SELECT turn FROM jobs WHERE status = 'queued' AND NOT shares AND backend_requested = $1 AND rank = $2 \
+    AND submitter = $3 ORDER BY turn DESC LIMIT 1) AS own_turn";
+
+/// The turn of a job to be queued, from the columns of [`TURN`].
+pub(super) fn turn(row: &Row) -> Result<i64, SqlError> {
+    let present = row.get::<Option<i64>>("running_turn")?.max(row.get("head_turn")?).unwrap_or(0);
+    Ok(row.get::<Option<i64>>("own_turn")?.map_or(present, |own| present.max(own + 1)))
+}
+
+/// Query for the position of a job that is inserted: the number of jobs ahead of it, up to
+/// [`POSITIONS`]. Parameters are those of the insertion.
+pub(super) fn ahead(tx: &Tx<'_>) -> &'static str {
+    tx.either(
+        "SELECT COUNT(*) FROM (SELECT 1 FROM jobs AS a INDEXED BY jobs_claimable WHERE a.status = 'queued' \
+         AND NOT a.shares AND a.backend_requested = $7 AND (a.rank, a.turn, a.id) < ($23, $22, $1) \
+         ORDER BY a.rank, a.turn, a.id LIMIT 1000) AS ahead",
+        "SELECT COUNT(*) FROM (SELECT 1 FROM jobs AS a WHERE a.status = 'queued' \
+         AND NOT a.shares AND a.backend_requested = $7 AND (a.rank, a.turn, a.id) < ($23, $22, $1) \
+         ORDER BY a.rank, a.turn, a.id LIMIT 1000) AS ahead",
+    )
 }
 
 /// Number of jobs that the queue still accepts. Triggers keep its length, as rows to be summed.

@@ -3,7 +3,9 @@
 //! Siblings of this file implement the calls of [`Store`], each next to its SQL.
 
 use super::error::{Severity, SqlError};
-use super::operation::{Done, Operation, Run, Simple, Uncertain};
+use super::group::{Group, Outcome, Transactions};
+use super::hook::{Call, Hook};
+use super::operation::{Done, Grouped, Operation, Run, Simple, Uncertain};
 use super::tx::{Time, Tx};
 use crate::clock::Stopwatch;
 use crate::jobs::job::IdGenerator;
@@ -11,7 +13,6 @@ use crate::jobs::postgres::Postgres;
 use crate::jobs::sqlite::Sqlite;
 use crate::jobs::{Change, PoolUse, StoreError, StoreOptions};
 use crate::lock::Mutex;
-use futures_util::future::BoxFuture;
 use jiff::Timestamp;
 use std::sync::Arc;
 use std::time::Duration;
@@ -43,16 +44,11 @@ pub struct Store {
     hook: Option<Arc<dyn Hook>>,
 }
 
-/// A call, for the hook of a test.
-struct Call {
-    name: &'static str,
-    hook: Option<Arc<dyn Hook>>,
-}
-
 struct Shared {
     engine: Engine,
     time: Time,
     options: StoreOptions,
+    group: Group,
     changes: broadcast::Sender<Change>,
     ids: Arc<IdGenerator>,
     /// Looks at the queue since the start or since the last outage; `None` before the first one.
@@ -97,50 +93,48 @@ macro_rules! over {
     };
 }
 
-/// Intervenes in the calls of a [`Store`], for tests: observes them, delays them, makes them fail,
-/// or replaces notifications. A call has the name of its method.
-pub trait Hook: Send + Sync + 'static {
-    /// Runs before a call. An error becomes the result of the call, which then does nothing.
-    fn before<'a>(&'a self, _call: &'static str) -> BoxFuture<'a, Result<(), StoreError>> {
-        Box::pin(async { Ok(()) })
-    }
-
-    /// Runs after a call that changes records, whether or not it succeeded. An error becomes the
-    /// result of the call, as if the response was lost.
-    ///
-    /// # Errors
-    /// The error to inject.
-    fn after(&self, _call: &'static str) -> Result<(), StoreError> {
-        Ok(())
-    }
-
-    /// True to lose the response to the commit of a call: the transaction takes effect, and the
-    /// store has to find that out.
-    fn loses_commit(&self, _call: &'static str) -> bool {
-        false
-    }
-
-    /// Changes that subscribers receive instead of the changes of the store.
-    fn changes(&self) -> Option<broadcast::Receiver<Change>> {
-        None
-    }
-}
-
 impl std::fmt::Debug for Store {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Store").field("engine", &self.shared.engine).finish_non_exhaustive()
     }
 }
 
+impl Transactions for Shared {
+    async fn begin(&self) -> Result<Tx<'_>, SqlError> {
+        Ok(Tx::new(over!(self.engine, database => database.begin().await?), &self.time))
+    }
+
+    fn options(&self) -> &StoreOptions {
+        &self.options
+    }
+
+    fn failed(&self, error: SqlError) {
+        let error = self.noted(error);
+        tracing::debug!(%error, "a transaction of several changes failed; each change runs alone");
+    }
+}
+
 impl Shared {
     /// Runs the operation of `call` until it succeeds, its retry limit has passed, or a retry would
     /// fail too.
-    async fn transact<O: Operation>(&self, call: &Call, operation: &O) -> Result<Done<O::Output>, SqlError> {
+    async fn transact<O: Operation>(&self, call: &Arc<Call>, operation: &Arc<O>) -> Result<Done<O::Output>, SqlError> {
         let since = Stopwatch::start();
         let mut uncertain = None;
+        let is_grouped = match O::GROUPED {
+            Grouped::Never => false,
+            Grouped::OnSqlite => matches!(self.engine, Engine::Sqlite(_)),
+            Grouped::Always => true,
+        };
+        if is_grouped {
+            match self.group.transact(self, call, operation).await {
+                Outcome::Committed(done) => return Ok(done),
+                Outcome::Refused(error) => return Err(error),
+                Outcome::Alone(done) => uncertain = done,
+            }
+        }
         let mut wait = RETRY_WAITS.0;
         loop {
-            let error = match self.run_once(call, operation, &mut uncertain).await {
+            let error = match self.run_once(call, &**operation, &mut uncertain).await {
                 Ok(done) => return Ok(done),
                 Err(error) => self.noted(error),
             };
@@ -165,7 +159,7 @@ impl Shared {
         operation: &O,
         uncertain: &mut Option<Done<O::Output>>,
     ) -> Result<Done<O::Output>, SqlError> {
-        let mut tx = Tx::new(over!(self.engine, database => database.begin().await?), &self.time);
+        let mut tx = self.begin().await?;
         let run = async {
             if let Some(done) = &*uncertain
                 && operation.was_committed(&mut tx, done).await?
@@ -185,7 +179,7 @@ impl Shared {
             *uncertain = Some(done);
         }
         tx.commit().await?;
-        if call.hook.as_ref().is_some_and(|hook| hook.loses_commit(call.name)) {
+        if call.loses_commit() {
             return Err(SqlError::NoAnswer(Duration::ZERO));
         }
         Ok(uncertain.take().expect("a result of this run or of an earlier one"))
@@ -222,6 +216,7 @@ impl Store {
             engine,
             time,
             options,
+            group: Group::default(),
             changes,
             ids: Arc::new(IdGenerator::new()),
             looks: Mutex::default(),
@@ -358,7 +353,8 @@ impl Store {
         operation: O,
     ) -> Result<O::Output, StoreError> {
         let shared = Arc::clone(&self.shared);
-        let call = Call { name: call, hook: self.hook.clone() };
+        let call = Arc::new(Call::new(call, self.hook.clone()));
+        let operation = Arc::new(operation);
         let task = self.shared.changing.spawn(async move {
             let done = shared.transact(&call, &operation).await?;
             for change in &done.changes {

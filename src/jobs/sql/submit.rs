@@ -2,8 +2,8 @@
 
 use super::codec::{Value, enum_from_sql, enum_to_sql, json, values};
 use super::error::SqlError;
-use super::operation::{Done, Operation, Uncertain, are_deleted};
-use super::order::{queue_room, rank, turn};
+use super::operation::{Done, Grouped, Operation, Uncertain, are_deleted};
+use super::order::{self, rank};
 use super::quota;
 use super::read::{self, known_job};
 use super::record::{outputs_to_sql, submitter};
@@ -12,7 +12,9 @@ use super::store::Store;
 use super::tx::{Row, Tx};
 use crate::jobs::job::IdGenerator;
 use crate::jobs::state::{self, ClaimScope};
-use crate::jobs::{BatchId, Change, File, Job, JobId, NewJob, Status, StoreError, StoreOptions, Submitted};
+use crate::jobs::{
+    BackendReport, BatchId, Change, File, Job, JobId, NewJob, Status, StoreError, StoreOptions, Submitted,
+};
 use crate::lock::Mutex;
 use std::sync::Arc;
 
@@ -60,29 +62,30 @@ struct Submit {
 impl Operation for Submit {
     type Output = Submitted;
 
+    const GROUPED: Grouped = Grouped::Always;
+
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Submitted>, SqlError> {
         let new = &self.new;
         quota::lock_owner(tx, new.owner.as_deref(), new.quota).await?;
-        if let Some((key, body)) = &new.idempotency {
-            let sql = "SELECT id, idempotency_body FROM jobs WHERE idempotency_key = $1";
-            let key = scoped(new.owner.as_deref(), key);
-            if let Some(row) = tx.optional(sql, values![key]).await? {
-                if row.get::<&str>("idempotency_body")? != body {
-                    return Err(StoreError::IdempotencyConflict.into());
-                }
-                return Ok(Done::quiet(Submitted::Replayed(known_job(tx, JobId(row.id("id")?)).await?)));
+        share::lock_digest(tx, new).await?;
+        let found = look(tx, new).await?;
+        if let (Some((id, known)), Some((_, body))) = (&found.same_key, &new.idempotency) {
+            if known != body {
+                return Err(StoreError::IdempotencyConflict.into());
             }
+            return Ok(Done::quiet(Submitted::Replayed(known_job(tx, *id).await?)));
         }
-        let mut room = queue_room(tx, options).await?;
         // Every retry uses the same id: if an earlier commit is still under way, this one conflicts
         // at the primary key.
         let now = tx.now().await?;
         let id = *self.tried.lock().get_or_insert_with(|| JobId(self.ids.next(now)));
         quota::check(tx, new.owner.as_deref(), new.quota, 1).await?;
         let batch = batch_of(tx, new.retry_of).await?;
-        share::lock_digest(tx, new).await?;
-        place(tx, options, id, new, batch, &mut room).await?;
-        Ok(submitted(known_job(tx, id).await?))
+        let mut room = options.queue_limit.saturating_sub(found.queued);
+        let job = place(tx, options, id, new, batch, &found, &mut room).await?;
+        let change = Change::of(&job);
+        let submitted = if job.reused_from.is_some() { Submitted::Reused(job) } else { Submitted::Queued(job) };
+        Ok(Done::new(submitted, vec![change]))
     }
 
     async fn was_committed(&self, tx: &mut Tx<'_>, done: &Done<Submitted>) -> Result<bool, SqlError> {
@@ -90,13 +93,6 @@ impl Operation for Submit {
         let id = done.output.job().id;
         Ok(*self.tried.lock() == Some(id) && read::job(tx, id).await?.is_some())
     }
-}
-
-/// The result of a submission that created this job.
-fn submitted(job: Job) -> Done<Submitted> {
-    let change = Change::of(&job);
-    let submitted = if job.reused_from.is_some() { Submitted::Reused(job) } else { Submitted::Queued(job) };
-    Done::new(submitted, vec![change])
 }
 
 /// The batch of the job that a new one repeats, and its index there. The lock keeps the batch until
@@ -122,6 +118,48 @@ pub(super) fn scoped(owner: Option<&str>, key: &str) -> String {
     owner.map_or_else(|| key.to_owned(), |owner| format!("{owner}\u{1f}{key}"))
 }
 
+/// State of the queue that a submission needs.
+pub(super) struct Found {
+    /// Number of queued jobs.
+    pub(super) queued: u64,
+    /// Job with the same idempotency key, and the hash of its request body.
+    same_key: Option<(JobId, String)>,
+    /// True if there is a job with the same digest, in flight or finished.
+    has_equal: bool,
+    /// Turn of the new job.
+    turn: i64,
+}
+
+/// Reads all that a submission needs in one statement.
+pub(super) async fn look(tx: &mut Tx<'_>, new: &NewJob) -> Result<Found, SqlError> {
+    let sql = format!(
+        "SELECT (SELECT CAST(COALESCE(SUM(jobs), 0) AS BIGINT) FROM queue_length) AS queued, {}, \
+         (SELECT id FROM jobs WHERE idempotency_key = $4) AS same_key, \
+         (SELECT idempotency_body FROM jobs WHERE idempotency_key = $4) AS same_body, \
+         (SELECT id FROM jobs{} WHERE finished_at IS NULL AND NOT shares AND digest = $5 ORDER BY id LIMIT 1) \
+         AS in_flight, \
+         (SELECT id FROM jobs{} WHERE status = 'succeeded' AND engine_used = engine AND digest = $5 \
+         ORDER BY id LIMIT 1) AS finished, {} AS now",
+        order::TURN,
+        tx.either(" INDEXED BY jobs_in_flight", ""),
+        tx.either(" INDEXED BY jobs_by_digest", ""),
+        tx.either("NULL", Tx::NOW),
+    );
+    let key = new.idempotency.as_ref().map(|(key, _)| scoped(new.owner.as_deref(), key));
+    let values =
+        values![enum_to_sql(new.backend), rank(new.priority), submitter(new.owner.as_deref()), key, &new.digest,];
+    let row = tx.one(sql, values).await?;
+    tx.set_now(row.optional_time("now")?);
+    let same_key = row.optional_id("same_key")?.map(JobId).zip(row.get("same_body")?);
+    let is_equal = |column| Ok::<_, SqlError>(row.get::<Option<&str>>(column)?.is_some());
+    Ok(Found {
+        queued: row.count("queued")?,
+        same_key,
+        has_equal: is_equal("in_flight")? || is_equal("finished")?,
+        turn: order::turn(&row)?,
+    })
+}
+
 /// Queues a job if there is `room` for it, or reuses a finished model. `batch` is its batch and its
 /// index there.
 pub(super) async fn place(
@@ -130,16 +168,17 @@ pub(super) async fn place(
     id: JobId,
     new: &NewJob,
     batch: Option<(BatchId, Option<u32>)>,
+    found: &Found,
     room: &mut u64,
-) -> Result<(), SqlError> {
+) -> Result<Job, SqlError> {
     // In this order, so that an equal job that ends between the two queries is found finished.
-    let in_flight = share::in_flight(tx, new).await?;
-    let source = reusable(tx, new).await?;
+    let in_flight = found.has_equal && share::in_flight(tx, new).await?;
+    let source = if found.has_equal { reusable(tx, new).await? } else { None };
     let shares = in_flight && source.is_none();
     if source.is_none() {
         *room = room.checked_sub(1).ok_or(StoreError::QueueFull { limit: options.queue_limit })?;
     }
-    insert(tx, id, new, source.as_ref(), shares, batch).await
+    insert(tx, id, new, source.as_ref(), shares, found.turn, batch).await
 }
 
 /// The finished model of the same owner that `new` would reuse: the oldest that still exists. The
@@ -179,58 +218,111 @@ async fn insert(
     new: &NewJob,
     source: Option<&Job>,
     shares: bool,
+    turn: i64,
     batch: Option<(BatchId, Option<u32>)>,
-) -> Result<(), SqlError> {
+) -> Result<Job, SqlError> {
     let now = tx.now().await?;
     let seed = i64::try_from(new.seed)
         .map_err(|_| StoreError::Database(format!("seed {} is beyond the range of records", new.seed).into()))?;
-    let turn = if source.is_some() { 0 } else { turn(tx, new).await? };
+    let turn = if source.is_some() { 0 } else { turn };
+    let status = if source.is_some() { Status::Succeeded } else { Status::Queued };
+    let requested = enum_to_sql(new.backend);
     let backend = source.map(|job| &job.backend);
-    tx.execute(
+    let mut job = Job {
+        id,
+        kind: new.kind,
+        owner: new.owner.clone(),
+        status,
+        version: 1,
+        preset: new.preset.clone(),
+        seed: new.seed,
+        spec: new.spec.clone(),
+        outputs: new.outputs.clone(),
+        labels: new.labels.clone(),
+        priority: new.priority,
+        trace: new.trace.clone(),
+        backend: BackendReport {
+            requested: new.backend,
+            used: backend.and_then(|backend| backend.used),
+            device: backend.and_then(|backend| backend.device.clone()),
+            fallback: backend.and_then(|backend| backend.fallback.clone()),
+        },
+        queue_position: None,
+        progress: None,
+        section: None,
+        attempts: 0,
+        worker: None,
+        cancel_requested: false,
+        created_at: now,
+        started_at: None,
+        finished_at: source.map(|_| now),
+        files: source.map(|job| reused_files(job, new)).unwrap_or_default(),
+        summary: source.and_then(|job| job.summary.clone()),
+        problem: None,
+        digest: new.digest.clone(),
+        engine: new.engine.clone(),
+        batch: batch.map(|(batch, _)| batch),
+        checkpoint: None,
+        reused_from: source.map(|job| job.id),
+        retry_of: new.retry_of,
+    };
+    let sql = format!(
         "INSERT INTO jobs (id, status, preset, seed, digest, outputs, backend_requested, backend_used, device, \
          fallback, available_at, created_at, finished_at, reused_from, idempotency_key, idempotency_body, summary, \
          spec, engine, engine_used, batch, submitter, turn, rank, trace, batch_key, batch_index, retry_of, shares, kind) \
          VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, 0, $11, $12, $13, $14, $15, $16, $17, $18, $19, $20, $21, \
-         $22, $23, $24, $25, $26, $27, $28, $29)",
-        values![
-            id,
-            if source.is_some() { "succeeded" } else { "queued" },
-            &new.preset,
-            seed,
-            &new.digest,
-            outputs_to_sql(&new.outputs),
-            enum_to_sql(new.backend),
-            backend.and_then(|backend| backend.used).map(enum_to_sql),
-            backend.and_then(|backend| backend.device.clone()),
-            backend.and_then(|backend| backend.fallback.clone()),
-            now,
-            source.map(|_| now),
-            source.map(|job| job.id.to_string()),
-            new.idempotency.as_ref().map(|(key, _)| scoped(new.owner.as_deref(), key)),
-            new.idempotency.as_ref().map(|(_, body)| body.clone()),
-            source.and_then(|job| job.summary.as_ref()).map(json),
-            json(&new.spec),
-            &new.engine,
-            source.map(|job| job.engine.clone()),
-            batch.map(|(batch, _)| batch.to_string()),
-            submitter(new.owner.as_deref()),
-            turn,
-            rank(new.priority),
-            new.trace.clone(),
-            new.batch_key.clone().filter(|_| ClaimScope::Gpu.requested().contains(&new.backend)),
-            batch.and_then(|(_, index)| index),
-            new.retry_of.map(|id| id.to_string()),
-            shares,
-            enum_to_sql(new.kind),
-        ],
-    )
-    .await?;
+         $22, $23, $24, $25, $26, $27, $28, $29) RETURNING ({}) AS ahead",
+        // The jobs of a batch are counted when the batch is read.
+        if batch.is_none() && source.is_none() { order::ahead(tx) } else { "CAST(0 AS BIGINT)" },
+    );
+    let row = tx
+        .one(
+            sql,
+            values![
+                id,
+                status.name(),
+                &job.preset,
+                seed,
+                &job.digest,
+                outputs_to_sql(&job.outputs),
+                requested,
+                job.backend.used.map(enum_to_sql),
+                job.backend.device.clone(),
+                job.backend.fallback.clone(),
+                now,
+                job.finished_at,
+                job.reused_from.map(|id| id.to_string()),
+                new.idempotency.as_ref().map(|(key, _)| scoped(new.owner.as_deref(), key)),
+                new.idempotency.as_ref().map(|(_, body)| body.clone()),
+                job.summary.as_ref().map(json),
+                json(&job.spec),
+                &job.engine,
+                source.map(|job| job.engine.clone()),
+                job.batch.map(|batch| batch.to_string()),
+                submitter(new.owner.as_deref()),
+                turn,
+                rank(new.priority),
+                job.trace.clone(),
+                new.batch_key.clone().filter(|_| ClaimScope::Gpu.requested().contains(&new.backend)),
+                batch.and_then(|(_, index)| index),
+                new.retry_of.map(|id| id.to_string()),
+                shares,
+                enum_to_sql(new.kind),
+            ],
+        )
+        .await?;
+    if source.is_none() {
+        job.queue_position = Some(row.count("ahead")?);
+    }
     let labels = new.labels.iter().map(|(name, value)| values![id, name, value]);
     insert_rows(tx, "INSERT INTO labels (job_id, name, value) VALUES ", labels.collect()).await?;
-    if let Some(source) = source {
-        insert_files(tx, id, source.files.iter().filter(|file| new.outputs.want(&file.name))).await?;
-    }
-    Ok(())
+    insert_files(tx, id, job.files.iter()).await?;
+    Ok(job)
+}
+
+/// The files of a finished model that a new one wants.
+fn reused_files(source: &Job, new: &NewJob) -> Vec<File> {
+    source.files.iter().filter(|file| new.outputs.want(&file.name)).cloned().collect()
 }
 
 pub(super) async fn insert_files(

@@ -3,9 +3,9 @@
 use super::codec::{Value, json, until};
 use super::error::{SqlError, broken};
 use crate::clock::{Clock, Stopwatch};
-use crate::jobs::postgres::pool::Loan;
+use crate::jobs::postgres::pool as postgres;
+use crate::jobs::sqlite::pool as sqlite;
 use jiff::Timestamp;
-use sqlx::pool::PoolConnection;
 use sqlx::postgres::{PgArguments, PgRow};
 use sqlx::query::Query;
 use sqlx::sqlite::{SqliteArguments, SqliteRow};
@@ -18,8 +18,8 @@ use uuid::Uuid;
 /// A connection on loan from a pool, in a transaction if its user has begun one.
 #[derive(Debug)]
 pub(in crate::jobs) enum Connection {
-    Sqlite(PoolConnection<Sqlite>),
-    Postgres(Loan),
+    Sqlite(sqlite::Loan),
+    Postgres(postgres::Loan),
 }
 
 /// Source of the time of leases and records.
@@ -131,16 +131,28 @@ impl<'c> Tx<'c> {
         if self.is_postgres() { postgres } else { sqlite }
     }
 
+    /// Expression for the time of PostgreSQL, in microseconds.
+    pub(super) const NOW: &'static str = "CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000000 AS BIGINT)";
+
+    /// Uses a time that a statement read from [`Tx::NOW`], if leases and records have the time of the
+    /// database and this is the first time of the transaction.
+    pub(super) fn set_now(&mut self, now: Option<Timestamp>) {
+        if matches!(self.time, Time::Database) {
+            self.now = self.now.or(now);
+        }
+    }
+
     /// The time of this transaction, read once.
     pub(in crate::jobs) async fn now(&mut self) -> Result<Timestamp, SqlError> {
         if let Some(now) = self.now {
             return Ok(now);
         }
         let now = match self.time {
-            Time::Clock(clock, _) => clock.now(),
+            // Records have microseconds.
+            Time::Clock(clock, _) => timestamp(clock.now().as_microsecond())?,
             Time::Database => {
-                let now = "SELECT CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000000 AS BIGINT) AS now";
-                timestamp(self.one(now, Vec::new()).await?.get("now")?)?
+                let row = self.one(format!("SELECT {} AS now", Self::NOW), Vec::new()).await?;
+                timestamp(row.get("now")?)?
             }
         };
         Ok(*self.now.insert(now))

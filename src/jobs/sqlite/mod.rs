@@ -15,14 +15,15 @@
 //! - **Damage** is searched for at the start (`check`). Otherwise a damaged file would fail only at
 //!   the first query that reads a damaged page.
 
+pub(super) mod pool;
+
 use super::error::StoreError;
 use super::operators::PoolUse;
 use super::options::StoreOptions;
 use super::sql::{Connection, Severity, SqlError, migrations, migrator, roll_back};
 use crate::clock::Stopwatch;
-use sqlx::sqlite::{
-    SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous,
-};
+use pool::{Pool, acquire, pool};
+use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqliteSynchronous};
 use sqlx::{AssertSqlSafe, ConnectOptions, Connection as _};
 use std::fs::{File, TryLockError};
 use std::io;
@@ -52,8 +53,6 @@ const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
 /// database file and then overwrites it from the beginning; the rest is the reserve for a full
 /// disk.
 const LOG: u64 = 8 << 20;
-/// Maximum wait for a free connection.
-const ACQUIRE_TIMEOUT: Duration = Duration::from_secs(10);
 /// Maximum time of the check at the start, which reads 100 MB/s or more. In a file that takes
 /// longer, the rest is not checked.
 const CHECK_TIME: Duration = Duration::from_secs(20);
@@ -94,8 +93,8 @@ impl From<FileError> for StoreError {
 /// The connections to a SQLite database.
 #[derive(Debug)]
 pub(super) struct Sqlite {
-    writer: SqlitePool,
-    reader: SqlitePool,
+    writer: Pool,
+    reader: Pool,
     /// Held while the file is open.
     lock: Option<File>,
 }
@@ -110,11 +109,10 @@ impl Sqlite {
         let Some(lock) = lock(path)? else { return Err(FileError::InUse { path: path.to_owned() }.into()) };
         let connect = connect_options(path);
         check(path, &connect).await?;
-        let writer = pool(1).connect_with(connect.clone()).await.map_err(SqlError::from)?;
+        let writer = pool(connect.clone(), 1);
         migrate(&writer).await?;
         reserve(&writer).await?;
-        let reader =
-            pool(options.readers).connect_with(connect.pragma("query_only", "ON")).await.map_err(SqlError::from)?;
+        let reader = pool(connect.pragma("query_only", "ON"), options.readers);
         Ok(Self { writer, reader, lock: Some(lock) })
     }
 
@@ -126,7 +124,7 @@ impl Sqlite {
             return Ok(None);
         }
         let connect = connect_options(path).create_if_missing(false);
-        let writer = pool(1).connect_with(connect).await.map_err(SqlError::from)?;
+        let writer = pool(connect, 1);
         Ok(Some(Self { reader: writer.clone(), writer, lock: None }))
     }
 
@@ -134,21 +132,21 @@ impl Sqlite {
     /// it.
     pub(super) async fn open_in_memory() -> Result<Self, StoreError> {
         let connect = SqliteConnectOptions::new().in_memory(true).foreign_keys(true);
-        let writer = pool(1).connect_with(connect).await.map_err(SqlError::from)?;
+        let writer = pool(connect, 1);
         migrate(&writer).await?;
         Ok(Self { reader: writer.clone(), writer, lock: None })
     }
 
     /// A connection in a new transaction.
     pub(super) async fn begin(&self) -> Result<Connection, SqlError> {
-        let mut connection = self.writer.acquire().await?;
+        let mut connection = acquire(&self.writer).await?;
         begin(&mut connection).await?;
         Ok(Connection::Sqlite(connection))
     }
 
     /// A connection for reading alone.
     pub(super) async fn reader(&self) -> Result<Connection, SqlError> {
-        Ok(Connection::Sqlite(self.reader.acquire().await?))
+        Ok(Connection::Sqlite(acquire(&self.reader).await?))
     }
 
     /// Consequence of an error for the caller.
@@ -174,9 +172,9 @@ impl Sqlite {
 
     /// Closes all connections and releases the lock of the file.
     pub(super) async fn close(&self) {
-        self.reader.close().await;
+        pool::close(&self.reader).await;
         // Last, so that it writes the log back into the database file.
-        self.writer.close().await;
+        pool::close(&self.writer).await;
         // Explicitly: a child process between fork and exec shares the handle, and with it the
         // lock.
         if let Some(Err(error)) = self.lock.as_ref().map(File::unlock) {
@@ -242,32 +240,22 @@ async fn check(path: &Path, connect: &SqliteConnectOptions) -> Result<(), StoreE
     }
 }
 
-fn pool(connections: u32) -> SqlitePoolOptions {
-    // Closing a connection to memory would lose the data. Connections are not tested before use
-    // either: they do not fail by themselves, and the pool closes a connection if its caller is
-    // dropped during the test.
-    SqlitePoolOptions::new()
-        .min_connections(1)
-        .max_connections(connections)
-        .acquire_timeout(ACQUIRE_TIMEOUT)
-        .idle_timeout(None)
-        .max_lifetime(None)
-        .test_before_acquire(false)
+fn pool_use(name: &'static str, pool: &Pool) -> PoolUse {
+    let status = pool.status();
+    let [open, idle, most] = [status.size, status.available, status.max_size].map(|connections| connections as u32);
+    PoolUse { name, open, idle, most }
 }
 
-fn pool_use(name: &'static str, pool: &SqlitePool) -> PoolUse {
-    let idle = u32::try_from(pool.num_idle()).unwrap_or(u32::MAX);
-    PoolUse { name, open: pool.size(), idle, most: pool.options().get_max_connections() }
-}
-
-async fn migrate(pool: &SqlitePool) -> Result<(), StoreError> {
-    migrator(&MIGRATIONS).run(pool).await.map_err(|error| StoreError::Database(Box::new(error)))
+async fn migrate(writer: &Pool) -> Result<(), StoreError> {
+    let mut connection = acquire(writer).await?;
+    let migrated = migrator(&MIGRATIONS).run_direct(None, &mut *connection, false).await;
+    migrated.map_err(|error| StoreError::Database(Box::new(error)))
 }
 
 /// Extends the log to [`LOG`] by a large write that is rolled back, which leaves the length of the
 /// file unchanged. If the disk is full already, the store opens without this reserve.
-async fn reserve(writer: &SqlitePool) -> Result<(), SqlError> {
-    let mut connection = writer.acquire().await?;
+async fn reserve(writer: &Pool) -> Result<(), SqlError> {
+    let mut connection = acquire(writer).await?;
     begin(&mut connection).await?;
     let sql = format!("CREATE TABLE room AS SELECT zeroblob({LOG}) AS bytes");
     let grown = sqlx::query(AssertSqlSafe(sql)).execute(&mut *connection).await;

@@ -130,6 +130,8 @@ macro_rules! over {
             racing_equal_submissions_share_one_growth
             a_job_does_not_wait_for_one_that_is_queued_again_behind_it
             a_lost_response_to_a_commit_changes_no_result
+            a_submission_returns_the_record
+            submissions_at_once_share_transactions_and_are_refused_alone
         }
     };
 }
@@ -140,7 +142,7 @@ pub fn new_job(digest: &str) -> NewJob {
         kind: JobKind::Model,
         preset: "pig".into(),
         seed: (1 << 53) - 1,
-        spec: serde_json::json!({ "length_mm": 60.0, "steps": 2000 }),
+        spec: serde_json::json!({ "length_mm": 60.0, "steps": 2000 }).into(),
         outputs: vec![Output::Glb].into(),
         backend: Backend::Auto,
         labels: BTreeMap::new(),

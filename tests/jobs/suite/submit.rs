@@ -209,3 +209,59 @@ pub async fn the_queue_has_a_limit(factory: Factory) {
     bench.queue("4").await;
     assert!(bench.store.submit(new_job("5")).await.is_err());
 }
+
+pub async fn a_submission_returns_the_record(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let labels = BTreeMap::from([("lab".to_owned(), "3".to_owned()), ("run".to_owned(), "a".to_owned())]);
+    let made = bench.succeed("made").await;
+    bench.queue("first").await;
+    let outputs = oviduct::generate::Outputs {
+        bodies: vec![BodyKind::Lumen],
+        units: Some(LengthUnit::Micrometre),
+        ..vec![Output::Glb, Output::Lod].into()
+    };
+    let requests = [
+        new_job("plain"),
+        NewJob { labels, owner: Some("lab".into()), trace: None, batch_key: None, ..new_job("labelled") },
+        NewJob { backend: Backend::CpuSingle, outputs, priority: 7.try_into().unwrap(), ..new_job("other") },
+        NewJob { idempotency: Some(("key".into(), "hash".into())), ..new_job("keyed") },
+        NewJob { kind: JobKind::Fit, spec: serde_json::json!({ "evaluations": 3 }).into(), ..new_job("fit") },
+        // Reuses files, and waits for an equal job.
+        new_job(&made.digest),
+        new_job("first"),
+        NewJob { retry_of: Some(made.id), ..new_job("again") },
+    ];
+    for (place, request) in requests.into_iter().enumerate() {
+        let submitted = bench.store.submit(request).await.unwrap();
+        let job = submitted.job();
+        assert_eq!(*job, bench.get(job.id).await, "request {place}");
+        assert_eq!(matches!(submitted, Submitted::Reused(_)), place == 5);
+    }
+}
+
+/// Changes that share a transaction: those that are refused do not affect the others.
+pub async fn submissions_at_once_share_transactions_and_are_refused_alone(factory: Factory) {
+    let bench = bench(factory, |options| options.queue_limit = 40).await;
+    let conflict = NewJob { idempotency: Some(("key".into(), "body".into())), ..new_job("keyed") };
+    bench.store.submit(conflict.clone()).await.unwrap();
+    let requests = (0..60).map(|n| match n % 6 {
+        0 => NewJob { idempotency: Some(("key".into(), "other body".into())), ..new_job("keyed") },
+        _ => new_job(&format!("{n}")),
+    });
+    let ended = join_all(requests.map(|request| bench.store.submit(request))).await;
+    let mut ids = Vec::new();
+    let (mut conflicts, mut full) = (0, 0);
+    for result in ended {
+        match result {
+            Ok(Submitted::Queued(job)) => ids.push(job.id),
+            Err(StoreError::IdempotencyConflict) => conflicts += 1,
+            Err(StoreError::QueueFull { limit: 40 }) => full += 1,
+            other => panic!("{other:?}"),
+        }
+    }
+    assert_eq!((ids.len(), conflicts, full), (39, 10, 11));
+    for id in &ids {
+        assert_eq!(bench.get(*id).await.status, Status::Queued);
+    }
+    assert_eq!(bench.store.counts().await.unwrap().queued, 40);
+}

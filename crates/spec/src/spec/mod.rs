@@ -66,21 +66,40 @@ pub use reader::{JsonReader, SEED_MAX, integer_in};
 pub use schedule::{Ease, Fluctuation, Schedule};
 pub use schema::schema;
 
-use serde_json::{Value, json};
+use serde_json::Value;
 use sha2::{Digest, Sha256};
 use std::f64::consts::PI;
 use std::ops::RangeInclusive;
+use std::sync::{Arc, OnceLock};
 use table::Parameter;
 
 /// A resolved, checked specification. Dereferences to its [`Parameters`].
-#[derive(Clone, Debug, PartialEq)]
-pub struct ModelSpec(Parameters);
+#[derive(Clone, Debug)]
+pub struct ModelSpec {
+    parameters: Parameters,
+    /// Result of [`ModelSpec::json`], once it was needed.
+    json: OnceLock<Arc<Value>>,
+    /// Part of the text of [`ModelSpec::digest`] that does not depend on the seed.
+    identity: OnceLock<Arc<str>>,
+}
+
+impl From<Parameters> for ModelSpec {
+    fn from(parameters: Parameters) -> Self {
+        Self { parameters, json: OnceLock::new(), identity: OnceLock::new() }
+    }
+}
+
+impl PartialEq for ModelSpec {
+    fn eq(&self, other: &Self) -> bool {
+        self.parameters == other.parameters
+    }
+}
 
 impl std::ops::Deref for ModelSpec {
     type Target = Parameters;
 
     fn deref(&self) -> &Parameters {
-        &self.0
+        &self.parameters
     }
 }
 
@@ -146,7 +165,7 @@ impl ModelSpec {
             let faults = check::faults(parameters, &reader.bad);
             reader.extend("", faults);
         }
-        reader.finish(parameters).map(Self).map_err(|mut faults| {
+        reader.finish(parameters).map(Self::from).map_err(|mut faults| {
             faults.sort_by(|a, b| a.pointer.cmp(&b.pointer));
             faults
         })
@@ -157,7 +176,13 @@ impl ModelSpec {
     /// specification.
     #[must_use]
     pub fn to_json(&self) -> Value {
-        self.0.write()
+        self.parameters.write()
+    }
+
+    /// The same as [`ModelSpec::to_json`], shared by all callers.
+    #[must_use]
+    pub fn json(&self) -> Arc<Value> {
+        Arc::clone(self.json.get_or_init(|| Arc::new(self.to_json())))
     }
 
     /// SHA-256, in lower-case hex, of all inputs that determine the bytes of the model: the
@@ -165,12 +190,17 @@ impl ModelSpec {
     /// engine version.
     #[must_use]
     pub fn digest(&self, seed: u64) -> String {
-        let mut spec = self.to_json();
-        if let Some(solver) = spec.get_mut("solver").and_then(Value::as_object_mut) {
-            solver.remove("search");
-        }
-        let whole = json!({ "engine": crate::ENGINE_VERSION, "seed": seed, "spec": spec });
-        hex::encode(Sha256::digest(canonical_json(&whole)))
+        let identity = self.identity.get_or_init(|| {
+            let mut spec = self.to_json();
+            if let Some(solver) = spec.get_mut("solver").and_then(Value::as_object_mut) {
+                solver.remove("search");
+            }
+            canonical_json(&spec).into()
+        });
+        let engine = crate::ENGINE_VERSION;
+        // Canonical JSON of an object with these members.
+        let whole = format!("{{\"engine\":\"{engine}\",\"seed\":{seed},\"spec\":{identity}}}");
+        hex::encode(Sha256::digest(whole))
     }
 }
 

@@ -6,6 +6,7 @@ mod tube;
 use super::parameters::leaves;
 use super::*;
 use serde_json::Map;
+use serde_json::json;
 
 fn pig() -> &'static Preset {
     preset(DEFAULT_PRESET).unwrap()

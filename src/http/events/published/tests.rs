@@ -213,8 +213,13 @@ fn a_job_whose_snapshot_was_dropped_is_followed_to_its_end() {
     let position = published.last;
     published.offer(&same, Duration::ZERO, &timing(Duration::ZERO));
     assert_eq!(published.last, position);
-    let end =
-        Job { id: id(1), status: Status::Cancelled, version: 2, spec: serde_json::json!({ "steps": 2000 }), ..job() };
+    let end = Job {
+        id: id(1),
+        status: Status::Cancelled,
+        version: 2,
+        spec: serde_json::json!({ "steps": 2000 }).into(),
+        ..job()
+    };
     published.offer(&end, Duration::ZERO, &timing(Duration::ZERO));
     let events = published.latest(id(1)).unwrap().events_after(position, "2", Detail::Full, LinkBase::Root).concat();
     let text = std::str::from_utf8(&events).unwrap();

@@ -39,7 +39,7 @@ fn an_event_holds_the_model_on_one_line() {
 
 #[test]
 fn the_spec_comes_with_the_full_view() {
-    let job = Job { spec: json!({ "steps": 2000 }), ..running(10) };
+    let job = Job { spec: json!({ "steps": 2000 }).into(), ..running(10) };
     let snapshot = snapshot(&job, 5, STATUS, None);
     let events = String::from_utf8(snapshot.events_after(0, "14", Detail::Full, LinkBase::Root).concat()).unwrap();
     let data: Vec<Value> =
@@ -57,7 +57,7 @@ fn the_spec_comes_with_the_full_view() {
 
 #[test]
 fn a_fit_is_sent_without_its_request() {
-    let fit = Job { kind: JobKind::Fit, section: None, spec: json!({ "steps": 2000 }), ..running(10) };
+    let fit = Job { kind: JobKind::Fit, section: None, spec: json!({ "steps": 2000 }).into(), ..running(10) };
     let expected = serde_json::to_string(&Fit::of(&fit, None, FitDetail::Result)).unwrap();
     for detail in [Detail::Summary, Detail::Full] {
         let events = snapshot(&fit, 5, STATUS, None).events_after(0, "14", detail, LinkBase::Model).concat();

@@ -1,0 +1,155 @@
+//! Group commit: changes that wait for the same transaction to end share the next one.
+//!
+//! A change without others begins its transaction immediately. While that is committed, further
+//! changes gather; one of them, the leader, then runs all of them in one transaction with one
+//! commit. A change that is refused writes nothing, so it does not affect the others. If anything
+//! else fails, each change runs again alone, with its own retries.
+//!
+//! On SQLite all changes but submissions of batches are grouped, because there is one writer. On
+//! PostgreSQL only submissions are: a group holds the locks of all its members, so one that waits
+//! for the lock of another process would delay the others, such as heartbeats.
+
+use super::error::SqlError;
+use super::hook::Call;
+use super::operation::{Done, Operation};
+use super::tx::Tx;
+use crate::jobs::StoreOptions;
+use crate::lock::Mutex;
+use futures_util::FutureExt;
+use futures_util::future::BoxFuture;
+use std::future::Future;
+use std::sync::Arc;
+use tokio::sync::oneshot;
+
+/// Maximum number of changes in a group, which limits the time until the first is committed.
+const MEMBERS: usize = 128;
+
+/// Changes that wait for the next transaction.
+#[derive(Default)]
+pub(super) struct Group {
+    waiting: Mutex<Vec<Box<dyn Member>>>,
+    /// Held by the leader until its transaction has ended.
+    leader: tokio::sync::Mutex<()>,
+}
+
+/// What became of a change in a group.
+pub(super) enum Outcome<T> {
+    Committed(Done<T>),
+    Refused(SqlError),
+    /// The change runs alone. The value is the result of a run whose commit has an unknown outcome.
+    Alone(Option<Done<T>>),
+}
+
+/// How the transaction of a group ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum End {
+    Committed,
+    /// The commit failed.
+    Uncertain,
+    RolledBack,
+}
+
+/// A change in a group.
+trait Member: Send {
+    /// Runs the change in the transaction of the group. An error other than a refusal ends the
+    /// group.
+    fn run<'a>(&'a mut self, tx: &'a mut Tx<'_>, options: &'a StoreOptions) -> BoxFuture<'a, Result<(), SqlError>>;
+
+    /// Tells the caller what became of the change.
+    fn tell(self: Box<Self>, end: End);
+}
+
+struct Ticket<O: Operation> {
+    operation: Arc<O>,
+    call: Arc<Call>,
+    result: Option<Result<Done<O::Output>, SqlError>>,
+    caller: oneshot::Sender<Outcome<O::Output>>,
+}
+
+impl<O: Operation> Member for Ticket<O> {
+    fn run<'a>(&'a mut self, tx: &'a mut Tx<'_>, options: &'a StoreOptions) -> BoxFuture<'a, Result<(), SqlError>> {
+        async move {
+            let result = self.operation.run(tx, options).await;
+            if !matches!(result, Ok(_) | Err(SqlError::Store(_))) {
+                return result.map(drop);
+            }
+            self.result = Some(result);
+            Ok(())
+        }
+        .boxed()
+    }
+
+    fn tell(self: Box<Self>, end: End) {
+        let Self { call, result, caller, .. } = *self;
+        let outcome = match (end, result) {
+            (End::Committed, Some(Ok(done))) if call.loses_commit() => Outcome::Alone(Some(done)),
+            (End::Committed, Some(Ok(done))) => Outcome::Committed(done),
+            (End::Committed, Some(Err(refusal))) => Outcome::Refused(refusal),
+            (End::Uncertain, Some(Ok(done))) => Outcome::Alone(Some(done)),
+            // A refusal may follow from changes of others that were rolled back.
+            (_, _) => Outcome::Alone(None),
+        };
+        // Fails if the runtime is shutting down.
+        let _ = caller.send(outcome);
+    }
+}
+
+/// Where groups run.
+pub(super) trait Transactions: Sync {
+    /// A new transaction.
+    fn begin(&self) -> impl Future<Output = Result<Tx<'_>, SqlError>> + Send;
+
+    fn options(&self) -> &StoreOptions;
+
+    /// Notes that a transaction failed.
+    fn failed(&self, error: SqlError);
+}
+
+impl Group {
+    /// Runs the operation of `call` together with others.
+    pub(super) async fn transact<O: Operation>(
+        &self,
+        transactions: &impl Transactions,
+        call: &Arc<Call>,
+        operation: &Arc<O>,
+    ) -> Outcome<O::Output> {
+        let (caller, mut outcome) = oneshot::channel();
+        let (operation, call) = (Arc::clone(operation), Arc::clone(call));
+        self.waiting.lock().push(Box::new(Ticket { operation, call, result: None, caller }));
+        loop {
+            tokio::select! {
+                biased;
+                outcome = &mut outcome => return outcome.unwrap_or(Outcome::Alone(None)),
+                _leader = self.leader.lock() => {
+                    let mut members = std::mem::take(&mut *self.waiting.lock());
+                    let later = members.split_off(members.len().min(MEMBERS));
+                    self.waiting.lock().splice(..0, later);
+                    let end = run(transactions, &mut members).await;
+                    members.into_iter().for_each(|member| member.tell(end));
+                }
+            }
+        }
+    }
+}
+
+/// Runs a group in one transaction.
+async fn run(transactions: &impl Transactions, members: &mut [Box<dyn Member>]) -> End {
+    let failed = |error, end| {
+        transactions.failed(error);
+        end
+    };
+    let mut tx = match transactions.begin().await {
+        Ok(tx) => tx,
+        Err(error) => return failed(error, End::RolledBack),
+    };
+    for member in members {
+        if let Err(error) = member.run(&mut tx, transactions.options()).await {
+            tx.roll_back().await;
+            return failed(error, End::RolledBack);
+        }
+    }
+    match tx.commit().await {
+        Ok(()) => End::Committed,
+        Err(error) => failed(error, End::Uncertain),
+    }
+}
