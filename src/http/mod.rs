@@ -69,8 +69,8 @@ pub struct Limits {
     pub downloads: usize,
     /// Maximum number of concurrently drawn pictures. Each uses all cores.
     pub pictures: usize,
-    /// Maximum number of batches that are checked and queued at the same time. Each takes up to 100
-    /// MB.
+    /// Maximum number of batches that are checked and queued at the same time. A batch takes up to
+    /// 100 MB.
     pub batches: usize,
     /// Maximum time for which a request waits until its picture can be drawn or its batch checked.
     pub picture_wait: Duration,
@@ -115,7 +115,7 @@ impl Default for Limits {
             held: 256,
             downloads: 256,
             pictures: 2,
-            batches: 2,
+            batches: 1,
             picture_wait: Duration::from_secs(10),
             event_interval: Duration::from_millis(250),
             event_poll: Duration::from_secs(2),

@@ -4,10 +4,10 @@
 //! A service without keys knows no owners, so only the total limits its callers.
 
 use crate::lock::Mutex;
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::sync::oneshot;
 
 /// A resource with a total, and a maximum per owner. The unit is that of the resource.
 pub(in crate::http) struct Shares {
@@ -136,17 +136,44 @@ impl Drop for Share {
     }
 }
 
-/// Turns to compute something large, and the places of the requests that wait for one.
+/// Turns to compute something large, and the requests that wait for one.
+///
+/// A free turn goes to the owner who has the fewest turns, or who got one longest ago. An owner thus
+/// waits for the end of one turn, even if another owner has sent many requests before.
 pub(in crate::http) struct Turns {
-    turns: Arc<Semaphore>,
+    queue: Arc<Mutex<TurnQueue>>,
     places: Arc<Shares>,
+}
+
+#[derive(Default)]
+struct TurnQueue {
+    free: usize,
+    /// Turns of the owners who have one or wait for one.
+    given: HashMap<Option<Arc<str>>, OwnerTurns>,
+    /// Number of turns given so far.
+    count: u64,
+    /// Requests without a turn, in the order of their arrival.
+    waiting: VecDeque<(Option<Arc<str>>, oneshot::Sender<GivenTurn>)>,
+}
+
+#[derive(Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
+struct OwnerTurns {
+    running: usize,
+    /// Number of the last turn; 0 for none.
+    last: u64,
+}
+
+/// A turn that the queue gets back when it is dropped.
+struct GivenTurn {
+    queue: Arc<Mutex<TurnQueue>>,
+    owner: Option<Arc<str>>,
 }
 
 /// The turn of a request, until all clones are dropped. Work on a blocking thread has a clone, so a
 /// client that disconnects does not end the turn before the work.
 #[derive(Clone)]
 pub(in crate::http) struct Turn {
-    _held: Arc<(Share, OwnedSemaphorePermit)>,
+    _held: Arc<(Share, GivenTurn)>,
 }
 
 impl Turns {
@@ -155,18 +182,72 @@ impl Turns {
     /// Maximum number of these requests per owner. A browser sends six at a time.
     const PLACES_OF_OWNER: usize = 16;
 
-    /// Grants at most `max_turns` turns at a time.
+    /// Gives at most `max_turns` turns at a time.
     pub(in crate::http) fn new(max_turns: usize) -> Self {
-        let places = Shares::new(Self::PLACES, Self::PLACES_OF_OWNER);
-        Self { turns: Arc::new(Semaphore::new(max_turns)), places }
+        let queue = TurnQueue { free: max_turns, ..TurnQueue::default() };
+        Self { queue: Arc::new(Mutex::new(queue)), places: Shares::new(Self::PLACES, Self::PLACES_OF_OWNER) }
     }
 
-    /// Waits for a turn, first come, first served. `None` if the turn takes longer than `wait`, or
-    /// if too many requests wait.
+    /// Waits for a turn. Requests of one owner get their turns in the order of their arrival. `None`
+    /// if the turn takes longer than `wait`, or if too many requests wait.
     pub(in crate::http) async fn turn(&self, owner: Option<&str>, wait: Duration) -> Option<Turn> {
         let place = self.places.take(owner, 1).ok()?;
-        let permit = tokio::time::timeout(wait, Arc::clone(&self.turns).acquire_owned()).await.ok()?.ok()?;
-        Some(Turn { _held: Arc::new((place, permit)) })
+        let (sender, turn) = oneshot::channel();
+        self.queue.lock().push(owner, sender);
+        TurnQueue::give(&self.queue);
+        let turn = tokio::time::timeout(wait, turn).await.ok()?.ok()?;
+        Some(Turn { _held: Arc::new((place, turn)) })
+    }
+}
+
+impl TurnQueue {
+    fn push(&mut self, owner: Option<&str>, sender: oneshot::Sender<GivenTurn>) {
+        self.forget();
+        self.waiting.push_back((owner.map(Arc::from), sender));
+    }
+
+    /// Forgets requests that have stopped waiting, and owners without requests.
+    fn forget(&mut self) {
+        self.waiting.retain(|(_, sender)| !sender.is_closed());
+        let waits = |owner: &Option<Arc<str>>| self.waiting.iter().any(|(waiting, _)| waiting == owner);
+        self.given.retain(|owner, turns| turns.running > 0 || waits(owner));
+    }
+
+    /// Takes a free turn for the next request.
+    fn next(&mut self) -> Option<(Option<Arc<str>>, oneshot::Sender<GivenTurn>)> {
+        self.free.checked_sub(1)?;
+        let turns_of = |owner: &Option<Arc<str>>| self.given.get(owner).copied().unwrap_or_default();
+        let (first, _) = self.waiting.iter().enumerate().min_by_key(|(_, (owner, _))| turns_of(owner))?;
+        let (owner, sender) = self.waiting.remove(first)?;
+        self.free -= 1;
+        self.count += 1;
+        let turns = self.given.entry(owner.clone()).or_default();
+        *turns = OwnerTurns { running: turns.running + 1, last: self.count };
+        Some((owner, sender))
+    }
+
+    /// Gives free turns to requests that wait.
+    fn give(queue: &Arc<Mutex<Self>>) {
+        loop {
+            let next = queue.lock().next();
+            let Some((owner, sender)) = next else { return };
+            // A turn whose request has stopped waiting is dropped, and so returns to the queue.
+            let _ = sender.send(GivenTurn { queue: Arc::clone(queue), owner });
+        }
+    }
+}
+
+impl Drop for GivenTurn {
+    fn drop(&mut self) {
+        {
+            let mut queue = self.queue.lock();
+            queue.free += 1;
+            if let Some(turns) = queue.given.get_mut(&self.owner) {
+                turns.running -= 1;
+            }
+            queue.forget();
+        }
+        TurnQueue::give(&self.queue);
     }
 }
 
@@ -234,5 +315,54 @@ mod tests {
         assert!(turns.turn(None, Duration::ZERO).await.is_none());
         drop(clone);
         assert!(turns.turn(None, Duration::ZERO).await.is_some());
+    }
+
+    /// The numbers of waiting requests in the order of their turns. The greedy owner has all turns
+    /// when the requests arrive.
+    async fn order(max_turns: usize, requests: &[&'static str]) -> Vec<usize> {
+        let (turns, long) = (Arc::new(Turns::new(max_turns)), Duration::from_secs(60));
+        let mut running = VecDeque::new();
+        for _ in 0..max_turns {
+            running.push_back(turns.turn(Some("greedy"), long).await);
+        }
+        let (told, mut given) = tokio::sync::mpsc::unbounded_channel();
+        for (number, &owner) in requests.iter().enumerate() {
+            let (own, told) = (Arc::clone(&turns), told.clone());
+            tokio::spawn(async move { told.send((number, own.turn(Some(owner), long).await)) });
+            while turns.queue.lock().waiting.len() <= number {
+                tokio::task::yield_now().await;
+            }
+        }
+        let mut numbers = Vec::new();
+        for _ in requests {
+            running.pop_front();
+            let (number, turn) = given.recv().await.unwrap();
+            numbers.push(number);
+            running.push_back(turn);
+        }
+        running.clear();
+        let queue = turns.queue.lock();
+        assert!(queue.free == max_turns && queue.given.is_empty() && queue.waiting.is_empty());
+        assert_eq!(turns.places.used(), 0);
+        numbers
+    }
+
+    #[tokio::test]
+    async fn a_free_turn_goes_to_the_owner_with_the_fewest_turns() {
+        assert_eq!(order(1, &["greedy", "greedy", "modest", "greedy", "modest"]).await, [2, 0, 4, 1, 3]);
+        assert_eq!(order(2, &["greedy", "greedy", "modest", "greedy"]).await, [2, 0, 1, 3]);
+        assert_eq!(order(3, &["a", "b", "a", "c", "b", "greedy"]).await, [0, 1, 3, 5, 2, 4]);
+    }
+
+    #[tokio::test]
+    async fn a_request_that_stops_waiting_costs_no_turn() {
+        let turns = Turns::new(1);
+        let first = turns.turn(None, Duration::ZERO).await.unwrap();
+        for _ in 0..100 {
+            assert!(turns.turn(Some("a"), Duration::ZERO).await.is_none());
+        }
+        assert_eq!(turns.queue.lock().waiting.len(), 1, "those that have stopped are forgotten");
+        drop(first);
+        assert!(turns.turn(Some("b"), Duration::ZERO).await.is_some());
     }
 }
