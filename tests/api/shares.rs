@@ -43,7 +43,8 @@ impl Crowded {
         self.app.post_with(path, &[&[("authorization", key)], headers].concat(), body).await
     }
 
-    /// Asserts that the greedy owner gets `granted` responses and a refusal, and the other owner one.
+    /// Asserts that the greedy owner gets `granted` responses and a refusal, and the other owner a
+    /// response.
     async fn assert_shared(&self, path: &str, granted: usize, refusal: &str) {
         let mut running = Vec::new();
         for _ in 0..granted {

@@ -224,7 +224,7 @@ async fn body(
     let client = sender.clone();
     let packing = pack(state.clone(), packer, contents, first, sender, Arc::clone(&permit));
     let packing = tokio::spawn(async move {
-        // A client that has disconnected gives its permit back, even while the artifact store hangs.
+        // A client that disconnects gives its permit back, even while the artifact store hangs.
         tokio::select! {
             packed = packing => packed,
             () = client.closed() => Ok(()),

@@ -245,21 +245,22 @@ fn parse_metered(bytes: &[u8], meter: &mut ValueMeter) -> Result<Value, Problem>
         at(Kind::InvalidJson, line, column, format!("invalid UTF-8 at line {line} column {column}"))
     })?;
     let mut deserializer = serde_json::Deserializer::from_str(text);
-    let value = Strict(meter).deserialize(&mut deserializer).and_then(|value| {
+    let value = Strict(&mut *meter).deserialize(&mut deserializer).and_then(|value| {
         deserializer.end()?;
+        meter.take_pending()?;
         Ok(value)
     });
-    let value = value.map_err(|error| {
+    value.map_err(|error| {
         let place = |kind: Kind| at(kind, error.line(), error.column(), error.to_string());
         match meter.refusal {
             None => place(Kind::InvalidJson),
             Some(MeterRefusal::Values) => place(Kind::PayloadTooLarge).with("limit", meter.max_values),
+            // The end of the document has no place.
+            Some(MeterRefusal::Memory) if error.line() == 0 => Problem::new(Kind::PayloadTooLarge, error.to_string()),
             Some(MeterRefusal::Memory) => place(Kind::PayloadTooLarge),
             Some(MeterRefusal::Crowded(exhausted)) => crowded(exhausted),
         }
-    })?;
-    meter.memory.grow(std::mem::take(&mut meter.pending)).map_err(crowded)?;
-    Ok(value)
+    })
 }
 
 /// Counts the values of a document while they are parsed, and takes their memory from the budget.
@@ -300,9 +301,10 @@ impl ValueMeter {
 
     fn count_bytes<E: de::Error>(&mut self, bytes: usize) -> Result<(), E> {
         self.pending += bytes;
-        if self.pending < VALUE_STEP {
-            return Ok(());
-        }
+        if self.pending < VALUE_STEP { Ok(()) } else { self.take_pending() }
+    }
+
+    fn take_pending<E: de::Error>(&mut self) -> Result<(), E> {
         let bytes = std::mem::take(&mut self.pending);
         self.memory.grow(bytes).map_err(|exhausted| {
             let is_alone = self.memory.amount() + bytes > exhausted.limit();
@@ -462,7 +464,8 @@ mod tests {
         ] {
             let counted = metered(&text, usize::MAX, usize::MAX).unwrap();
             assert!((at_least..4 * at_least + 200).contains(&counted), "{counted}, not {at_least}, of {text:.50}");
-            assert!(metered(&text, usize::MAX, at_least - 1).is_err(), "{text:.50}");
+            let problem = metered(&text, usize::MAX, at_least - 1).unwrap_err();
+            assert_eq!(problem.kind(), Kind::PayloadTooLarge, "{text:.50}");
         }
     }
 

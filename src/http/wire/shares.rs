@@ -138,8 +138,8 @@ impl Drop for Share {
 
 /// Turns to compute something large, and the requests that wait for one.
 ///
-/// A free turn goes to the owner who has the fewest turns, or who got one longest ago. An owner thus
-/// waits for the end of one turn, even if another owner has sent many requests before.
+/// A free turn goes to the owner who has the fewest turns, or who got one longest ago. An owner
+/// therefore waits for the end of one turn, even if another owner has sent many requests before.
 pub(in crate::http) struct Turns {
     queue: Arc<Mutex<TurnQueue>>,
     places: Arc<Shares>,
@@ -188,8 +188,8 @@ impl Turns {
         Self { queue: Arc::new(Mutex::new(queue)), places: Shares::new(Self::PLACES, Self::PLACES_OF_OWNER) }
     }
 
-    /// Waits for a turn. Requests of one owner get their turns in the order of their arrival. `None`
-    /// if the turn takes longer than `wait`, or if too many requests wait.
+    /// Waits for a turn. Requests of one owner get their turns in the order of their arrival.
+    /// `None` if the turn takes longer than `wait`, or if too many requests wait.
     pub(in crate::http) async fn turn(&self, owner: Option<&str>, wait: Duration) -> Option<Turn> {
         let place = self.places.take(owner, 1).ok()?;
         let (sender, turn) = oneshot::channel();
