@@ -7,6 +7,7 @@ mod api {
     mod app;
     mod bad_input;
     mod batches;
+    mod bodies;
     mod browser;
     mod bulk;
     mod course;
@@ -31,6 +32,7 @@ mod api {
     mod rfc;
     mod sections;
     mod service;
+    mod shares;
     mod slides;
     mod studies;
     mod waiting;

@@ -11,7 +11,6 @@ use axum::http::header;
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use std::time::Duration;
-use tokio::sync::Semaphore;
 
 /// Read the metrics of this process, and the depth of the queue.
 ///
@@ -32,10 +31,9 @@ const STORE_TIME: Duration = Duration::from_secs(3);
 /// Sets the gauges that are read on request. Metrics stay readable while a store is unavailable.
 async fn read_gauges(state: &AppState) {
     let AppState { metrics, limits, .. } = state;
-    let used = |most: usize, semaphore: &Semaphore| most - semaphore.available_permits();
     metrics.set_streams(state.open_streams(), limits.streams);
-    metrics.set_held(used(limits.held, &state.held), limits.held);
-    metrics.set_downloads(used(limits.downloads, &state.downloads), limits.downloads);
+    metrics.set_held(state.held.used(), limits.held);
+    metrics.set_downloads(state.downloads.used(), limits.downloads);
     metrics.set_artifact_store_up(state.artifacts.outage().is_none());
     for PoolUse { name, open, idle, most } in state.store.pools() {
         metrics.set_connections(name, open.saturating_sub(idle), idle, most);

@@ -42,8 +42,12 @@ use models::specs::Specs;
 use pictures::queue::Pictures;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
+use wire::shares::{Shares, Turns};
+
+/// Maximum number of large bodies that are parsed at a time. More threads would also leave more
+/// memory to the allocator, which keeps what each of them has freed for a while.
+const MAX_PARSED_BODIES: usize = 2;
 
 /// Limits of the service.
 #[derive(Clone, Debug)]
@@ -54,6 +58,8 @@ pub struct Limits {
     pub large_body_bytes: usize,
     /// Maximum time until a request body has arrived.
     pub body_time: Duration,
+    /// Maximum memory of all request bodies together: the text that has arrived, and parsed values.
+    pub body_memory: usize,
     /// Maximum number of open event streams.
     pub streams: usize,
     /// Maximum number of responses that `Prefer: wait` delays at a time. Others are sent
@@ -64,7 +70,10 @@ pub struct Limits {
     pub downloads: usize,
     /// Maximum number of concurrently drawn pictures. Each uses all cores.
     pub pictures: usize,
-    /// Maximum time for which a request waits until its picture can be drawn.
+    /// Maximum number of batches that are checked and queued at the same time. A batch takes up to
+    /// 100 MB.
+    pub batches: usize,
+    /// Maximum time for which a request waits until its picture can be drawn or its batch checked.
     pub picture_wait: Duration,
     /// Minimum time between two progress events, or two section events, of one model.
     pub event_interval: Duration,
@@ -102,10 +111,12 @@ impl Default for Limits {
             body_bytes: 1 << 20,
             large_body_bytes: 8 << 20,
             body_time: Duration::from_secs(30),
+            body_memory: 64 << 20,
             streams: 4096,
             held: 256,
             downloads: 256,
             pictures: 2,
+            batches: 1,
             picture_wait: Duration::from_secs(10),
             event_interval: Duration::from_millis(250),
             event_poll: Duration::from_secs(2),
@@ -123,6 +134,14 @@ impl Default for Limits {
     }
 }
 
+impl Limits {
+    /// Maximum number of values in the JSON of a request body: 50 per model of the largest batch,
+    /// which is many times what a study needs, and at least 50,000.
+    fn body_values(&self) -> usize {
+        50 * self.batch.max(1000)
+    }
+}
+
 /// State that handlers share. Clones share it, too.
 #[derive(Clone)]
 pub struct AppState {
@@ -136,11 +155,14 @@ pub struct AppState {
     /// Availability of `store`, from its checks.
     store_availability: Arc<Availability>,
     feed: Arc<Feed>,
-    streams: Arc<Semaphore>,
-    held: Arc<Semaphore>,
-    downloads: Arc<Semaphore>,
+    bodies: Arc<Shares>,
+    parsing: Arc<Turns>,
+    streams: Arc<Shares>,
+    held: Arc<Shares>,
+    downloads: Arc<Shares>,
     pictures: Arc<Pictures>,
     specs: Arc<Specs>,
+    batches: Arc<Turns>,
 }
 
 impl AppState {
@@ -153,11 +175,12 @@ impl AppState {
     pub fn new(store: Store, artifacts: Artifacts, limits: Limits, shutdown: CancellationToken) -> Self {
         let timing = FeedTiming { interval: limits.event_interval, poll: limits.event_poll, keep: limits.keep };
         let feed = Feed::start(store.clone(), timing, shutdown.clone());
-        let [streams, held, downloads] =
-            [limits.streams, limits.held, limits.downloads].map(|most| Arc::new(Semaphore::new(most)));
+        let [bodies, streams, held, downloads] =
+            [limits.body_memory, limits.streams, limits.held, limits.downloads].map(Shares::halves);
         let access = Arc::new(Access::new(store.clone(), AccessOptions::default(), limits.cors_origins.clone()));
         let pictures = Arc::new(Pictures::new(limits.pictures));
         let store_availability = Arc::new(Availability::new(store.ready_within()));
+        let [parsing, batches] = [MAX_PARSED_BODIES, limits.batches].map(|max_turns| Arc::new(Turns::new(max_turns)));
         Self {
             store,
             artifacts,
@@ -168,11 +191,14 @@ impl AppState {
             status: Status::default(),
             store_availability,
             feed,
+            bodies,
+            parsing,
             streams,
             held,
             downloads,
             pictures,
             specs: Arc::default(),
+            batches,
         }
     }
 
@@ -214,6 +240,6 @@ impl AppState {
     /// Number of open event streams.
     #[must_use]
     pub fn open_streams(&self) -> usize {
-        self.limits.streams - self.streams.available_permits()
+        self.streams.used()
     }
 }

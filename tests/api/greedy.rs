@@ -17,15 +17,15 @@ fn is_short(reply: &Reply) {
 }
 
 #[tokio::test]
-async fn half_a_million_faults_give_a_short_response() {
+async fn tens_of_thousands_of_faults_give_a_short_response() {
     let app = App::new().await;
     let many = |n: usize, item: fn(usize) -> String| (0..n).map(item).collect::<Vec<_>>().join(",");
-    let ones = many(520_000, |_| "1".into());
+    let ones = many(49_000, |_| "1".into());
     let bodies = [
         format!("{{\"outputs\":[{ones}]}}"),
-        format!("{{{}}}", many(80_000, |n| format!("\"a{n}\":0"))),
-        format!("{{\"labels\":{{{}}}}}", many(80_000, |n| format!("\"a{n}\":0"))),
-        format!("{{\"spec\":{{{}}}}}", many(80_000, |n| format!("\"a{n}\":0"))),
+        format!("{{{}}}", many(49_000, |n| format!("\"a{n}\":0"))),
+        format!("{{\"labels\":{{{}}}}}", many(49_000, |n| format!("\"a{n}\":0"))),
+        format!("{{\"spec\":{{{}}}}}", many(49_000, |n| format!("\"a{n}\":0"))),
         format!("{{\"spec\":{{\"friction\":{{\"keys\":[{ones}]}}}}}}"),
         format!("{{\"spec\":{{\"{}\":0}}}}", "x".repeat(1_000_000)),
         format!("{{\"{}\":0}}", "x".repeat(1_000_000)),

@@ -3,7 +3,7 @@
  * Do not make direct changes to the file.
  */
 
-// openapi.yaml: sha256 91955e520164fb87c48451cd2af7fbb3e8407e46b8388dc31cb6d89e786bcc9b
+// openapi.yaml: sha256 ce676c183a4630a57b35e2dd78efd0b9bf46e0b05f7c44f1f282574071b2223c
 
 export interface paths {
     "/batches": {
@@ -3351,7 +3351,7 @@ export interface components {
              * @description `urn:oviduct:problem:` and a stable slug.
              * @enum {string}
              */
-            type: "urn:oviduct:problem:bad-request" | "urn:oviduct:problem:invalid-json" | "urn:oviduct:problem:unauthorized" | "urn:oviduct:problem:forbidden" | "urn:oviduct:problem:forbidden-origin" | "urn:oviduct:problem:unknown-host" | "urn:oviduct:problem:not-found" | "urn:oviduct:problem:model-not-found" | "urn:oviduct:problem:batch-not-found" | "urn:oviduct:problem:fit-not-found" | "urn:oviduct:problem:file-not-found" | "urn:oviduct:problem:section-not-found" | "urn:oviduct:problem:cut-not-found" | "urn:oviduct:problem:preset-not-found" | "urn:oviduct:problem:worker-not-found" | "urn:oviduct:problem:method-not-allowed" | "urn:oviduct:problem:not-acceptable" | "urn:oviduct:problem:not-failed" | "urn:oviduct:problem:request-timeout" | "urn:oviduct:problem:payload-too-large" | "urn:oviduct:problem:unsupported-media-type" | "urn:oviduct:problem:range-not-satisfiable" | "urn:oviduct:problem:invalid-request" | "urn:oviduct:problem:cost-limit" | "urn:oviduct:problem:surface-too-large" | "urn:oviduct:problem:gpu-unavailable" | "urn:oviduct:problem:idempotency-key-reused" | "urn:oviduct:problem:queue-full" | "urn:oviduct:problem:quota-exceeded" | "urn:oviduct:problem:rate-limited" | "urn:oviduct:problem:internal" | "urn:oviduct:problem:store-unavailable" | "urn:oviduct:problem:storage-unavailable" | "urn:oviduct:problem:too-many-streams" | "urn:oviduct:problem:too-many-downloads" | "urn:oviduct:problem:too-many-pictures" | "urn:oviduct:problem:not-ready" | "urn:oviduct:problem:workers-stuck";
+            type: "urn:oviduct:problem:bad-request" | "urn:oviduct:problem:invalid-json" | "urn:oviduct:problem:unauthorized" | "urn:oviduct:problem:forbidden" | "urn:oviduct:problem:forbidden-origin" | "urn:oviduct:problem:unknown-host" | "urn:oviduct:problem:not-found" | "urn:oviduct:problem:model-not-found" | "urn:oviduct:problem:batch-not-found" | "urn:oviduct:problem:fit-not-found" | "urn:oviduct:problem:file-not-found" | "urn:oviduct:problem:section-not-found" | "urn:oviduct:problem:cut-not-found" | "urn:oviduct:problem:preset-not-found" | "urn:oviduct:problem:worker-not-found" | "urn:oviduct:problem:method-not-allowed" | "urn:oviduct:problem:not-acceptable" | "urn:oviduct:problem:not-failed" | "urn:oviduct:problem:request-timeout" | "urn:oviduct:problem:payload-too-large" | "urn:oviduct:problem:unsupported-media-type" | "urn:oviduct:problem:range-not-satisfiable" | "urn:oviduct:problem:invalid-request" | "urn:oviduct:problem:cost-limit" | "urn:oviduct:problem:surface-too-large" | "urn:oviduct:problem:gpu-unavailable" | "urn:oviduct:problem:idempotency-key-reused" | "urn:oviduct:problem:queue-full" | "urn:oviduct:problem:quota-exceeded" | "urn:oviduct:problem:rate-limited" | "urn:oviduct:problem:internal" | "urn:oviduct:problem:store-unavailable" | "urn:oviduct:problem:storage-unavailable" | "urn:oviduct:problem:too-many-bodies" | "urn:oviduct:problem:too-many-streams" | "urn:oviduct:problem:too-many-downloads" | "urn:oviduct:problem:too-many-pictures" | "urn:oviduct:problem:not-ready" | "urn:oviduct:problem:workers-stuck";
             /** @description workers-stuck: a sentence about each worker */
             workers?: string[];
         };
@@ -4756,7 +4756,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`); The process is not ready (`not-ready`) */
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`); The process is not ready (`not-ready`); Too many request bodies are being processed (`too-many-bodies`) */
             503: {
                 headers: {
                     /** @description Seconds to wait before the next attempt */
@@ -4891,7 +4891,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`); The process is not ready (`not-ready`) */
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`); The process is not ready (`not-ready`); Too many request bodies are being processed (`too-many-bodies`) */
             503: {
                 headers: {
                     /** @description Seconds to wait before the next attempt */
@@ -5438,7 +5438,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`) */
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`); Too many downloads are running (`too-many-downloads`) */
             503: {
                 headers: {
                     /** @description Seconds to wait before the next attempt */
@@ -5857,7 +5857,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`) */
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`); Too many request bodies are being processed (`too-many-bodies`); Too many pictures are being drawn (`too-many-pictures`) */
             503: {
                 headers: {
                     /** @description Seconds to wait before the next attempt */
@@ -5992,7 +5992,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`) */
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`); Too many request bodies are being processed (`too-many-bodies`); Too many pictures are being drawn (`too-many-pictures`) */
             503: {
                 headers: {
                     /** @description Seconds to wait before the next attempt */
@@ -6870,7 +6870,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`); The process is not ready (`not-ready`) */
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`); The process is not ready (`not-ready`); Too many request bodies are being processed (`too-many-bodies`) */
             503: {
                 headers: {
                     /** @description Seconds to wait before the next attempt */
@@ -7251,7 +7251,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`); The process is not ready (`not-ready`) */
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`); The process is not ready (`not-ready`); Too many request bodies are being processed (`too-many-bodies`) */
             503: {
                 headers: {
                     /** @description Seconds to wait before the next attempt */
@@ -7688,7 +7688,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`) */
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`); Too many downloads are running (`too-many-downloads`) */
             503: {
                 headers: {
                     /** @description Seconds to wait before the next attempt */
@@ -9388,7 +9388,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`) */
+            /** @description The job store is unavailable (`store-unavailable`); Too many request bodies are being processed (`too-many-bodies`) */
             503: {
                 headers: {
                     /** @description Seconds to wait before the next attempt */

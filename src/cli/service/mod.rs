@@ -330,12 +330,16 @@ pub(in crate::cli) fn process_limits(args: &ProcessArgs) -> Limits {
 fn limits(args: &ServeArgs, connections: usize) -> Result<Limits, Failure> {
     let defaults = process_limits(&args.process);
     let (streams, held) = args.limits.holders(connections, defaults.streams, defaults.held)?;
+    let body_bytes = usize::try_from(args.limits.max_body).unwrap_or(usize::MAX);
     Ok(Limits {
         streams,
         held,
         downloads: args.limits.downloads.map_or_else(connections::downloads, |given| given as usize),
         pictures: args.limits.pictures as usize,
-        body_bytes: usize::try_from(args.limits.max_body).unwrap_or(usize::MAX),
+        body_bytes,
+        // Half of it is the share of an owner, which must have room for the text of a body and as
+        // much memory for its values, more than once.
+        body_memory: defaults.body_memory.max(body_bytes.saturating_mul(8)),
         cost: args.limits.cost(),
         batch: args.batch_limit as usize,
         keep: args.keep,
@@ -448,6 +452,8 @@ mod tests {
             max_output_bytes: 2000,
         };
         assert_eq!((found.cost, found.body_bytes, found.worker_memory), (cost, 65_536, Duration::from_secs(10)));
+        assert_eq!(found.body_memory, Limits::default().body_memory);
+        assert_eq!(limits_of(&["--max-body", "1GiB"], 10_000).expect("valid").body_memory, 8 << 30);
         let options = ["--event-streams", "9000", "--held-answers", "0", "--downloads", "3"];
         let found = limits_of(&options, 10_000).expect("valid");
         assert_eq!((found.streams, found.held, found.downloads), (9000, 0, 3));

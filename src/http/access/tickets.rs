@@ -6,7 +6,7 @@ use crate::http::access::{Caller, unauthorized};
 use crate::http::wire::faults::{body_reader, escape};
 use crate::http::wire::json::JsonBody;
 use crate::http::wire::problem::Problem;
-use crate::http::wire::responses::{StoresUnavailable, TicketProblems};
+use crate::http::wire::responses::{TicketProblems, TicketUnavailable};
 use crate::jobs::keys::{NewTicket, TicketSecret};
 use crate::spec::Fault;
 use axum::Json;
@@ -55,12 +55,12 @@ pub(in crate::http) struct Ticket {
 #[utoipa::path(
     post, path = "/tickets", operation_id = "create_ticket", tag = "access",
     request_body(content = TicketRequest, content_type = "application/json"),
-    responses((status = 201, description = "The ticket", body = Ticket), TicketProblems, StoresUnavailable)
+    responses((status = 201, description = "The ticket", body = Ticket), TicketProblems, TicketUnavailable)
 )]
 pub(in crate::http) async fn create(
     State(state): State<AppState>,
     caller: Caller,
-    JsonBody(body): JsonBody,
+    body: JsonBody,
 ) -> Result<Response, Problem> {
     let path = path_of(&body)?;
     let secret = TicketSecret::generate();

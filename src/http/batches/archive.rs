@@ -9,7 +9,7 @@ use super::read::{each_model, find_batch};
 use super::study::StoredStudy;
 use crate::http::AppState;
 use crate::http::access::Caller;
-use crate::http::models::files::{FileStream, open, permit};
+use crate::http::models::files::{DownloadPermit, FileStream, body_with_permit, open, permit};
 use crate::http::wire::extract::{BatchId, Parameters};
 use crate::http::wire::faults::RequestFault;
 use crate::http::wire::problem::Problem;
@@ -24,7 +24,8 @@ use futures_util::{StreamExt, TryStreamExt, stream};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
 use std::io;
-use tokio::sync::{OwnedSemaphorePermit, mpsc};
+use std::sync::Arc;
+use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 use utoipa::ToSchema;
 
@@ -78,7 +79,7 @@ pub(in crate::http) async fn archive(
     let (names, format) = read_parameters(&parameters)?;
     let batch = find_batch(&state, &caller, id).await?;
     // The permit also bounds the number of manifests, which may take 32 MiB each.
-    let permit = permit(&state)?;
+    let permit = permit(&state, &caller)?;
     let contents = contents(&state, &batch, names.as_deref()).await?;
     let (media_type, extension) = match format {
         ArchiveFormat::Zip => ("application/zip", "zip"),
@@ -208,7 +209,7 @@ async fn body(
     state: &AppState,
     contents: ArchiveContents,
     format: ArchiveFormat,
-    permit: OwnedSemaphorePermit,
+    permit: DownloadPermit,
 ) -> Result<Body, Problem> {
     let first = match contents.files.first() {
         Some((_, file)) => Some(open(state, file, None).await?),
@@ -220,7 +221,15 @@ async fn body(
         ArchiveFormat::Zip => Packer::zip(),
         ArchiveFormat::Tar => Packer::tar(),
     };
-    let packing = tokio::spawn(pack(state.clone(), packer, contents, first, sender, permit));
+    let client = sender.clone();
+    let packing = pack(state.clone(), packer, contents, first, sender, Arc::clone(&permit));
+    let packing = tokio::spawn(async move {
+        // A client that disconnects gives its permit back, even while the artifact store hangs.
+        tokio::select! {
+            packed = packing => packed,
+            () = client.closed() => Ok(()),
+        }
+    });
     // The channel closes even if packing fails or panics. The body must then end with an error.
     let end = stream::once(async move {
         match packing.await {
@@ -230,7 +239,7 @@ async fn body(
         }
         .inspect_err(|error| tracing::error!(%error, "an archive was broken off"))
     });
-    Ok(Body::from_stream(ReceiverStream::new(receiver).map(Ok).chain(end)))
+    Ok(body_with_permit(ReceiverStream::new(receiver).map(Ok).chain(end), permit))
 }
 
 /// Sends an archive in chunks. Ends without an error if the client disconnects.
@@ -240,7 +249,7 @@ async fn pack(
     ArchiveContents { manifest: (entry, manifest), files }: ArchiveContents,
     mut first: Option<FileStream>,
     sender: mpsc::Sender<Bytes>,
-    _permit: OwnedSemaphorePermit,
+    _permit: DownloadPermit,
 ) -> io::Result<()> {
     packer.begin(&entry)?;
     for chunk in manifest.chunks(CHUNK) {

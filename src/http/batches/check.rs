@@ -8,6 +8,7 @@ use crate::http::models::request::ModelRequest;
 use crate::http::wire::blocking::blocking;
 use crate::http::wire::faults::body_reader;
 use crate::http::wire::problem::Problem;
+use crate::http::wire::shares::Turn;
 use crate::spec::study::Study;
 use crate::spec::{Fault, JsonReader, ModelSpec, Preset};
 use serde_json::Value;
@@ -34,12 +35,12 @@ pub(super) struct CheckedPoint {
     pub(super) cost: Cost,
 }
 
-/// Reads and checks a body.
-pub(super) async fn check_body(state: &AppState, body: &Value) -> Result<CheckedBatch, Problem> {
+/// Reads and checks a body, for a request with this turn.
+pub(super) async fn check_body(state: &AppState, body: &Value, turn: &Turn) -> Result<CheckedBatch, Problem> {
     let mut reader = body_reader();
     let BatchRequest { seeds, study, common } = BatchRequest::read(&mut reader, body, state.limits.batch);
     if let Some(study) = study {
-        return check_study(state, common, seeds, Arc::new(study), reader).await;
+        return check_study(state, common, seeds, Arc::new(study), reader, turn).await;
     }
     let create::CheckedModel { request, spec, cost } = create::check(state, common, reader).await?;
     if json_bytes(&spec).saturating_mul(seeds.len()) > MAX_SPEC_BYTES {
@@ -63,13 +64,15 @@ async fn check_study(
     seeds: BatchSeeds,
     study: Arc<Study>,
     mut reader: JsonReader,
+    turn: &Turn,
 ) -> Result<CheckedBatch, Problem> {
     let mut points = Vec::new();
     if let Some(preset) = find_preset(&request, &mut reader) {
         reader.extend("/spec", replaced_faults(preset, &request, &study));
         let (common, varied, seeds) = (request.clone(), Arc::clone(&study), seeds.len());
         // Resolving thousands of points takes seconds.
-        match blocking("Checking the request", move || resolve_points(preset, &common, &varied, seeds)).await? {
+        let resolve = move || resolve_points(preset, &common, &varied, seeds);
+        match blocking("Checking the request", turn.clone(), resolve).await? {
             Ok(resolved) => points = resolved,
             Err(faults) => reader.extend("", faults),
         }

@@ -11,15 +11,16 @@ use crate::http::access::{Caller, audit, run_to_completion};
 use crate::http::models::create::{draw_seed, key_of, new_job, set_location};
 use crate::http::wire::blocking::blocking;
 use crate::http::wire::json::JsonBody;
-use crate::http::wire::problem::Problem;
-use crate::http::wire::responses::{BodyProblems, NotReadyOrUnavailable, QueueFull};
+use crate::http::wire::problem::{Kind, Problem};
+use crate::http::wire::responses::{BodyProblems, BodyUnavailable, QueueFull};
+use crate::http::wire::shares::Turn;
 use crate::jobs::reuse::exclude_missing_files;
 use crate::jobs::{self, NewBatch, NewJob, StoreError, SubmittedBatch};
 use crate::spec::openapi::ParameterValue;
 use crate::spec::study::Study;
 use axum::Json;
 use axum::extract::State;
-use axum::http::{HeaderMap, StatusCode};
+use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::Response;
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -41,18 +42,19 @@ use utoipa::ToSchema;
             ("location" = String, description = "The batch, relative to this URL"),
             ("retry-after" = u32, description = "Seconds to wait before the next request"),
             ("idempotency-replayed" = String, description = "`true` if the key returned a batch that it had created before"))),
-        BodyProblems, QueueFull, NotReadyOrUnavailable,
+        BodyProblems, QueueFull, BodyUnavailable,
     )
 )]
 pub(in crate::http) async fn create(
     State(state): State<AppState>,
     caller: Caller,
     headers: HeaderMap,
-    JsonBody(body): JsonBody,
+    body: JsonBody,
 ) -> Result<Response, Problem> {
     let key = key_of(&headers, &body)?;
-    let submitted = match check_body(&state, &body).await {
-        Ok(checked) => submit(&state, &caller, checked, &body["vary"], key).await?,
+    let turn = turn(&state, &caller).await?;
+    let submitted = match check_body(&state, &body, &turn).await {
+        Ok(checked) => submit(&state, &caller, checked, &body["vary"], key, turn).await?,
         // A repeated request gets its batch, even if limits or live workers have changed in the
         // meantime.
         Err(refusal) => SubmittedBatch::Replayed(earlier(&state, &caller, key).await.ok_or(refusal)?),
@@ -61,6 +63,14 @@ pub(in crate::http) async fn create(
     let location = format!("batches/{}", submitted.batch().id);
     set_location(response.headers_mut(), &location, matches!(submitted, SubmittedBatch::Replayed(_)));
     Ok(response)
+}
+
+/// Waits for a turn to check and queue a batch. Its models take much more memory than its body.
+async fn turn(state: &AppState, caller: &Caller) -> Result<Turn, Problem> {
+    state.batches.turn(caller.owner(), state.limits.picture_wait).await.ok_or_else(|| {
+        Problem::new(Kind::TooManyBodies, "Many batches are being checked and queued. Try again later.")
+            .with_header(header::RETRY_AFTER, 5)
+    })
 }
 
 /// The batch that an earlier request with the same key and body created.
@@ -75,13 +85,14 @@ async fn submit(
     CheckedBatch { request, seeds, study, points }: CheckedBatch,
     vary: &Value,
     idempotency: Option<(String, String)>,
+    turn: Turn,
 ) -> Result<SubmittedBatch, Problem> {
     let seeds = match seeds {
         BatchSeeds::Given(seeds) => seeds,
         BatchSeeds::Drawn(count) => draw(count),
     };
     let (by, priority) = (caller.clone(), request.priority);
-    let (mut jobs, seeds) = blocking("Making the batch", move || {
+    let (mut jobs, seeds) = blocking("Making the batch", turn.clone(), move || {
         let mut jobs = Vec::with_capacity(points.len() * seeds.len());
         for CheckedPoint { spec, .. } in &points {
             let new = new_job(&by, request.clone(), spec);
@@ -96,6 +107,7 @@ async fn submit(
     let batch = NewBatch { jobs, owner, quota, priority, study, idempotency };
     let (store, caller) = (state.store.clone(), caller.clone());
     run_to_completion(async move {
+        let _turn = turn;
         let submitted = store.submit_batch(batch).await?;
         if matches!(submitted, SubmittedBatch::Accepted(_)) {
             audit(&caller, "batch created", submitted.batch().id);
@@ -161,14 +173,16 @@ pub(super) struct BatchCost {
     request_body(content = BatchRequest, content_type = "application/json"),
     responses(
         (status = 200, description = "The request is valid", body = BatchValidation),
-        BodyProblems, NotReadyOrUnavailable,
+        BodyProblems, BodyUnavailable,
     )
 )]
 pub(in crate::http) async fn validate(
     State(state): State<AppState>,
-    JsonBody(body): JsonBody,
+    caller: Caller,
+    body: JsonBody,
 ) -> Result<Json<BatchValidation>, Problem> {
-    let CheckedBatch { request, seeds, study, points } = check_body(&state, &body).await?;
+    let CheckedBatch { request, seeds, study, points } =
+        check_body(&state, &body, &turn(&state, &caller).await?).await?;
     let mut total = BatchCost::default();
     for Cost { seconds, bytes, memory_bytes, .. } in points.iter().map(|point| &point.cost) {
         for (backend, estimate) in seconds {

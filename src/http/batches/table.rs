@@ -7,26 +7,33 @@ use super::read::{each_model, find_batch};
 use super::study::StoredStudy;
 use crate::http::AppState;
 use crate::http::access::Caller;
+use crate::http::models::files::{body_with_permit, permit};
+use crate::http::wire::blocking::blocking;
 use crate::http::wire::extract::{BatchId, Parameters};
 use crate::http::wire::faults::RequestFault;
 use crate::http::wire::headers::accept;
 use crate::http::wire::problem::{Kind, Problem, TYPE_PREFIX};
-use crate::http::wire::responses::{BadParameters, BatchMissing, StoresUnavailable, Unacceptable};
+use crate::http::wire::responses::{BadParameters, BatchMissing, DownloadUnavailable, Unacceptable};
 use crate::jobs::Job;
 use crate::spec::openapi::ParameterValue;
-use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::{IntoResponse, Response};
+use bytes::Bytes;
+use futures_util::stream;
 use serde::Serialize;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
+use std::convert::Infallible;
+use std::sync::Arc;
 use utoipa::ToSchema;
 
 const JSON: &str = "application/json";
 const CSV: &str = "text/csv";
 /// Columns before the varied parameters.
 const FIRST_COLUMNS: [&str; 3] = ["id", "status", "seed"];
+/// Size of a chunk of the body, in bytes. The permit is held until the last one is taken.
+const CHUNK: usize = 64 << 10;
 /// Column after the varied parameters.
 const PROBLEM_COLUMN: &str = "problem";
 
@@ -64,7 +71,7 @@ pub(in crate::http) struct Table {
         (status = 200, description = "The table", content(
             (Table = "application/json"),
             (String = "text/csv"))),
-        BatchMissing, Unacceptable, BadParameters, StoresUnavailable,
+        BatchMissing, Unacceptable, BadParameters, DownloadUnavailable,
     )
 )]
 pub(in crate::http) async fn table(
@@ -76,16 +83,29 @@ pub(in crate::http) async fn table(
 ) -> Result<Response, Problem> {
     let format = format(&parameters, &headers)?;
     let batch = find_batch(&state, &caller, id).await?;
+    // A table is made whole in memory, so its number is limited until its client has read it.
+    let permit = permit(&state, &caller)?;
     let study = StoredStudy::of(&batch);
     let mut rows = Vec::with_capacity(batch.jobs.len());
     each_model(&state, &batch, |place, job| rows.push(ModelRow::of(study.as_ref(), place, job))).await?;
-    let table = Table::of(study.as_ref().map_or(&[], |study| &study.pointers), rows);
+    let text = blocking("Making the table", Arc::clone(&permit), move || {
+        let table = Table::of(study.as_ref().map_or(&[], |study| &study.pointers), rows);
+        match format {
+            TableFormat::Json => serde_json::to_vec(&table).expect("a table has string keys only"),
+            TableFormat::Csv => table.csv(),
+        }
+    });
+    let text = Bytes::from(text.await?);
+    let length = HeaderValue::from(text.len());
+    let chunks = (0..text.len()).step_by(CHUNK).map(move |start| text.slice(start..text.len().min(start + CHUNK)));
+    let body = body_with_permit(stream::iter(chunks.map(Ok::<_, Infallible>)), permit);
     let headers = [
+        (header::CONTENT_LENGTH, length),
         (header::CACHE_CONTROL, HeaderValue::from_static("no-cache")),
         (header::VARY, HeaderValue::from_static("accept")),
     ];
     if format == TableFormat::Json {
-        return Ok((headers, Json(table)).into_response());
+        return Ok((headers, [(header::CONTENT_TYPE, HeaderValue::from_static(JSON))], body).into_response());
     }
     let name = HeaderValue::try_from(format!("attachment; filename=\"batch-{id}.csv\""));
     let name = name.unwrap_or(HeaderValue::from_static("attachment"));
@@ -93,7 +113,7 @@ pub(in crate::http) async fn table(
         (header::CONTENT_TYPE, HeaderValue::from_static("text/csv; charset=utf-8; header=present")),
         (header::CONTENT_DISPOSITION, name),
     ];
-    Ok((headers, own, table.csv()).into_response())
+    Ok((headers, own, body).into_response())
 }
 
 fn format(parameters: &Parameters, headers: &HeaderMap) -> Result<TableFormat, Problem> {

@@ -14,12 +14,12 @@ use crate::http::wire::extract::{ModelId, Parameters, no_model};
 use crate::http::wire::headers::last_event_id;
 use crate::http::wire::problem::{Kind, Problem};
 use crate::http::wire::responses::{BadParameters, FitMissing, ModelMissing, StreamUnavailable};
+use crate::http::wire::shares::Share;
 use crate::jobs::{Job, JobId, Status};
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
-use tokio::sync::OwnedSemaphorePermit;
 
 /// Sent when a stream of many models opens, so that a client knows that it is open.
 const CONNECTED: Bytes = Bytes::from_static(b": connected\n\n");
@@ -30,11 +30,13 @@ const LAST_EVENT_PARAMETER: &str = "Value of `Last-Event-ID` for a new `EventSou
     The header takes precedence";
 
 /// The right to open one more stream.
-fn permit(state: &AppState) -> Result<OwnedSemaphorePermit, Problem> {
-    state.streams.clone().try_acquire_owned().map_err(|_| {
-        let limit = state.limits.streams;
-        let detail =
-            format!("{limit} event streams are open, which is the limit. One stream of /events reports all models.");
+fn permit(state: &AppState, caller: &Caller) -> Result<Share, Problem> {
+    state.streams.take(caller.owner(), 1).map_err(|exhausted| {
+        let detail = format!(
+            "{} event streams are open {}, which is the limit. One stream of /events reports all models.",
+            exhausted.limit(),
+            exhausted.callers()
+        );
         Problem::new(Kind::TooManyStreams, detail).with_header(header::RETRY_AFTER, 5)
     })
 }
@@ -121,7 +123,7 @@ async fn of_job(
     detail: Detail,
     find: impl FnOnce(&Caller, Option<Job>) -> Result<Job, Problem>,
 ) -> Result<Response, Problem> {
-    let permit = permit(state)?;
+    let permit = permit(state, &caller)?;
     // The job is read after this call, so that no change in between is missed.
     let mut reader = Reader::of_job(&state.feed, id);
     let job = find(&caller, state.store.get(id).await?)?;
@@ -182,7 +184,7 @@ pub(in crate::http) async fn of_all(
     let detail = Detail::read(&parameters, Detail::Summary, &mut faults);
     let filter = select::read(&parameters, &caller, &mut faults);
     Problem::check(faults)?;
-    let permit = permit(&state)?;
+    let permit = permit(&state, &caller)?;
     let last_seen = last_seen(&headers, &parameters);
     let Some(reader) = Reader::of_models(&state.feed, Subscription::new(filter), last_seen).await? else {
         return Ok(StatusCode::NO_CONTENT.into_response());

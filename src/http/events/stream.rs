@@ -9,6 +9,7 @@ use crate::clock::Stopwatch;
 use crate::http::AppState;
 use crate::http::access::{Access, Caller};
 use crate::http::models::model::Detail;
+use crate::http::wire::shares::Share;
 use axum::body::Body;
 use axum::http::{HeaderName, HeaderValue, header};
 use axum::response::{IntoResponse, Response};
@@ -17,7 +18,6 @@ use std::collections::VecDeque;
 use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::OwnedSemaphorePermit;
 use tokio_util::sync::CancellationToken;
 
 /// Sent after a silence, so that proxies do not close the connection as idle.
@@ -36,7 +36,7 @@ pub(super) struct EventStream {
     /// Time since the key of the caller was checked.
     checked: Stopwatch,
     shutdown: CancellationToken,
-    _permit: OwnedSemaphorePermit,
+    _permit: Share,
 }
 
 impl EventStream {
@@ -44,7 +44,7 @@ impl EventStream {
     pub(super) fn respond(
         state: &AppState,
         caller: Caller,
-        permit: OwnedSemaphorePermit,
+        permit: Share,
         detail: Detail,
         pieces: Vec<Bytes>,
         reader: Option<Reader>,

@@ -9,9 +9,9 @@ use crate::http::models::create::{earlier, key_of, queue, set_location, too_much
 use crate::http::models::read::retry_after;
 use crate::http::pictures::draw::turn;
 use crate::http::wire::blocking::blocking;
-use crate::http::wire::json::LargeJsonBody;
+use crate::http::wire::json::{JsonBody, LargeJsonBody};
 use crate::http::wire::problem::{Kind, Problem};
-use crate::http::wire::responses::{FitProblems, QueueFull, StoresUnavailable};
+use crate::http::wire::responses::{FitProblems, FitUnavailable, QueueFull};
 use crate::jobs::{JobKind, NewJob, Submitted};
 use crate::spec::Fault;
 use crate::trace;
@@ -19,20 +19,17 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use serde_json::Value;
 use std::sync::Arc;
 
 /// Maximum predicted time of a fit, in seconds of one core.
 const MAX_SECONDS: f64 = 24.0 * 3600.0;
 
 /// Reads and checks a body. Tracing images takes seconds.
-async fn check(state: &AppState, caller: &Caller, body: Value) -> Result<CheckedFit, Problem> {
+async fn check(state: &AppState, caller: &Caller, body: JsonBody) -> Result<CheckedFit, Problem> {
     // Tracing uses all cores, like drawing a picture, so both take turns.
     let turn = if body.get("images").is_some() { Some(turn(state, caller).await?) } else { None };
-    let read = blocking("Checking the request", move || {
-        let _turn = turn;
-        CheckedFit::read(body)
-    });
+    let (body, memory) = body.into_parts();
+    let read = blocking("Checking the request", (turn, memory), move || CheckedFit::read(body));
     let checked = read.await?.map_err(Problem::invalid)?;
     for spec in checked.fit.extremes() {
         let cost = Cost::new(&spec, &Outputs::none());
@@ -66,7 +63,7 @@ async fn check(state: &AppState, caller: &Caller, body: Value) -> Result<Checked
             ("location" = String, description = "The fit, relative to this URL"),
             ("retry-after" = u32, description = "Seconds to wait before the next request"),
             ("idempotency-replayed" = String, description = "`true` if the key returned a fit that it had created before"))),
-        FitProblems, QueueFull, StoresUnavailable,
+        FitProblems, QueueFull, FitUnavailable,
     )
 )]
 pub(in crate::http) async fn create(
@@ -126,7 +123,7 @@ fn new_job(caller: &Caller, CheckedFit { fit, labels, priority }: CheckedFit) ->
     request_body(content = FitRequest, content_type = "application/json"),
     responses(
         (status = 200, description = "The request is valid", body = FitValidation),
-        FitProblems, StoresUnavailable,
+        FitProblems, FitUnavailable,
     )
 )]
 pub(in crate::http) async fn validate(

@@ -14,7 +14,7 @@ use crate::http::wire::faults::body_reader;
 use crate::http::wire::headers::{IDEMPOTENCY_REPLAYED, PREFERENCE_APPLIED, idempotency_key, wait};
 use crate::http::wire::json::JsonBody;
 use crate::http::wire::problem::{Kind, Problem};
-use crate::http::wire::responses::{BodyProblems, NotReadyOrUnavailable, QueueFull};
+use crate::http::wire::responses::{BodyProblems, BodyUnavailable, QueueFull};
 use crate::jobs::reuse::exclude_missing_files;
 use crate::jobs::{Job, JobKind, NewJob, StoreError, Submitted, WorkerKind};
 use crate::spec::{Fault, JsonReader, ModelSpec, Preset, SEED_MAX, batch_key, canonical_json, preset, presets};
@@ -147,14 +147,14 @@ pub(in crate::http) async fn check_backend(state: &AppState, request: &ModelRequ
             ("location" = String, description = "The model, relative to this URL"),
             ("preference-applied" = String, description = "`wait=N`, if the response was held"),
             ("idempotency-replayed" = String, description = "`true` if the key returned a model that it had created before"))),
-        BodyProblems, QueueFull, NotReadyOrUnavailable,
+        BodyProblems, QueueFull, BodyUnavailable,
     )
 )]
 pub(in crate::http) async fn create(
     State(state): State<AppState>,
     caller: Caller,
     headers: HeaderMap,
-    JsonBody(body): JsonBody,
+    body: JsonBody,
 ) -> Result<Response, Problem> {
     let key = key_of(&headers, &body)?;
     let submitted = match check_body(&state, &body).await {
@@ -166,9 +166,11 @@ pub(in crate::http) async fn create(
         // meantime.
         Err(refusal) => Submitted::Replayed(earlier(&state, caller.owner(), key).await.ok_or(refusal)?),
     };
+    // A held response needs no memory for its request.
+    drop(body);
     let mut job = submitted.job().clone();
     tracing::Span::current().record("model", tracing::field::display(job.id));
-    let waited = wait(&headers).and_then(|time| Some((time, state.held.try_acquire().ok()?)));
+    let waited = wait(&headers).and_then(|time| Some((time, state.held.take(caller.owner(), 1).ok()?)));
     if let Some((time, _)) = waited {
         job = until_ended(&state, job, time).await;
     }
@@ -331,13 +333,10 @@ pub(super) struct Validation {
     request_body(content = ModelRequest, content_type = "application/json"),
     responses(
         (status = 200, description = "The request is valid", body = Validation),
-        BodyProblems, NotReadyOrUnavailable,
+        BodyProblems, BodyUnavailable,
     )
 )]
-pub(in crate::http) async fn validate(
-    State(state): State<AppState>,
-    JsonBody(body): JsonBody,
-) -> Result<Response, Problem> {
+pub(in crate::http) async fn validate(State(state): State<AppState>, body: JsonBody) -> Result<Response, Problem> {
     let CheckedModel { request, spec, cost } = check_body(&state, &body).await?;
     let digest = request.seed.map(|seed| spec.digest(seed));
     Ok(Json(Validation { preset: request.preset, seed: request.seed, spec: spec.json(), digest, cost }).into_response())

@@ -13,6 +13,7 @@ use crate::http::wire::headers::refuses_redirect;
 use crate::http::wire::problem::{Kind, Problem};
 use crate::http::wire::range::{Selection, select};
 use crate::http::wire::responses::{DownloadUnavailable, FileMissing, RangeOutside, StoresUnavailable};
+use crate::http::wire::shares::Share;
 use crate::jobs::artifacts::ArtifactError;
 use crate::jobs::{BackendReport, File, Job, JobId};
 use axum::body::Body;
@@ -21,12 +22,12 @@ use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
 use futures_util::stream::BoxStream;
-use futures_util::{StreamExt, TryStreamExt};
+use futures_util::{Stream, StreamExt, TryStreamExt};
 use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
 use std::ops::Range;
+use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::OwnedSemaphorePermit;
 
 /// `Cache-Control` of responses that never change.
 pub(in crate::http) const IMMUTABLE: HeaderValue = HeaderValue::from_static("private, max-age=31536000, immutable");
@@ -76,7 +77,7 @@ pub(in crate::http) async fn download(
     if let Some(redirect) = redirect(&state, &file, &name, &method, &headers).await? {
         return Ok(redirect);
     }
-    let mut response = send(&state, &file, &method, &headers).await?;
+    let mut response = send(&state, &caller, &file, &method, &headers).await?;
     if let Ok(value) = HeaderValue::try_from(format!("attachment; filename=\"{name}\"")) {
         response.headers_mut().insert(header::CONTENT_DISPOSITION, value);
     }
@@ -152,7 +153,7 @@ pub(in crate::http) async fn report(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let (job, file) = find(&state, &caller, id, "report.json").await?;
-    let _permit = permit(&state)?;
+    let _permit = permit(&state, &caller)?;
     let mut stored: Map<String, Value> = serde_json::from_slice(&whole(&state, &file).await?).map_err(|error| {
         tracing::error!(%error, "a stored report is damaged");
         Problem::new(Kind::Internal, "The stored report is damaged.")
@@ -261,12 +262,29 @@ pub(in crate::http) async fn whole(state: &AppState, file: &File) -> Result<Byte
     Ok(chunks.concat().into())
 }
 
+/// Permit for a download, until all clones are dropped.
+pub(in crate::http) type DownloadPermit = Arc<Share>;
+
 /// A permit for one more concurrent download.
-pub(in crate::http) fn permit(state: &AppState) -> Result<OwnedSemaphorePermit, Problem> {
-    state.downloads.clone().try_acquire_owned().map_err(|_| {
-        let detail = format!("{} downloads are running, which is the limit. Try again later.", state.limits.downloads);
+pub(in crate::http) fn permit(state: &AppState, caller: &Caller) -> Result<DownloadPermit, Problem> {
+    state.downloads.take(caller.owner(), 1).map(Arc::new).map_err(|exhausted| {
+        let (limit, callers) = (exhausted.limit(), exhausted.callers());
+        let detail = format!("{limit} downloads are running {callers}, which is the limit. Try again later.");
         Problem::new(Kind::TooManyDownloads, detail).with_header(header::RETRY_AFTER, 5)
     })
+}
+
+/// A body whose permit is held until the last byte is sent or the connection is closed.
+pub(in crate::http) fn body_with_permit<E>(
+    stream: impl Stream<Item = Result<Bytes, E>> + Send + 'static,
+    permit: DownloadPermit,
+) -> Body
+where
+    E: Into<axum::BoxError> + 'static,
+{
+    Body::from_stream(stream.inspect(move |_| {
+        let _ = &permit;
+    }))
 }
 
 /// A model that the caller may see.
@@ -299,7 +317,13 @@ pub(in crate::http) fn file_of(job: &Job, name: &str) -> Result<File, Problem> {
     })
 }
 
-async fn send(state: &AppState, file: &File, method: &Method, headers: &HeaderMap) -> Result<Response, Problem> {
+async fn send(
+    state: &AppState,
+    caller: &Caller,
+    file: &File,
+    method: &Method,
+    headers: &HeaderMap,
+) -> Result<Response, Problem> {
     let tag = ETag::strong(&file.sha256);
     if tag.matches_none(headers) {
         return tag.not_modified(IMMUTABLE);
@@ -319,13 +343,10 @@ async fn send(state: &AppState, file: &File, method: &Method, headers: &HeaderMa
         Body::empty()
     } else {
         let part = (status == StatusCode::PARTIAL_CONTENT).then(|| range.clone());
-        let permit = permit(state)?;
+        let permit = permit(state, caller)?;
         let stream = open(state, file, part).await?;
         state.metrics.bytes_out(range.end - range.start);
-        // The stream holds the permit until the last byte is sent or the connection is closed.
-        Body::from_stream(stream.inspect(move |_| {
-            let _ = &permit;
-        }))
+        body_with_permit(stream, permit)
     };
     let mut response = (status, body).into_response();
     let out = response.headers_mut();

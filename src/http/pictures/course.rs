@@ -4,12 +4,12 @@
 use crate::export::course::CourseDocument;
 use crate::http::AppState;
 use crate::http::access::Caller;
-use crate::http::models::files::{IMMUTABLE, find_model};
+use crate::http::models::files::{IMMUTABLE, find_model, permit};
 use crate::http::wire::blocking::blocking;
 use crate::http::wire::conditional::ETag;
 use crate::http::wire::extract::ModelId;
 use crate::http::wire::problem::{Kind, Problem};
-use crate::http::wire::responses::{ModelMissing, StoresUnavailable};
+use crate::http::wire::responses::{DownloadUnavailable, ModelMissing};
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, header};
@@ -44,7 +44,7 @@ pub(super) struct CourseAnswer {
         (status = 200, description = "The course", body = CourseAnswer, headers(
             ("etag" = String, description = "Entity tag of the course"))),
         (status = 304, description = "The client has this course"),
-        ModelMissing, StoresUnavailable,
+        ModelMissing, DownloadUnavailable,
     )
 )]
 pub(in crate::http) async fn course(
@@ -58,8 +58,10 @@ pub(in crate::http) async fn course(
     if tag.matches_none(&headers) {
         return tag.not_modified(IMMUTABLE);
     }
-    let course =
-        blocking("Making the course", move || CourseDocument::of_stored(&job.spec)).await?.ok_or_else(|| {
+    let permit = permit(&state, &caller)?;
+    let course = blocking("Making the course", permit, move || CourseDocument::of_stored(&job.spec))
+        .await?
+        .ok_or_else(|| {
             tracing::error!("a stored specification has no course");
             Problem::new(Kind::Internal, "The course of the model cannot be read.")
         })?;

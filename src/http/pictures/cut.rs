@@ -10,13 +10,14 @@ use crate::export::svg::cut_svg;
 use crate::geometry::cut::Body;
 use crate::http::AppState;
 use crate::http::access::Caller;
-use crate::http::models::files::{IMMUTABLE, find_model};
+use crate::http::models::files::{IMMUTABLE, find_model, permit};
 use crate::http::wire::blocking::blocking;
 use crate::http::wire::conditional::ETag;
 use crate::http::wire::extract::{ModelId, Parameters};
 use crate::http::wire::faults::{Faults, RequestFault};
 use crate::http::wire::problem::{Kind, Problem};
 use crate::http::wire::responses::{CutMissing, CutProblems, PictureUnavailable, Unacceptable};
+use crate::http::wire::shares::Turn;
 use crate::jobs::Job;
 use crate::model::{Border, Plane};
 use crate::spec::{Across, ModelSpec};
@@ -95,14 +96,17 @@ pub(in crate::http) async fn cut(
     let (plane, format, style) = read_parameters(&parameters, &headers)?;
     let (file, kind) = surfaces::file(&job)?;
     let across = plane.z_um();
-    let plane = plane.resolve(&job).await?;
+    let plane = plane.resolve(&state, &caller, &job).await?;
     let key = format!("{}-{:x}", file.sha256, plane.digest());
     let vary = (header::VARY, HeaderValue::from_static("accept"));
     if format == SectionFormat::Png {
         let source = SlideSource { job: &job, key: &key, index: plane.digest() as u32 };
-        let read = async {
-            let body = surfaces::read(&state, &file, kind).await?;
-            blocking("Making the cut", move || Ok((borders(&body, &plane)?, across))).await?
+        let read = |turn: Turn| {
+            let (state, caller, file) = (&state, &caller, &file);
+            async move {
+                let body = surfaces::read(state, caller, file, kind, &turn).await?;
+                blocking("Making the cut", turn, move || Ok((borders(&body, &plane)?, across))).await?
+            }
         };
         let mut response = respond(&state, &caller, source, style, &method, &headers, read).await?;
         response.headers_mut().insert(vary.0, vary.1);
@@ -113,9 +117,8 @@ pub(in crate::http) async fn cut(
         return Ok(([vary], tag.not_modified(IMMUTABLE)?).into_response());
     }
     let turn = turn(&state, &caller).await?;
-    let body = surfaces::read(&state, &file, kind).await?;
-    let made = blocking("Making the cut", move || {
-        let _turn = turn;
+    let body = surfaces::read(&state, &caller, &file, kind, &turn).await?;
+    let made = blocking("Making the cut", turn, move || {
         let cut = body.cut(&plane);
         if cut.rings.is_empty() { Err(missed(&body, &plane)) } else { Ok(cut) }
     });
@@ -146,13 +149,13 @@ impl CutPlane {
     }
 
     /// The plane in the coordinates of a model, which may be bent.
-    async fn resolve(self, job: &Job) -> Result<Plane, Problem> {
+    async fn resolve(self, state: &AppState, caller: &Caller, job: &Job) -> Result<Plane, Problem> {
         let z_um = match self {
             Self::Through(plane) => return Ok(plane),
             Self::Across(z_um) => z_um,
         };
         let spec = job.spec.clone();
-        let made = blocking("Making the cut", move || {
+        let made = blocking("Making the cut", permit(state, caller)?, move || {
             let Some(across) = ModelSpec::from_stored(&spec).map(|spec| Across::of(&spec)) else {
                 return Ok(Plane::across(z_um));
             };

@@ -1,7 +1,6 @@
 //! Drawing on request. A few pictures are drawn at a time, on blocking threads; other requests wait
 //! for a bounded time. Recent pictures are kept in memory, because many clients show the same ones.
 
-use super::queue::Turn;
 use crate::clock::Stopwatch;
 use crate::http::AppState;
 use crate::http::access::Caller;
@@ -9,6 +8,7 @@ use crate::http::wire::conditional::ETag;
 use crate::http::wire::extract::Parameters;
 use crate::http::wire::faults::{Faults, RequestFault};
 use crate::http::wire::problem::{Kind, Problem};
+use crate::http::wire::shares::Turn;
 use crate::mesh::LoftError;
 use crate::render::{MEDIA_TYPE, RenderError};
 use crate::report::ReportError;
@@ -50,11 +50,13 @@ pub(super) fn read_size(parameters: &Parameters, faults: &mut Faults) -> u32 {
 
 /// The picture with this tag, if it is kept. Otherwise waits for a turn, reads the input of the
 /// picture and draws it.
-pub(super) async fn picture<T: Send + 'static>(
+///
+/// `read` gets the turn, for its work on blocking threads.
+pub(super) async fn picture<T: Send + 'static, F: Future<Output = Result<T, Problem>>>(
     state: &AppState,
     caller: &Caller,
     tag: &ETag,
-    read: impl Future<Output = Result<T, Problem>>,
+    read: impl FnOnce(Turn) -> F,
     draw: impl FnOnce(T) -> Result<Vec<u8>, DrawError> + Send + 'static,
 ) -> Result<Bytes, Problem> {
     if let Some(png) = kept(state, tag) {
@@ -65,7 +67,7 @@ pub(super) async fn picture<T: Send + 'static>(
     if let Some(png) = kept(state, tag) {
         return Ok(png);
     }
-    let input = read.await?;
+    let input = read(turn.clone()).await?;
     let (pictures, metrics, tag) = (Arc::clone(&state.pictures), state.metrics.clone(), tag.clone());
     let drawn = tokio::task::spawn_blocking(move || {
         // Even if the client disconnects, the turn lasts as long as the thread works, and the
@@ -98,7 +100,7 @@ fn kept(state: &AppState, tag: &ETag) -> Option<Bytes> {
 
 /// Waits for a turn to draw.
 pub(in crate::http) async fn turn(state: &AppState, caller: &Caller) -> Result<Turn, Problem> {
-    state.pictures.turn(caller.owner(), state.limits.picture_wait).await.ok_or_else(|| {
+    state.pictures.turns.turn(caller.owner(), state.limits.picture_wait).await.ok_or_else(|| {
         state.metrics.picture("refused");
         let problem = Problem::new(Kind::TooManyPictures, "Many pictures are being drawn. Try again later.");
         problem.with_header(header::RETRY_AFTER, 5)

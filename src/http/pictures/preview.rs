@@ -10,6 +10,7 @@ use crate::http::wire::extract::{ModelId, Parameters};
 use crate::http::wire::faults::RequestFault;
 use crate::http::wire::problem::Problem;
 use crate::http::wire::responses::{BadParameters, FileMissing, PictureUnavailable};
+use crate::http::wire::shares::Turn;
 use crate::jobs::File;
 use crate::model::Section;
 use crate::preview::{chosen, end, tube};
@@ -53,13 +54,19 @@ pub(in crate::http) async fn preview(
     if tag.matches_none(&headers) {
         return tag.not_modified(A_DAY);
     }
-    let png = picture(&state, &caller, &tag, sections_in_view(&state, &file, view, size), move |sections| {
-        let mesh = tube(&sections, &job.spec)?;
-        drop(sections);
-        let spec = ModelSpec::from_stored(&job.spec);
-        let finish = spec.as_ref().map(|spec| Finish { spec, seed: job.seed });
-        Ok(mesh_png(&mesh, &view.of(&mesh, size), finish.as_ref())?)
-    })
+    let png = picture(
+        &state,
+        &caller,
+        &tag,
+        |turn| sections_in_view(&state, &caller, &file, view, size, turn),
+        move |sections| {
+            let mesh = tube(&sections, &job.spec)?;
+            drop(sections);
+            let spec = ModelSpec::from_stored(&job.spec);
+            let finish = spec.as_ref().map(|spec| Finish { spec, seed: job.seed });
+            Ok(mesh_png(&mesh, &view.of(&mesh, size), finish.as_ref())?)
+        },
+    )
     .await?;
     answer(&state, &method, &tag, png)
 }
@@ -78,16 +85,18 @@ fn read_parameters(parameters: &Parameters) -> Result<(NamedView, u32), Problem>
 /// Reads the sections that a picture shows, and no others.
 pub(super) async fn sections_in_view(
     state: &AppState,
+    caller: &Caller,
     file: &File,
     view: NamedView,
     size: u32,
+    turn: Turn,
 ) -> Result<Vec<Section>, Problem> {
-    let _download = permit(state)?;
+    let _download = permit(state, caller)?;
     let entries = sections::read_index(state, file).await?;
     let end = match end(view, entries.len()) {
-        Some(k) => sections::read_entries(state, file, vec![entries[k]]).await?.pop(),
+        Some(k) => sections::read_entries(state, file, vec![entries[k]], turn.clone()).await?.pop(),
         None => None,
     };
     let chosen = chosen(&entries, end.as_ref(), size).into_iter().map(|k| entries[k]).collect();
-    sections::read_entries(state, file, chosen).await
+    sections::read_entries(state, file, chosen, turn).await
 }

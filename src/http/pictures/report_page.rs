@@ -12,6 +12,7 @@ use crate::http::wire::conditional::ETag;
 use crate::http::wire::extract::ModelId;
 use crate::http::wire::problem::Problem;
 use crate::http::wire::responses::{FileMissing, PictureUnavailable};
+use crate::http::wire::shares::Turn;
 use crate::jobs::{File, Job};
 use crate::model::Section;
 use crate::preview::tube as tube_of;
@@ -59,10 +60,16 @@ pub(in crate::http) async fn page(
         return tag.not_modified(A_DAY);
     }
     let spec = job.spec.clone();
-    let html = picture(&state, &caller, &tag, read(&state, &job, &stored, &sections), move |(stored, strip, tube)| {
-        let tube = tube_of(&tube, &spec)?;
-        Ok(report::html(&stored, &strip, &tube).map_err(DrawError::Page)?.into_bytes())
-    })
+    let html = picture(
+        &state,
+        &caller,
+        &tag,
+        |turn| read(&state, &caller, &job, &stored, &sections, turn),
+        move |(stored, strip, tube)| {
+            let tube = tube_of(&tube, &spec)?;
+            Ok(report::html(&stored, &strip, &tube).map_err(DrawError::Page)?.into_bytes())
+        },
+    )
     .await?;
     if method == Method::GET {
         state.metrics.bytes_out(html.len() as u64);
@@ -83,13 +90,15 @@ pub(in crate::http) async fn page(
 /// the surface leans and can be cut, the strip shows cuts.
 async fn read(
     state: &AppState,
+    caller: &Caller,
     job: &Job,
     stored: &File,
     sections_bin: &File,
+    turn: Turn,
 ) -> Result<(Bytes, Strip, Vec<Section>), Problem> {
-    let tube = sections_in_view(state, sections_bin, report::VIEW, report::PICTURE).await?;
+    let tube = sections_in_view(state, caller, sections_bin, report::VIEW, report::PICTURE, turn.clone()).await?;
     let (stored, chosen) = {
-        let _download = permit(state)?;
+        let _download = permit(state, caller)?;
         let entries = sections::read_index(state, sections_bin).await?;
         let z: Vec<f64> = entries.iter().map(|entry| entry.z_um).collect();
         let chosen = report::strip(&z).into_iter().map(|k| entries[k]).collect::<Vec<_>>();
@@ -98,14 +107,15 @@ async fn read(
     if report::leans(&stored)
         && let Ok((file, format)) = surfaces::file(job)
     {
-        let body = surfaces::read(state, &file, format).await?;
+        let body = surfaces::read(state, caller, &file, format, &turn).await?;
         let z: Vec<f64> = chosen.iter().map(|entry| entry.z_um).collect();
         let spec = job.spec.clone();
-        if let Some(strip) = blocking("Making the page", move || Strip::of_cuts(&body, &z, &spec)).await? {
+        if let Some(strip) = blocking("Making the page", turn.clone(), move || Strip::of_cuts(&body, &z, &spec)).await?
+        {
             return Ok((stored, strip, tube));
         }
     }
-    let _download = permit(state)?;
-    let strip = sections::read_entries(state, sections_bin, chosen).await?;
+    let _download = permit(state, caller)?;
+    let strip = sections::read_entries(state, sections_bin, chosen, turn).await?;
     Ok((stored, Strip::of_sections(&strip), tube))
 }

@@ -16,6 +16,7 @@ use crate::http::wire::faults::{Faults, RequestFault};
 use crate::http::wire::headers::accept;
 use crate::http::wire::problem::{Kind, Problem};
 use crate::http::wire::responses::{BadParameters, PictureUnavailable, SectionMissing, Unacceptable};
+use crate::http::wire::shares::Turn;
 use crate::jobs::File;
 use crate::model::{Ring, Section};
 use axum::Json;
@@ -145,19 +146,22 @@ pub(in crate::http) async fn section(
     if format == SectionFormat::Png {
         let key = format!("{}-{k}", file.sha256);
         let source = SlideSource { job: &job, key: &key, index: u32::try_from(k).unwrap_or(u32::MAX) };
-        let read = async {
-            let _permit = permit(&state)?;
-            let section = read(&state, &file, k).await?.1;
-            Ok((section.borders(), Some(section.z_um)))
+        let read = |turn: Turn| {
+            let (state, caller, file) = (&state, &caller, &file);
+            async move {
+                let _permit = permit(state, caller)?;
+                let section = read(state, file, k, turn).await?.1;
+                Ok((section.borders(), Some(section.z_um)))
+            }
         };
         let mut response = respond(&state, &caller, source, style, &method, &headers, read).await?;
         response.headers_mut().insert(header::VARY, HeaderValue::from_static("accept"));
         return Ok(response);
     }
-    let _permit = permit(&state)?;
+    let permit = permit(&state, &caller)?;
     let tag =
         ETag::strong(format_args!("{}-{k}-{}", file.sha256, if format == SectionFormat::Svg { "svg" } else { "json" }));
-    let (count, section) = read(&state, &file, k).await?;
+    let (count, section) = read(&state, &file, k, permit).await?;
     let vary = (header::VARY, HeaderValue::from_static("accept"));
     if tag.matches_none(&headers) {
         return Ok(([vary], tag.not_modified(IMMUTABLE)?).into_response());
@@ -218,13 +222,14 @@ fn no_section(detail: &str) -> Problem {
     Problem::new(Kind::SectionNotFound, detail)
 }
 
-/// Reads the section with the index `k`. Returns the number of sections, too.
-async fn read(state: &AppState, file: &File, k: u64) -> Result<(u64, Section), Problem> {
+/// Reads the section with the index `k`, and drops `held` after that. Returns the number of
+/// sections, too.
+async fn read(state: &AppState, file: &File, k: u64, held: impl Send + 'static) -> Result<(u64, Section), Problem> {
     let entries = read_index(state, file).await?;
     let entry = usize::try_from(k).ok().and_then(|k| entries.get(k).copied());
     let entry =
         entry.ok_or_else(|| no_section(&format!("The model has {} sections; indices start at 0.", entries.len())))?;
-    let mut sections = read_entries(state, file, vec![entry]).await?;
+    let mut sections = read_entries(state, file, vec![entry], held).await?;
     let section = sections.pop().ok_or_else(|| damaged(&SectionsError::Corrupt("a section")))?;
     Ok((entries.len() as u64, section))
 }
@@ -242,17 +247,19 @@ pub(super) async fn read_index(state: &AppState, file: &File) -> Result<Vec<Sect
     trailer.parse_index(&index).map_err(|error| damaged(&error))
 }
 
-/// Reads the sections of a `sections.bin` that have these entries in its index.
+/// Reads the sections of a `sections.bin` that have these entries in its index, and drops `held`
+/// after that.
 pub(super) async fn read_entries(
     state: &AppState,
     file: &File,
     entries: Vec<SectionEntry>,
+    held: impl Send + 'static,
 ) -> Result<Vec<Section>, Problem> {
     let range = |entry: &SectionEntry| entry.offset..entry.offset + u64::from(entry.length);
     let ranges: Vec<Range<u64>> = entries.iter().map(range).collect();
     let parts = state.artifacts.get_ranges(&file.key, &ranges).await?;
     let read = move || entries.iter().zip(parts).map(|(entry, bytes)| read_section_from_bytes(entry, &bytes)).collect();
-    let sections: Result<Vec<Section>, SectionsError> = blocking("Reading the sections", read).await?;
+    let sections: Result<Vec<Section>, SectionsError> = blocking("Reading the sections", held, read).await?;
     sections.map_err(|error| damaged(&error))
 }
 

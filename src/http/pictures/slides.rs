@@ -9,6 +9,7 @@ use crate::http::wire::extract::Parameters;
 use crate::http::wire::faults::{Faults, RequestFault};
 use crate::http::wire::headers::UM_PER_PIXEL;
 use crate::http::wire::problem::{Kind, Problem};
+use crate::http::wire::shares::Turn;
 use crate::jobs::Job;
 use crate::model::Border;
 use crate::render::{Slide, um_per_pixel};
@@ -66,14 +67,14 @@ pub(super) struct SlideSource<'a> {
 pub(super) type Borders = ([Border; 2], Option<f64>);
 
 /// The picture of a section or cut; `read` reads its borders.
-pub(super) async fn respond(
+pub(super) async fn respond<F: Future<Output = Result<Borders, Problem>>>(
     state: &AppState,
     caller: &Caller,
     source: SlideSource<'_>,
     style: SlideStyle,
     method: &Method,
     headers: &HeaderMap,
-    read: impl Future<Output = Result<Borders, Problem>>,
+    read: impl FnOnce(Turn) -> F,
 ) -> Result<Response, Problem> {
     let SlideSource { job, key, index } = source;
     let SlideStyle { size, labels } = style;

@@ -4,9 +4,11 @@ use super::queue::Surface;
 use crate::export::convert::Converted;
 use crate::export::read::{Format, ReadError, parse};
 use crate::http::AppState;
+use crate::http::access::Caller;
 use crate::http::models::files::{permit, whole};
 use crate::http::wire::blocking::blocking;
 use crate::http::wire::problem::{Kind, Problem};
+use crate::http::wire::shares::Turn;
 use crate::jobs::{File, Job};
 use std::sync::Arc;
 
@@ -43,16 +45,22 @@ pub(super) fn file(job: &Job) -> Result<(File, Format), Problem> {
     Ok(found)
 }
 
-/// Reads the surface in a file.
-pub(super) async fn read(state: &AppState, file: &File, format: Format) -> Result<Surface, Problem> {
+/// Reads the surface in a file, for a request with this turn.
+pub(super) async fn read(
+    state: &AppState,
+    caller: &Caller,
+    file: &File,
+    format: Format,
+    turn: &Turn,
+) -> Result<Surface, Problem> {
     if let Some(body) = state.pictures.surface(&file.sha256) {
         return Ok(body);
     }
     let bytes = {
-        let _download = permit(state)?;
+        let _download = permit(state, caller)?;
         whole(state, file).await?
     };
-    let read = blocking("Reading the surface", move || {
+    let read = blocking("Reading the surface", turn.clone(), move || {
         let surface = parse(&bytes, format, None)?;
         drop(bytes);
         Ok::<_, ReadError>(Arc::new(Converted::in_its_unit(&surface).into_body()))

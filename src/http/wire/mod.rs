@@ -8,6 +8,7 @@
 //! | `conditional`, `range` | conditional requests and ranges of bytes (RFC 9110) |
 //! | `responses` | error responses in the descriptions of routes |
 //! | `blocking` | computations outside the async runtime |
+//! | `shares` | limited resources, of which one owner can hold a share |
 
 pub(in crate::http) mod blocking;
 pub(in crate::http) mod compress;
@@ -22,3 +23,4 @@ pub(in crate::http) mod json;
 pub(in crate::http) mod problem;
 pub(in crate::http) mod range;
 pub(in crate::http) mod responses;
+pub(in crate::http) mod shares;

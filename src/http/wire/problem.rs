@@ -106,6 +106,8 @@ kinds! {
     StoreUnavailable = "store-unavailable", SERVICE_UNAVAILABLE, "The job store is unavailable";
     /// The artifact store is unavailable.
     StorageUnavailable = "storage-unavailable", SERVICE_UNAVAILABLE, "The artifact store is unavailable";
+    /// The bodies of other requests take the memory for bodies, or many batches are being checked.
+    TooManyBodies = "too-many-bodies", SERVICE_UNAVAILABLE, "Too many request bodies are being processed";
     /// The limit of open event streams is reached.
     TooManyStreams = "too-many-streams", SERVICE_UNAVAILABLE, "Too many event streams are open";
     /// The limit of concurrent downloads is reached.

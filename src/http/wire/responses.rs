@@ -46,8 +46,8 @@ problems! {
     BadParameters: BadRequest, InvalidRequest;
     /// The body or a header is invalid.
     BodyProblems: BadRequest, InvalidJson, RequestTimeout, PayloadTooLarge, UnsupportedMediaType, InvalidRequest, CostLimit, GpuUnavailable, IdempotencyConflict;
-    /// The body of a request for a fit is invalid, or many images are being traced.
-    FitProblems: BadRequest, InvalidJson, RequestTimeout, PayloadTooLarge, UnsupportedMediaType, InvalidRequest, CostLimit, IdempotencyConflict, TooManyPictures;
+    /// The body of a request for a fit is invalid.
+    FitProblems: BadRequest, InvalidJson, RequestTimeout, PayloadTooLarge, UnsupportedMediaType, InvalidRequest, CostLimit, IdempotencyConflict;
     /// The body of a request for a ticket is invalid.
     TicketProblems: BadRequest, InvalidJson, RequestTimeout, PayloadTooLarge, UnsupportedMediaType, InvalidRequest;
     /// The model has not failed.
@@ -60,6 +60,13 @@ problems! {
     StoresUnavailable: StoreUnavailable, StorageUnavailable;
     /// A store is unavailable, or GPU workers are still opening their devices.
     NotReadyOrUnavailable: StoreUnavailable, StorageUnavailable, NotReady;
+    /// A store is unavailable, GPU workers are still opening their devices, or too many bodies are
+    /// being processed.
+    BodyUnavailable: StoreUnavailable, StorageUnavailable, NotReady, TooManyBodies;
+    /// A store is unavailable, or too many bodies are being processed or images traced.
+    FitUnavailable: StoreUnavailable, StorageUnavailable, TooManyBodies, TooManyPictures;
+    /// The job store is unavailable, or too many bodies are being processed.
+    TicketUnavailable: StoreUnavailable, TooManyBodies;
     /// The artifact store is unavailable, or too many downloads are running.
     DownloadUnavailable: StoreUnavailable, StorageUnavailable, TooManyDownloads;
     /// A store is unavailable, or too many downloads are running or pictures being drawn.

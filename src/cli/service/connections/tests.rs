@@ -6,6 +6,7 @@ use axum::routing::get;
 use futures_util::StreamExt;
 use std::net::SocketAddr;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::sync::OwnedSemaphorePermit;
 use tokio::task::JoinHandle;
 use tokio::time::sleep;
 
@@ -13,6 +14,7 @@ use tokio::time::sleep;
 const SOON: Duration = Duration::from_secs(50);
 /// Time that does not run out within a test.
 const LONG: Duration = Duration::from_secs(600);
+const PERMITS: usize = 9;
 const SHORT: Duration = Duration::from_millis(200);
 const ASK: &[u8] = b"GET /plain HTTP/1.1\r\nhost: here\r\n\r\n";
 
@@ -25,15 +27,20 @@ async fn slow() -> Body {
     Body::from_stream(words)
 }
 
-/// A body that never ends.
-fn endless() -> impl futures_util::Stream<Item = Result<Bytes, std::convert::Infallible>> {
-    futures_util::stream::repeat_with(|| Ok(Bytes::from_static(&[b'x'; 8192])))
+/// A body that never ends and holds a permit.
+fn endless(permit: OwnedSemaphorePermit) -> Body {
+    Body::from_stream(futures_util::stream::repeat_with(move || {
+        let _ = &permit;
+        Ok::<_, std::convert::Infallible>(Bytes::from_static(&[b'x'; 8192]))
+    }))
 }
 
 struct Running {
     address: SocketAddr,
     shutdown: CancellationToken,
     server: JoinHandle<()>,
+    /// Each endless body holds one of these permits.
+    permits: Arc<Semaphore>,
 }
 
 impl Running {
@@ -44,13 +51,15 @@ impl Running {
 
     fn over(listener: TcpListener, limits: Connections) -> Self {
         let address = listener.local_addr().unwrap();
+        let permits = Arc::new(Semaphore::new(PERMITS));
+        let of_bodies = Arc::clone(&permits);
         let router = Router::new()
             .route("/plain", get(async || "plain"))
             .route("/slow", get(slow))
-            .route("/endless", get(async || Body::from_stream(endless())));
+            .route("/endless", get(async move || endless(of_bodies.acquire_owned().await.unwrap())));
         let shutdown = CancellationToken::new();
         let server = tokio::spawn(serve(listener, router, limits, shutdown.clone()));
-        Self { address, shutdown, server }
+        Self { address, shutdown, server, permits }
     }
 
     /// With these limits besides generous ones.
@@ -195,6 +204,10 @@ async fn a_client_that_takes_too_few_bytes_is_cut_off() {
     let ask = b"GET /endless HTTP/1.1\r\nhost: here\r\n\r\n";
     let mut stuck = running.connect(ask).await;
     let mut trickling = running.connect(ask).await;
+    for stream in [&mut stuck, &mut trickling] {
+        stream.readable().await.unwrap();
+    }
+    assert_eq!(running.permits.available_permits(), PERMITS - 2, "each response holds a permit");
     // While it is cut off, others are served.
     let mut other = running.connect(ASK).await;
     assert!(until(&mut other, "plain").await.starts_with("HTTP/1.1 200"));
@@ -205,6 +218,12 @@ async fn a_client_that_takes_too_few_bytes_is_cut_off() {
     }
     assert!(is_closed(&mut trickling).await, "a client that takes a few bytes a second");
     assert!(is_closed(&mut stuck).await, "a client that takes nothing");
+    let freed = async {
+        while running.permits.available_permits() < PERMITS {
+            sleep(Duration::from_millis(5)).await;
+        }
+    };
+    timeout(SOON, freed).await.expect("clients that were cut off hold nothing");
     running.stop().await;
 }
 
