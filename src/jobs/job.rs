@@ -247,6 +247,20 @@ impl JobProgress {
         }
     }
 
+    /// This progress after `seconds` in which the work did not report any, by its estimate of the
+    /// remaining time. The fraction approaches 1 and never reaches it.
+    #[must_use]
+    pub fn after(self, seconds: f64) -> Self {
+        let Some(eta) = self.eta_seconds().filter(|eta| *eta > 0.0) else { return self };
+        let left = (-seconds / eta).exp();
+        let fraction = 1.0 - (1.0 - self.fraction()) * left;
+        let eta_seconds = Some(eta * left);
+        match self {
+            Self::Model(progress) => Self::Model(Progress { fraction, eta_seconds, ..progress }),
+            Self::Fit(progress) => Self::Fit(FitProgress { fraction, eta_seconds, ..progress }),
+        }
+    }
+
     /// Estimated time to the end, seconds.
     #[must_use]
     pub fn eta_seconds(self) -> Option<f64> {

@@ -40,5 +40,5 @@ pub use list::{BulkResult, Change, Counts, ListFilter, Page};
 pub use open::{Database, open};
 pub use operators::{Instruction, Pause, PoolUse, WorkerInfo, WorkerKind, WorkerState};
 pub use options::StoreOptions;
-pub use sql::{Hook, LastRound, MAX_LEASE, Mismatch, Observation, Store, UpkeepRound, UpkeepState, UpkeepTask};
-pub use state::ClaimScope;
+pub use sql::{Hook, LastRound, Mismatch, Observation, Store, UpkeepRound, UpkeepState, UpkeepTask};
+pub use state::{ClaimScope, MAX_LEASE};

@@ -11,10 +11,11 @@
 
 use super::job::Status;
 use crate::generate::{Backend, UsedBackend};
+use jiff::Timestamp;
 use std::time::Duration;
 
 /// The part of a job's record that decides which events are allowed.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct JobState {
     /// Status.
     pub status: Status,
@@ -31,7 +32,7 @@ pub struct JobState {
 
 /// Worker name and attempt number that every write of a worker carries; outdated writes are
 /// refused.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Fence {
     /// Number of the attempt.
     pub attempt: u32,
@@ -55,7 +56,7 @@ pub enum Event {
 }
 
 /// How an attempt ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum AttemptEnd {
     /// The attempt finished the model.
@@ -165,6 +166,45 @@ impl JobState {
             Status::Queued
         };
         Next { state: Self { status, spent, holder: None, ..self.clone() }, ended: Some(how), exhausted }
+    }
+}
+
+/// Maximum duration of a lease. A lease that ends later was given before the clock was set back.
+pub const MAX_LEASE: Duration = Duration::from_secs(600);
+/// Maximum difference between the clock of leases and the time that has passed, between two looks at
+/// the queue, that does not count as a step of the clock.
+const CLOCK_TOLERANCE: Duration = Duration::from_secs(2);
+
+/// True if a lease is over at `now`.
+#[must_use]
+pub fn is_expired(lease_until: Timestamp, now: Timestamp) -> bool {
+    lease_until <= now || lease_until.duration_since(now).unsigned_abs() > MAX_LEASE
+}
+
+/// Looks of a process at the queue since the last outage, by the clock of leases.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Looks {
+    first: Timestamp,
+    latest: Timestamp,
+    /// Time since the start of the process at the latest look.
+    elapsed: Duration,
+}
+
+impl Looks {
+    /// Notes a look at `now`, `elapsed` after the start of the process. Returns true if leases that
+    /// have expired by then may be ended: since the database became available, and since its clock
+    /// was last set, their holders had a whole `lease` to renew them.
+    pub fn may_expire(looks: &mut Option<Self>, now: Timestamp, elapsed: Duration, lease: Duration) -> bool {
+        let first = looks.filter(|looks| looks.agree(now, elapsed)).map_or(now, |looks| looks.first);
+        *looks = Some(Self { first, latest: now, elapsed });
+        now.duration_since(first).unsigned_abs() >= lease
+    }
+
+    /// True if the clock was not set between the latest look and `now`.
+    fn agree(&self, now: Timestamp, elapsed: Duration) -> bool {
+        let passed = now.duration_since(self.latest).as_secs_f64();
+        let error = passed - elapsed.saturating_sub(self.elapsed).as_secs_f64();
+        error.abs() < CLOCK_TOLERANCE.as_secs_f64()
     }
 }
 

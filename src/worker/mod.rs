@@ -12,7 +12,7 @@
 //!
 //! A CPU worker computes one job at a time; a GPU worker (one per adapter) computes a batch of jobs
 //! with the same batch key. A worker claims its next job when its device is free, or when the
-//! certificate of the current job begins, so that its threads do not wait for the stores. If the
+//! current job nearly ends, so that its threads do not wait for the stores. If the
 //! threads are not free soon after, it releases the job that it claimed early. Workers claim by the
 //! requested backend:
 //!

@@ -5,6 +5,7 @@
 //! pace. Therefore a generation never waits for the job store.
 
 use super::checkpoint::{Mailbox, Saved};
+use crate::clock::Stopwatch;
 use crate::fit::{FitProgress, FitSink, FitStage};
 use crate::generate::{CancelToken, Progress, Sink, Stage};
 use crate::jobs::fault::{Faults, Injected};
@@ -15,6 +16,11 @@ use tempfile::TempPath;
 use tokio::sync::watch;
 use tracing::Span;
 
+/// Time without a report of the work after which heartbeats estimate the progress. Some stages,
+/// such as levels of detail, report only their start and their end.
+const ESTIMATED_AFTER: f64 = 0.9;
+/// Estimated time to the end of a generation from which its worker claims the next job.
+const NEARLY_FREE: f64 = 0.5;
 /// Maximum number of points of a thinned contour.
 const MAX_POINTS: usize = 512;
 
@@ -25,6 +31,10 @@ pub(super) struct LiveProgress(Mutex<Latest>);
 #[derive(Debug, Default)]
 struct Latest {
     progress: Option<JobProgress>,
+    /// Time since `progress` was reported.
+    reported: Option<Stopwatch>,
+    /// Time since the last fetch of a progress.
+    fetched: Option<Stopwatch>,
     /// True if `progress` has not been fetched yet.
     is_new: bool,
     /// A section that has not been fetched yet.
@@ -33,6 +43,15 @@ struct Latest {
     sections: u32,
     /// Minimum fraction to report.
     floor: f64,
+}
+
+impl Latest {
+    /// The progress by its own estimate of the remaining time, some time after the last fetch.
+    fn estimate(&self) -> Option<JobProgress> {
+        let is_due = self.fetched.is_some_and(|since| since.seconds() >= ESTIMATED_AFTER);
+        let progress = self.progress.filter(|progress| is_due && progress.eta_seconds().is_some())?;
+        Some(progress.after(self.reported?.seconds()).at_least(self.floor))
+    }
 }
 
 /// Changes since the last heartbeat.
@@ -49,10 +68,16 @@ impl Update {
 }
 
 impl LiveProgress {
-    /// Fetches the changes since the last call.
+    /// Fetches the changes since the last call. If the work has not reported any for some time, the
+    /// progress is an estimate.
     pub(super) fn take(&self) -> Update {
         let mut latest = self.0.lock();
-        let progress = if std::mem::take(&mut latest.is_new) { latest.progress } else { None };
+        let progress = if std::mem::take(&mut latest.is_new) { latest.progress } else { latest.estimate() };
+        if let Some(progress) = progress {
+            latest.fetched = Some(Stopwatch::start());
+            // What was shown never falls.
+            latest.floor = latest.floor.max(progress.fraction());
+        }
         Update { progress, section: latest.section.take() }
     }
 
@@ -68,6 +93,7 @@ impl LiveProgress {
     fn record(&self, progress: JobProgress) {
         let mut latest = self.0.lock();
         latest.progress = Some(progress.at_least(latest.floor));
+        latest.reported = Some(Stopwatch::start());
         latest.is_new = true;
     }
 
@@ -123,7 +149,7 @@ struct Run {
     /// Stops the current generation.
     cancel: CancelToken,
     injected: Option<Injected>,
-    /// Is set when the certificate of the generation begins: its threads will be free soon.
+    /// Is set when the generation nearly ends: its threads will be free soon.
     nearly_free: Option<watch::Sender<bool>>,
 }
 
@@ -149,8 +175,8 @@ impl AttemptSink {
         self.checkpoints.restart();
     }
 
-    /// Lets the next certificate set `nearly_free`.
-    pub(super) fn announce_certificate(&self, nearly_free: watch::Sender<bool>) {
+    /// Sets `nearly_free` when the next generation nearly ends.
+    pub(super) fn announce_end(&self, nearly_free: watch::Sender<bool>) {
         self.run.lock().nearly_free = Some(nearly_free);
     }
 
@@ -182,7 +208,10 @@ impl AttemptSink {
 
 impl Sink for AttemptSink {
     fn progress(&self, progress: &Progress) {
-        if matches!(progress.stage, Stage::Certify | Stage::Measure | Stage::Export)
+        let is_late = matches!(progress.stage, Stage::Certify | Stage::Measure | Stage::Export);
+        // Without an estimate, the generation is short.
+        if is_late
+            && progress.eta_seconds.is_none_or(|eta| eta < NEARLY_FREE)
             && let Some(nearly_free) = self.run.lock().nearly_free.take()
         {
             nearly_free.send_replace(true);
@@ -319,6 +348,38 @@ mod tests {
         assert_eq!((model(&update).fraction, update.section.unwrap().index), (0.4, 0));
         Sink::progress(&sink, &at(Stage::Simulate, 1, 0.5));
         assert_eq!(model(&sink.progress.take()).fraction, 0.5);
+    }
+
+    #[test]
+    fn progress_goes_on_while_a_stage_reports_none() {
+        let sink = sink(Faults::default(), CancelToken::default());
+        let slow = Progress { eta_seconds: Some(2.0), ..at(Stage::Export, 10, 0.6) };
+        Sink::progress(&sink, &slow);
+        assert_eq!(model(&sink.progress.take()), slow);
+        assert!(sink.progress.take().is_empty(), "too early for an estimate");
+        std::thread::sleep(std::time::Duration::from_secs_f64(ESTIMATED_AFTER));
+        let estimate = model(&sink.progress.take());
+        assert!(estimate.fraction > 0.7 && estimate.fraction < 1.0, "{estimate:?}");
+        assert!(estimate.eta_seconds.unwrap() < 1.5, "{estimate:?}");
+        // A report never takes back what was shown.
+        Sink::progress(&sink, &at(Stage::Export, 10, 0.65));
+        assert_eq!(model(&sink.progress.take()).fraction, estimate.fraction);
+    }
+
+    #[test]
+    fn a_long_generation_announces_its_end_late() {
+        let sink = sink(Faults::default(), CancelToken::default());
+        let announced = watch::Sender::new(false);
+        sink.announce_end(announced.clone());
+        let with_eta = |stage, eta_seconds| Progress { eta_seconds, ..at(stage, 10, 0.9) };
+        for early in
+            [with_eta(Stage::Simulate, None), with_eta(Stage::Certify, Some(5.0)), with_eta(Stage::Export, Some(2.0))]
+        {
+            Sink::progress(&sink, &early);
+            assert!(!*announced.borrow(), "{early:?}");
+        }
+        Sink::progress(&sink, &with_eta(Stage::Export, Some(0.1)));
+        assert!(*announced.borrow());
     }
 
     #[test]

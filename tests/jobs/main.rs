@@ -25,6 +25,7 @@ mod kill;
 mod mismatch;
 mod outage;
 mod postgres;
+mod protocol;
 #[path = "../common/queue.rs"]
 mod queue;
 mod random;

@@ -263,10 +263,15 @@ pub(in crate::http) async fn queue(
     action: &'static str,
     mut new: NewJob,
 ) -> Result<Submitted, StoreError> {
-    exclude_missing_files(&state.store, &state.artifacts, std::slice::from_mut(&mut new)).await?;
-    let (store, caller) = (state.store.clone(), caller.clone());
+    let (store, artifacts, caller) = (state.store.clone(), state.artifacts.clone(), caller.clone());
     run_to_completion(async move {
-        let submitted = store.submit(new).await?;
+        let submitted = match store.submit_new(new.clone()).await? {
+            Some(submitted) => submitted,
+            None => {
+                exclude_missing_files(&store, &artifacts, std::slice::from_mut(&mut new)).await?;
+                store.submit(new).await?
+            }
+        };
         if !matches!(submitted, Submitted::Replayed(_)) {
             audit(&caller, action, submitted.job().id);
         }

@@ -58,7 +58,8 @@ pub struct Model {
     pub queue: Queue,
     /// Progress; null until a worker reports it.
     pub progress: Option<Progress>,
-    /// Number of attempts so far.
+    /// Number of attempts so far, including those that a worker released without a fault of the
+    /// model: they do not count against the limit of attempts.
     #[schema(minimum = 0)]
     pub attempts: u32,
     /// Time at which the request was accepted.

@@ -145,7 +145,7 @@ impl Postgres {
     /// A session in a new transaction.
     pub(super) async fn begin(&self) -> Result<Connection, SqlError> {
         let mut session = pool::acquire(&self.pool).await?;
-        session.begin().await?;
+        session.begin();
         Ok(Connection::Postgres(session))
     }
 

@@ -15,7 +15,7 @@ use crate::lock::Mutex;
 use deadpool::Runtime;
 use deadpool::managed::{self, Metrics, Object, PoolError, QueueMode, RecycleError, RecycleResult, TimeoutType};
 use sqlx::postgres::{PgConnectOptions, PgConnection};
-use sqlx::{ConnectOptions as _, Connection as _};
+use sqlx::{AssertSqlSafe, ConnectOptions as _, Connection as _};
 use std::future::Future;
 use std::sync::Arc;
 use std::time::Duration;
@@ -42,6 +42,8 @@ pub(in crate::jobs) struct Session {
     /// True while a statement has no answer.
     is_waiting: bool,
     is_in_transaction: bool,
+    /// True until the first statement of a transaction, which begins it.
+    is_to_begin: bool,
     /// Maximum time for the answer to a statement.
     answer_within: Duration,
     last_answer: Stopwatch,
@@ -78,8 +80,31 @@ impl Answers {
 }
 
 impl Session {
-    /// The answer to a statement. `send` sends it and awaits the answer.
+    /// The answer to a statement, in a transaction if one is to begin. `send` sends the statement
+    /// and awaits the answer.
     pub(in crate::jobs) async fn answer<'s, T, F>(
+        &'s mut self,
+        send: impl FnOnce(&'s mut PgConnection) -> F + Send,
+    ) -> Result<T, SqlError>
+    where
+        F: Future<Output = Result<T, sqlx::Error>> + Send + 's,
+    {
+        if self.is_to_begin {
+            self.send_simple("").await?;
+        }
+        self.answer_alone(send).await
+    }
+
+    /// Sends a statement without parameters, together with the begin of the transaction if it is to
+    /// begin: one round trip instead of two.
+    pub(in crate::jobs) async fn send_simple(&mut self, sql: &str) -> Result<(), SqlError> {
+        let begin = if std::mem::take(&mut self.is_to_begin) { "BEGIN;" } else { "" };
+        self.is_in_transaction |= !begin.is_empty();
+        let sql = AssertSqlSafe(format!("{begin}{sql}"));
+        self.answer_alone(|connection| sqlx::raw_sql(sql).execute(connection)).await.map(drop)
+    }
+
+    async fn answer_alone<'s, T, F>(
         &'s mut self,
         send: impl FnOnce(&'s mut PgConnection) -> F + Send,
     ) -> Result<T, SqlError>
@@ -103,33 +128,34 @@ impl Session {
         Ok(answer?)
     }
 
-    pub(super) async fn begin(&mut self) -> Result<(), SqlError> {
-        self.is_in_transaction = true;
-        self.answer(|connection| sqlx::raw_sql("BEGIN").execute(connection)).await.map(drop)
+    /// Lets the next statement begin a transaction.
+    pub(super) fn begin(&mut self) {
+        self.is_to_begin = true;
     }
 
     /// Commits the transaction. If this fails, the outcome is unknown.
     pub(in crate::jobs) async fn commit(&mut self) -> Result<(), SqlError> {
-        self.answer(|connection| sqlx::raw_sql("COMMIT").execute(connection)).await?;
-        self.is_in_transaction = false;
+        if self.is_in_transaction {
+            self.send_simple("COMMIT").await?;
+        }
+        (self.is_in_transaction, self.is_to_begin) = (false, false);
         Ok(())
     }
 
     /// Rolls the transaction back. If this fails, the connection is discarded, and the server rolls
     /// back when it notices.
     pub(in crate::jobs) async fn roll_back(&mut self) {
-        if self.is_waiting {
-            return;
+        self.is_to_begin = false;
+        if self.is_in_transaction && !self.is_waiting {
+            self.is_in_transaction = self.send_simple("ROLLBACK").await.is_err();
         }
-        let rolled_back = self.answer(|connection| sqlx::raw_sql("ROLLBACK").execute(connection)).await;
-        self.is_in_transaction = rolled_back.is_err();
     }
 
     /// True if the session may be used again, perhaps after a test.
     fn is_reusable(&self) -> bool {
         let silence = *self.answers.silence.lock();
         let is_outdated = silence.is_some_and(|silence| silence.elapsed() < self.last_answer.elapsed());
-        !self.is_waiting && !self.is_in_transaction && !is_outdated
+        !self.is_waiting && !self.is_in_transaction && !self.is_to_begin && !is_outdated
     }
 }
 
@@ -151,6 +177,7 @@ impl managed::Manager for Sessions {
             connection,
             is_waiting: false,
             is_in_transaction: false,
+            is_to_begin: false,
             answer_within: self.answer_within,
             last_answer: self.answers.note(),
             answers: Arc::clone(&self.answers),

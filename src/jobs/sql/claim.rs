@@ -13,7 +13,7 @@
 
 use super::codec::{Value, enum_to_sql, until, values};
 use super::error::SqlError;
-use super::lease::{self, AttemptEffect, End, MAX_LEASE};
+use super::lease::{self, AttemptEffect, End};
 use super::operation::{Done, Grouped, LONG_RETRY_LIMIT, Operation, RETRY_LIMIT};
 use super::order;
 use super::read;
@@ -22,7 +22,7 @@ use super::store::Store;
 use super::tx::Tx;
 use super::workers::unpaused;
 use crate::clock::Stopwatch;
-use crate::jobs::state::{AttemptEnd, ClaimScope, Event};
+use crate::jobs::state::{AttemptEnd, ClaimScope, Event, MAX_LEASE};
 use crate::jobs::{Change, ClaimedJob, Job, JobId, Problem, StoreError, StoreOptions};
 use jiff::Timestamp;
 use std::collections::VecDeque;
@@ -55,7 +55,14 @@ impl Store {
         limit: u32,
     ) -> Result<Vec<ClaimedJob>, StoreError> {
         self.before("claim").await?;
+        let claim = || Claim { worker: worker.to_owned(), scope, lease, limit };
         let claimed = async {
+            if self.is_busy() {
+                let claimed = self.transact("claim", claim()).await?;
+                if !claimed.is_empty() {
+                    return Ok(claimed);
+                }
+            }
             let since = Stopwatch::start();
             let look = async { look(&mut self.reader().await?, worker, scope).await };
             let found = look.await.map_err(|error| self.noted(error))?;
@@ -64,6 +71,7 @@ impl Store {
                 // lease.
                 self.note_outage();
             }
+            self.note_look();
             let may_expire = self.may_expire(found.at, lease);
             if found.leases_expired && may_expire {
                 // Only leases that had expired at the look, not leases that expire while an outage
@@ -72,9 +80,12 @@ impl Store {
             } else if !found.jobs_due {
                 return Ok(Vec::new());
             }
-            self.transact("claim", Claim { worker: worker.to_owned(), scope, lease, limit }).await
+            self.transact("claim", claim()).await
         };
         let claimed = claimed.await;
+        if !claimed.as_ref().is_ok_and(|jobs| !jobs.is_empty()) {
+            self.note_idle();
+        }
         self.after("claim", claimed)
     }
 }
@@ -134,7 +145,7 @@ struct Claimed {
 impl Operation for Claim {
     type Output = Vec<ClaimedJob>;
 
-    const GROUPED: Grouped = Grouped::OnSqlite;
+    const GROUPED: Grouped = Grouped::Work;
 
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Vec<ClaimedJob>>, SqlError> {
         let mut claimed = Claimed::default();

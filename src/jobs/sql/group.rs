@@ -6,8 +6,9 @@
 //! else fails, each change runs again alone, with its own retries.
 //!
 //! On SQLite all changes but submissions of batches are grouped, because there is one writer. On
-//! PostgreSQL only submissions are: a group holds the locks of all its members, so one that waits
-//! for the lock of another process would delay the others, such as heartbeats.
+//! PostgreSQL submissions form groups, and claims and ends of attempts form others. A group holds
+//! the locks of all its members, so one that waits for the lock of another process delays the
+//! others; therefore heartbeats are not grouped there.
 
 use super::error::SqlError;
 use super::hook::Call;

@@ -10,7 +10,7 @@ use super::store::Store;
 use super::submit::insert_files;
 use super::tx::Tx;
 use super::upkeep::free_all;
-use crate::jobs::state::{self, AttemptEnd, Event, Fence, JobState, Next};
+use crate::jobs::state::{self, AttemptEnd, Event, Fence, JobState, MAX_LEASE, Next};
 use crate::jobs::{
     Attempt, BackendReport, Change, ClaimedJob, Directive, Finished, Job, JobId, JobProgress, LiveSection, Problem,
     Status, StoreError, StoreOptions,
@@ -18,8 +18,6 @@ use crate::jobs::{
 use jiff::Timestamp;
 use std::time::Duration;
 
-/// Maximum duration of a lease. A lease that ends later was given before the clock was set back.
-pub const MAX_LEASE: Duration = Duration::from_secs(600);
 /// Maximum number of leases that one transaction ends.
 const EXPIRED: u32 = 1000;
 
@@ -236,35 +234,26 @@ pub(super) struct End {
 impl Operation for End {
     type Output = Job;
 
-    const GROUPED: Grouped = Grouped::OnSqlite;
+    const GROUPED: Grouped = Grouped::Work;
 
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Job>, SqlError> {
         let id = self.id;
         let (state, _) = load(tx, id).await?.ok_or(StoreError::Fenced)?;
         let next = state.on(&Event::End(self.fence.clone(), self.how), options.max_attempts);
         let next = next.map_err(|_| StoreError::Fenced)?;
-        let mut fault = None;
-        match &self.effect {
-            AttemptEffect::None => {}
-            AttemptEffect::Finished(finished) => {
-                let sql = "UPDATE jobs SET summary = $2, engine_used = $3 WHERE id = $1";
-                tx.execute(sql, values![id, json(&finished.summary), &finished.engine]).await?;
-                set_backend(tx, id, &finished.backend).await?;
-                insert_files(tx, id, finished.files.iter()).await?;
-            }
-            AttemptEffect::Failed(backend, problem) => {
-                set_backend(tx, id, backend).await?;
-                set_problem(tx, id, problem).await?;
-                fault = Some(problem);
-            }
-            AttemptEffect::Fault(problem) => fault = Some(problem),
+        let fault = match &self.effect {
+            AttemptEffect::Failed(_, problem) | AttemptEffect::Fault(problem) => Some(problem),
+            AttemptEffect::None | AttemptEffect::Finished(_) => None,
+        };
+        if let AttemptEffect::Finished(finished) = &self.effect {
+            insert_files(tx, id, finished.files.iter()).await?;
         }
         if let Some(problem) = fault {
             let sql = "UPDATE attempts SET detail = $3 WHERE job_id = $1 AND attempt = $2";
             let detail = format!("{}: {}", problem.kind, problem.detail);
             tx.execute(sql, values![id, state.attempts, detail]).await?;
         }
-        let changes = write(tx, id, &next, None).await?;
+        let changes = write(tx, id, &next, &self.effect, None).await?;
         Ok(Done::new(known_job(tx, id).await?, changes))
     }
 
@@ -306,7 +295,7 @@ pub(super) async fn cancel(
         return Ok(None);
     };
     let checkpoint = if next.state.status.is_ended() { named_checkpoint(tx, id).await? } else { None };
-    let changes = write(tx, id, &next, None).await?;
+    let changes = write(tx, id, &next, &AttemptEffect::None, None).await?;
     Ok(Some(Done::new(checkpoint.into_iter().collect(), changes)))
 }
 
@@ -321,7 +310,7 @@ pub(super) async fn apply(
     let changed = || SqlError::Inconsistent(format!("job {id}"));
     let (state, _) = load(tx, id).await?.ok_or_else(changed)?;
     let next = state.on(event, options.max_attempts).map_err(|_| changed())?;
-    write(tx, id, &next, lease_until).await
+    write(tx, id, &next, &AttemptEffect::None, lease_until).await
 }
 
 /// The state and version of a job, locked until the transaction ends.
@@ -360,6 +349,7 @@ async fn write(
     tx: &mut Tx<'_>,
     id: JobId,
     next: &Next,
+    effect: &AttemptEffect,
     lease_until: Option<Timestamp>,
 ) -> Result<Vec<Change>, SqlError> {
     let now = tx.now().await?;
@@ -368,30 +358,58 @@ async fn write(
         let sql = "UPDATE attempts SET ended_at = $3, outcome = $4 WHERE job_id = $1 AND attempt = $2";
         tx.execute(sql, values![id, state.attempts, now, enum_to_sql(how)]).await?;
     }
+    let (mut summary, mut engine, mut backend, mut problem) = (None, None, None, None);
+    match effect {
+        AttemptEffect::Finished(finished) => {
+            (summary, engine) = (Some(json(&finished.summary)), Some(finished.engine.clone()));
+            backend = Some(&finished.backend);
+        }
+        AttemptEffect::Failed(report, cause) => (backend, problem) = (Some(report), Some(json(cause))),
+        AttemptEffect::None | AttemptEffect::Fault(_) => {}
+    }
     if next.exhausted {
-        let history = read::attempts(tx, id).await?;
-        set_problem(tx, id, &Attempt::exhausted(&history)).await?;
+        problem = Some(json(&Attempt::exhausted(&read::attempts(tx, id).await?)));
     }
-    if state.status == Status::Queued {
-        // The progress ends with the attempt.
-        let available = match next.ended {
-            Some(AttemptEnd::Retried) => until(tx.steady().await?, state::retry_delay(state.spent)).as_microsecond(),
-            // Immediately, even if the clock is set back.
-            _ => 0,
-        };
-        let sql = "UPDATE jobs SET progress = NULL, section = NULL, backend_used = NULL, device = NULL, \
-                   fallback = NULL, available_at = $2 WHERE id = $1";
-        tx.execute(sql, values![id, available]).await?;
-    }
+    let available = match next.ended {
+        Some(AttemptEnd::Retried) => until(tx.steady().await?, state::retry_delay(state.spent)).as_microsecond(),
+        // Immediately, even if the clock is set back.
+        _ => 0,
+    };
+    // The progress and the backend of an attempt end with it if the job returns to the queue.
     let sql = "UPDATE jobs SET status = $2, attempts = $3, spent = $4, cancel_requested = $5, holder = $6, \
                lease_until = CASE WHEN $2 = 'running' THEN COALESCE($7, lease_until) END, \
                started_at = CASE WHEN $2 = 'running' THEN COALESCE(started_at, $8) ELSE started_at END, \
                finished_at = CASE WHEN $9 THEN $8 END, \
-               checkpoint = CASE WHEN $9 THEN NULL ELSE checkpoint END, version = version + 1 \
-               WHERE id = $1 RETURNING version";
+               checkpoint = CASE WHEN $9 THEN NULL ELSE checkpoint END, \
+               available_at = CASE WHEN $2 = 'queued' THEN $10 ELSE available_at END, \
+               progress = CASE WHEN $2 = 'queued' THEN NULL ELSE progress END, \
+               section = CASE WHEN $2 = 'queued' THEN NULL ELSE section END, \
+               summary = COALESCE($11, summary), engine_used = COALESCE($12, engine_used), \
+               problem = COALESCE($13, problem), \
+               backend_used = CASE WHEN $2 = 'queued' THEN NULL WHEN $14 THEN $15 ELSE backend_used END, \
+               device = CASE WHEN $2 = 'queued' THEN NULL WHEN $14 THEN $16 ELSE device END, \
+               fallback = CASE WHEN $2 = 'queued' THEN NULL WHEN $14 THEN $17 ELSE fallback END, \
+               version = version + 1 WHERE id = $1 RETURNING version";
     let JobState { status, attempts, spent, cancel_requested, holder } = state;
-    let (name, ended) = (enum_to_sql(status), status.is_ended());
-    let values = values![id, name, *attempts, *spent, *cancel_requested, holder, lease_until, now, ended];
+    let values = values![
+        id,
+        status.name(),
+        *attempts,
+        *spent,
+        *cancel_requested,
+        holder,
+        lease_until,
+        now,
+        status.is_ended(),
+        available,
+        summary,
+        engine,
+        problem,
+        backend.is_some(),
+        backend.and_then(|report| report.used).map(enum_to_sql),
+        backend.and_then(|report| report.device.clone()),
+        backend.and_then(|report| report.fallback.clone()),
+    ];
     let mut changes = vec![Change { id, version: Some(tx.one(sql, values).await?.count("version")?) }];
     if state.status.is_ended() {
         changes.extend(share::settle(tx, id, state.status).await?);
@@ -399,15 +417,4 @@ async fn write(
         changes.extend(share::promote_more_urgent(tx, id).await?);
     }
     Ok(changes)
-}
-
-async fn set_backend(tx: &mut Tx<'_>, id: JobId, backend: &BackendReport) -> Result<(), SqlError> {
-    let values = values![id, backend.used.map(enum_to_sql), &backend.device, &backend.fallback];
-    tx.execute("UPDATE jobs SET backend_used = $2, device = $3, fallback = $4 WHERE id = $1", values).await?;
-    Ok(())
-}
-
-async fn set_problem(tx: &mut Tx<'_>, id: JobId, problem: &Problem) -> Result<(), SqlError> {
-    tx.execute("UPDATE jobs SET problem = $2 WHERE id = $1", values![id, json(problem)]).await?;
-    Ok(())
 }

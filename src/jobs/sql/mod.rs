@@ -48,7 +48,6 @@ mod workers;
 
 pub(super) use error::{Severity, SqlError};
 pub use hook::Hook;
-pub use lease::MAX_LEASE;
 pub(super) use migrations::{migrations, migrator};
 pub(super) use store::Engine;
 pub use store::Store;

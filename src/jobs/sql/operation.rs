@@ -18,7 +18,10 @@ pub(super) const LONG_RETRY_LIMIT: Duration = Duration::from_secs(60);
 pub(super) enum Grouped {
     Never,
     OnSqlite,
-    Always,
+    /// On both, with other submissions.
+    Submissions,
+    /// On both, with other claims and ends of attempts.
+    Work,
 }
 
 /// A change of the database in one transaction.

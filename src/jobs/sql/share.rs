@@ -47,11 +47,7 @@ impl Store {
 /// Serialises equal submissions, so that of several at the same time one waits for another. Batches
 /// take no such lock: they would hold one for each job, for a long time.
 pub(super) async fn lock_digest(tx: &mut Tx<'_>, new: &NewJob) -> Result<(), SqlError> {
-    let lock = tx.either("", "SELECT pg_advisory_xact_lock(hashtextextended($1, 0))");
-    if new.reuse && !lock.is_empty() {
-        tx.all(lock, values![&new.digest]).await?;
-    }
-    Ok(())
+    if new.reuse { tx.lock_text(&new.digest).await } else { Ok(()) }
 }
 
 /// True if there is a partner for `new` to wait for. The partner does not end before the

@@ -11,6 +11,7 @@ use crate::clock::Stopwatch;
 use crate::jobs::job::IdGenerator;
 use crate::jobs::postgres::Postgres;
 use crate::jobs::sqlite::Sqlite;
+use crate::jobs::state::Looks;
 use crate::jobs::{Change, PoolUse, StoreError, StoreOptions};
 use crate::lock::Mutex;
 use jiff::Timestamp;
@@ -25,11 +26,10 @@ const CHANGES: usize = 4096;
 /// First and maximum wait before a transaction is retried.
 const RETRY_WAITS: (Duration, Duration) = (Duration::from_millis(20), Duration::from_secs(1));
 
+/// Time after which a claim looks at the queue, and for expired leases, although jobs are due.
+const LOOK_EVERY: Duration = Duration::from_millis(500);
 /// Age up to which an answer of PostgreSQL shows that it is available.
 const ANSWERED_WITHIN: Duration = Duration::from_millis(500);
-/// Maximum difference between the database's clock and the time that has passed, between two looks
-/// at the queue, that does not count as a step of the clock.
-const CLOCK_TOLERANCE: Duration = Duration::from_secs(2);
 /// Maximum time for which a store waits for its changes, and for its database, while it closes.
 const CLOSE_TIMEOUT: Duration = Duration::from_secs(10);
 
@@ -48,7 +48,13 @@ struct Shared {
     engine: Engine,
     time: Time,
     options: StoreOptions,
-    group: Group,
+    /// Groups of submissions; on SQLite, of all changes.
+    submissions: Group,
+    /// Groups of claims and ends of attempts, on PostgreSQL.
+    work: Group,
+    /// Time of the last look at the queue, by [`Shared::elapsed`]; `None` if the last claim found no
+    /// job.
+    busy_since_look: Mutex<Option<Duration>>,
     changes: broadcast::Sender<Change>,
     ids: Arc<IdGenerator>,
     /// Looks at the queue since the start or since the last outage; `None` before the first one.
@@ -56,24 +62,6 @@ struct Shared {
     watch: Stopwatch,
     /// Tasks that change records. Closed when the store is.
     changing: TaskTracker,
-}
-
-/// Looks at the queue without an outage between them, by the clock of leases.
-#[derive(Clone, Copy, Debug)]
-struct Looks {
-    first: Timestamp,
-    latest: Timestamp,
-    /// Reading of [`Shared::watch`] at the latest look.
-    read_at: Duration,
-}
-
-impl Looks {
-    /// True if the clock was not set between the latest look and `now`.
-    fn agree(&self, now: Timestamp, read_at: Duration) -> bool {
-        let passed = now.duration_since(self.latest);
-        let error = passed.as_secs_f64() - read_at.saturating_sub(self.read_at).as_secs_f64();
-        error.abs() < CLOCK_TOLERANCE.as_secs_f64()
-    }
 }
 
 /// Connections to the database of a store.
@@ -120,13 +108,13 @@ impl Shared {
     async fn transact<O: Operation>(&self, call: &Arc<Call>, operation: &Arc<O>) -> Result<Done<O::Output>, SqlError> {
         let since = Stopwatch::start();
         let mut uncertain = None;
-        let is_grouped = match O::GROUPED {
-            Grouped::Never => false,
-            Grouped::OnSqlite => matches!(self.engine, Engine::Sqlite(_)),
-            Grouped::Always => true,
+        let group = match (O::GROUPED, &self.engine) {
+            (Grouped::Never, _) | (Grouped::OnSqlite, Engine::Postgres(_)) => None,
+            (_, Engine::Sqlite(_)) | (Grouped::Submissions, _) => Some(&self.submissions),
+            (Grouped::Work, _) => Some(&self.work),
         };
-        if is_grouped {
-            match self.group.transact(self, call, operation).await {
+        if let Some(group) = group {
+            match group.transact(self, call, operation).await {
                 Outcome::Committed(done) => return Ok(done),
                 Outcome::Refused(error) => return Err(error),
                 Outcome::Alone(done) => uncertain = done,
@@ -185,6 +173,11 @@ impl Shared {
         Ok(uncertain.take().expect("a result of this run or of an earlier one"))
     }
 
+    /// Time since the store was opened, whatever the clock was set to.
+    fn elapsed(&self) -> Duration {
+        self.options.clock.elapsed(&self.watch)
+    }
+
     fn is_closing(&self) -> bool {
         self.changing.is_closed()
     }
@@ -216,7 +209,9 @@ impl Store {
             engine,
             time,
             options,
-            group: Group::default(),
+            submissions: Group::default(),
+            work: Group::default(),
+            busy_since_look: Mutex::default(),
             changes,
             ids: Arc::new(IdGenerator::new()),
             looks: Mutex::default(),
@@ -373,6 +368,23 @@ impl Store {
         }
     }
 
+    /// True if the queue need not be looked at before a claim: the last claim found a job, and the
+    /// last look was not long ago.
+    pub(super) fn is_busy(&self) -> bool {
+        let now = self.shared.elapsed();
+        self.shared.busy_since_look.lock().is_some_and(|look| now.saturating_sub(look) < LOOK_EVERY)
+    }
+
+    /// Notes a look at the queue.
+    pub(super) fn note_look(&self) {
+        *self.shared.busy_since_look.lock() = Some(self.shared.elapsed());
+    }
+
+    /// Notes that a claim found no job.
+    pub(super) fn note_idle(&self) {
+        *self.shared.busy_since_look.lock() = None;
+    }
+
     /// Forgets since when the database was available: workers may have been unable to renew their
     /// leases.
     pub(super) fn note_outage(&self) {
@@ -384,14 +396,9 @@ impl Store {
         self.shared.noted(error)
     }
 
-    /// True if leases that have expired by `now`, the time of a look at the queue, may be ended:
-    /// since the database became available and since its clock was last set, their holders had a
-    /// whole lease time to renew them.
+    /// Notes a look at the queue at `now`. Returns true if leases that have expired by then may be
+    /// ended.
     pub(super) fn may_expire(&self, now: Timestamp, lease: Duration) -> bool {
-        let read_at = self.shared.options.clock.elapsed(&self.shared.watch);
-        let mut looks = self.shared.looks.lock();
-        let first = looks.filter(|looks| looks.agree(now, read_at)).map_or(now, |looks| looks.first);
-        *looks = Some(Looks { first, latest: now, read_at });
-        now.duration_since(first).unsigned_abs() >= lease
+        Looks::may_expire(&mut self.shared.looks.lock(), now, self.shared.elapsed(), lease)
     }
 }

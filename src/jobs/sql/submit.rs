@@ -23,7 +23,15 @@ impl Store {
     /// Queues a job, reuses a finished model, or returns the job of an earlier request with the
     /// same idempotency key.
     pub async fn submit(&self, new: NewJob) -> Result<Submitted, StoreError> {
-        self.change("submit", Submit { new, ids: self.id_generator(), tried: Mutex::default() }).await
+        let submit = Submit { new, may_reuse: true, ids: self.id_generator(), tried: Mutex::default() };
+        Ok(self.change("submit", submit).await?.expect("files may be reused"))
+    }
+
+    /// The same as [`Store::submit`] unless a finished model would be reused. Then nothing is
+    /// queued and the result is `None`: the caller checks the files of that model first.
+    pub async fn submit_new(&self, new: NewJob) -> Result<Option<Submitted>, StoreError> {
+        let submit = Submit { new, may_reuse: false, ids: self.id_generator(), tried: Mutex::default() };
+        self.change("submit", submit).await
     }
 
     /// The job that its owner created with this idempotency key and body; see
@@ -54,17 +62,20 @@ const DELETES: Uncertain<JobId, Option<Vec<String>>> =
 /// Queues a job, or finds the job of an earlier request with the same idempotency key.
 struct Submit {
     new: NewJob,
+    /// True if the files of finished models have been checked.
+    may_reuse: bool,
     ids: Arc<IdGenerator>,
     /// Id of the first run, which retries use too.
     tried: Mutex<Option<JobId>>,
 }
 
 impl Operation for Submit {
-    type Output = Submitted;
+    /// `None` if a finished model would be reused and may not be.
+    type Output = Option<Submitted>;
 
-    const GROUPED: Grouped = Grouped::Always;
+    const GROUPED: Grouped = Grouped::Submissions;
 
-    async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Submitted>, SqlError> {
+    async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Option<Submitted>>, SqlError> {
         let new = &self.new;
         quota::lock_owner(tx, new.owner.as_deref(), new.quota).await?;
         share::lock_digest(tx, new).await?;
@@ -73,7 +84,10 @@ impl Operation for Submit {
             if known != body {
                 return Err(StoreError::IdempotencyConflict.into());
             }
-            return Ok(Done::quiet(Submitted::Replayed(known_job(tx, *id).await?)));
+            return Ok(Done::quiet(Some(Submitted::Replayed(known_job(tx, *id).await?))));
+        }
+        if !self.may_reuse && found.has_equal && reusable(tx, new).await?.is_some() {
+            return Ok(Done::quiet(None));
         }
         // Every retry uses the same id: if an earlier commit is still under way, this one conflicts
         // at the primary key.
@@ -85,12 +99,13 @@ impl Operation for Submit {
         let job = place(tx, options, id, new, batch, &found, &mut room).await?;
         let change = Change::of(&job);
         let submitted = if job.reused_from.is_some() { Submitted::Reused(job) } else { Submitted::Queued(job) };
-        Ok(Done::new(submitted, vec![change]))
+        Ok(Done::new(Some(submitted), vec![change]))
     }
 
-    async fn was_committed(&self, tx: &mut Tx<'_>, done: &Done<Submitted>) -> Result<bool, SqlError> {
+    async fn was_committed(&self, tx: &mut Tx<'_>, done: &Done<Option<Submitted>>) -> Result<bool, SqlError> {
         // A run that found the job of an earlier request has changed nothing.
-        let id = done.output.job().id;
+        let Some(submitted) = &done.output else { return Ok(false) };
+        let id = submitted.job().id;
         Ok(*self.tried.lock() == Some(id) && read::job(tx, id).await?.is_some())
     }
 }

@@ -166,6 +166,13 @@ impl<'c> Tx<'c> {
         }
     }
 
+    /// Locks a text until the transaction ends. SQLite has one writer, so there it does nothing.
+    pub(super) async fn lock_text(&mut self, text: &str) -> Result<(), SqlError> {
+        let Connection::Postgres(session) = &mut self.connection else { return Ok(()) };
+        let literal = text.replace('\'', "''");
+        session.send_simple(&format!("SELECT pg_advisory_xact_lock(hashtextextended('{literal}', 0))")).await
+    }
+
     /// Runs a statement and returns the number of changed rows.
     pub(super) async fn execute(&mut self, sql: impl Into<Sql>, values: Vec<Value>) -> Result<u64, SqlError> {
         let sql = constant(sql);

@@ -18,7 +18,7 @@ pub(in crate::worker) struct Cpu {
     /// Thread for `cpu-single`.
     single: Arc<ThreadPool>,
     free: Arc<Semaphore>,
-    /// True once the certificate of the running generation begins.
+    /// True once the running generation nearly ends.
     nearly_free: watch::Sender<bool>,
 }
 
@@ -49,8 +49,8 @@ impl Cpu {
         Arc::clone(&self.free).acquire_owned().await.expect("the semaphore is never closed")
     }
 
-    /// Waits until no generation uses the threads, or until the certificate of the running
-    /// generation begins. Returns `None` in the second case, once for each generation.
+    /// Waits until no generation uses the threads, or until the running generation nearly ends.
+    /// Returns `None` in the second case, once for each generation.
     pub(in crate::worker) async fn free_soon(&self) -> Option<OwnedSemaphorePermit> {
         let mut nearly_free = self.nearly_free.subscribe();
         let permit = tokio::select! {
@@ -72,7 +72,7 @@ impl Cpu {
         permit: OwnedSemaphorePermit,
     ) -> Generation {
         let (pool, cancel) = (Arc::clone(self.pool(backend)), task.cancel.clone());
-        task.sink.announce_certificate(self.nearly_free.clone());
+        task.sink.announce_end(self.nearly_free.clone());
         let thread = tokio::task::spawn_blocking(move || {
             let Task { job, dir, sink, cancel, memory_limit_bytes, checkpoint } = &task;
             let (memory_limit_bytes, checkpoint) = (*memory_limit_bytes, checkpoint.as_deref());

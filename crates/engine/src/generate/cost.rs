@@ -34,9 +34,9 @@ const ALL_PAIRS_SECONDS: f64 = 1.8e-9;
 const SKIN_UM: f64 = 10.0;
 /// Time on two threads divided by the time on one.
 const TWO_CORES: f64 = 0.6;
-/// Seconds per triangle for slab tests, loft, certificate and files. Measured on `paper` with
-/// `glb`.
-const TRIANGLE_SECONDS: f64 = 0.65e-6;
+/// Seconds per triangle for slab tests and loft, for the certificate, and for files. Measured on
+/// `paper` with `glb`.
+const TRIANGLE_SECONDS: [f64; 3] = [0.08e-6, 0.37e-6, 0.20e-6];
 /// Seconds per triangle for levels of detail on one core. Measured on the default model.
 const LEVELS_SECONDS: f64 = 1.3e-6;
 /// Seconds per triangle for morphometry. Measured on `paper`.
@@ -400,34 +400,67 @@ fn even_triangles(spec: &ModelSpec) -> f64 {
     (end - begin) * sum / f64::max(places, 1.0)
 }
 
+/// Predicted seconds of the stages of a generation, on one core.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct StageSeconds {
+    pub(super) simulate: f64,
+    pub(super) mesh: f64,
+    pub(super) certify: f64,
+    pub(super) measure: f64,
+    /// Files except label volumes.
+    pub(super) export: f64,
+    pub(super) labels: f64,
+}
+
+impl StageSeconds {
+    pub(super) fn new(spec: &ModelSpec, outputs: &Outputs) -> Self {
+        Self::of(spec, outputs, &Counts::new(spec, outputs))
+    }
+
+    fn of(spec: &ModelSpec, outputs: &Outputs, counts: &Counts) -> Self {
+        let is_even = spec.mesh.resolution_um > 0.0;
+        let is_smooth = spec.mesh.smooth_um > 0.0;
+        let triangles = count(counts.triangles) as f64;
+        let if_so = |is_so: bool, seconds: f64| if is_so { seconds } else { 0.0 };
+        let remesh =
+            if_so(is_even, counts.triangles) * if is_smooth { SMOOTH_FACTOR * REMESH_SECONDS } else { REMESH_SECONDS };
+        // All sections of an even surface are smoothed.
+        let smoothed = if is_even { f64::from(spec.solver.record_every) } else { 1.0 };
+        let [loft, certificate, files] = TRIANGLE_SECONDS.map(|seconds| triangles * seconds);
+        let layers = LAYER_SECONDS * f64::from(counts.sections.min(192)) / 12.0;
+        let labels = if outputs.has(Output::Labels) {
+            let (slices, voxels) = label_voxels(spec);
+            slices * LABEL_SLICE_SECONDS + slices * voxels * LABEL_VOXEL_SECONDS
+        } else {
+            0.0
+        };
+        Self {
+            simulate: simulation_seconds(spec),
+            mesh: loft
+                + remesh
+                + counts.section_points * if_so(is_smooth, smoothed * SMOOTH_SECONDS)
+                + if_so(spec.leans(), triangles * LEAN_SECONDS)
+                + if_so(spec.bends(), triangles * BEND_SECONDS),
+            certify: certificate
+                + if_so(counts.has_lumen, triangles * BODIES_SECONDS)
+                + f64::from(spec.contraction.frames) * triangles * FRAME_SECONDS,
+            measure: layers + triangles * MEASURE_SECONDS * if has_cuts(spec) { CUTS_FACTOR } else { 1.0 },
+            export: files
+                + if_so(outputs.has(Output::ThreeMf), counts.solids * triangles * THREEMF_SECONDS)
+                + if_so(outputs.has(Output::Lod), triangles * LEVELS_SECONDS),
+            labels,
+        }
+    }
+
+    fn sum(&self) -> f64 {
+        let Self { simulate, mesh, certify, measure, export, labels } = self;
+        simulate + mesh + certify + measure + export + labels
+    }
+}
+
 /// Time from start to end, by backend.
 fn seconds(spec: &ModelSpec, outputs: &Outputs, counts: &Counts) -> BTreeMap<String, Estimate> {
-    let is_even = spec.mesh.resolution_um > 0.0;
-    let is_smooth = spec.mesh.smooth_um > 0.0;
-    let triangles = count(counts.triangles) as f64;
-    let if_so = |is_so: bool, seconds: f64| if is_so { seconds } else { 0.0 };
-    let remesh =
-        if_so(is_even, counts.triangles) * if is_smooth { SMOOTH_FACTOR * REMESH_SECONDS } else { REMESH_SECONDS };
-    // All sections of an even surface are smoothed.
-    let smoothed = if is_even { f64::from(spec.solver.record_every) } else { 1.0 };
-    let more = if_so(counts.has_lumen, triangles * BODIES_SECONDS)
-        + if_so(outputs.has(Output::ThreeMf), counts.solids * triangles * THREEMF_SECONDS)
-        + if_so(spec.leans(), triangles * LEAN_SECONDS)
-        + if_so(spec.bends(), triangles * BEND_SECONDS)
-        + f64::from(spec.contraction.frames) * triangles * FRAME_SECONDS
-        + remesh
-        + counts.section_points * if_so(is_smooth, smoothed * SMOOTH_SECONDS);
-    let labels = if outputs.has(Output::Labels) {
-        let (slices, voxels) = label_voxels(spec);
-        slices * LABEL_SLICE_SECONDS + slices * voxels * LABEL_VOXEL_SECONDS
-    } else {
-        0.0
-    };
-    let levels = if_so(outputs.has(Output::Lod), LEVELS_SECONDS);
-    let measure = MEASURE_SECONDS * if has_cuts(spec) { CUTS_FACTOR } else { 1.0 };
-    let layers = LAYER_SECONDS * f64::from(counts.sections.min(192)) / 12.0;
-    let surface = more + labels + layers + triangles * (TRIANGLE_SECONDS + measure + levels);
-    let one = simulation_seconds(spec) + surface;
+    let one = StageSeconds::of(spec, outputs, counts).sum();
     let work = match spec.solver.search {
         Search::Lists => "pairs within reach of neighbour lists",
         Search::Grid => "pairs within reach of a grid",

@@ -1,5 +1,6 @@
 //! Writes the files of a model into a directory. Each file is hashed while it is written.
 
+use super::cost::StageSeconds;
 use super::outputs::{Output, stem};
 use super::types::{
     Bending, CancelToken, ContractionReport, FileOutput, Findings, GenerateError, Request, Summary, SurfaceFinding,
@@ -27,6 +28,7 @@ use serde_json::Value;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 /// Name of the report.
 pub(super) const REPORT: &str = "report.json";
@@ -128,11 +130,13 @@ pub struct Report<'a> {
 }
 
 /// Writes `report.json` and the requested outputs. The report contains neither times nor the
-/// backend, so its bytes do not depend on where the model is grown.
+/// backend, so its bytes do not depend on where the model is grown. `progress` receives the
+/// completed fraction.
 pub(super) fn write(
     request: &Request,
     inputs: Inputs<'_>,
     findings: &Findings,
+    progress: &(dyn Fn(f64) + Sync),
     cancel: &CancelToken,
 ) -> Result<Vec<FileOutput>, GenerateError> {
     let Inputs { meta, surfaces, tissue, straight, centreline, skin, sections } = inputs;
@@ -156,7 +160,12 @@ pub(super) fn write(
     if cancel.is_cancelled() {
         return Err(GenerateError::Cancelled);
     }
-    let labels = wants(Output::Labels).then(|| write_labels(request, straight, meta, cancel)).transpose()?;
+    let seconds = StageSeconds::new(&request.spec, &request.outputs);
+    let before = seconds.export / (seconds.export + seconds.labels);
+    progress(before);
+    let of_labels = |part: f64| progress(before + (1.0 - before) * part);
+    let labels =
+        wants(Output::Labels).then(|| write_labels(request, straight, meta, &of_labels, cancel)).transpose()?;
     let levels = levels.map_err(|source| GenerateError::Io { name: lod::FILES[0].into(), source })?;
     let report = Report {
         digest: &meta.digest,
@@ -251,10 +260,12 @@ fn centreline_tasks<'a>(
 }
 
 /// Writes `labels.ome.tif` and `labels.nii.gz`. Returns the files and their part of the report.
+/// `progress` receives the completed fraction.
 fn write_labels(
     request: &Request,
     mesh: &Mesh,
     meta: &Metadata,
+    progress: &(dyn Fn(f64) + Sync),
     cancel: &CancelToken,
 ) -> Result<(Vec<FileOutput>, labels::LabelReport), GenerateError> {
     let spec = &request.spec;
@@ -268,7 +279,12 @@ fn write_labels(
     let write = || {
         let mut ome = buffered(&ome_path)?;
         let mut nifti = hashed(&nifti_path)?;
-        let cancelled = || cancel.is_cancelled();
+        let begun = AtomicU32::new(0);
+        // Called before each slice.
+        let cancelled = || {
+            progress(f64::from(begun.fetch_add(1, Ordering::Relaxed)) / f64::from(volume.slices.max(1)));
+            cancel.is_cancelled()
+        };
         let layers = |z_um: f64| spec.layers_at_um(z_um, request.seed);
         let report = labels::write_labels(mesh, &layers, &volume, meta, (&mut ome, &mut nifti), &cancelled)?;
         ome.flush()?;

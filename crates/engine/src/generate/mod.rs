@@ -153,7 +153,7 @@ struct Finishing<'a> {
     flipped: usize,
     ran: RunInfo,
     /// Reports a completed fraction of a stage. Fails if the generation is cancelled.
-    stage: &'a dyn Fn(Stage, f64) -> Result<(), GenerateError>,
+    stage: &'a (dyn Fn(Stage, f64) -> Result<(), GenerateError> + Sync),
     cancel: &'a CancelToken,
 }
 
@@ -250,7 +250,8 @@ impl Finishing<'_> {
 
         (self.stage)(Stage::Export, 0.0)?;
         let watch = Stopwatch::start();
-        let mut files = files::write(request, inputs, &findings, cancel)?;
+        let progress = |part| drop((self.stage)(Stage::Export, part));
+        let mut files = files::write(request, inputs, &findings, &progress, cancel)?;
         files.extend(frames.into_iter().flatten());
         seconds.export = watch.seconds();
         (self.stage)(Stage::Export, 1.0)?;

@@ -1,20 +1,29 @@
 //! Progress of a generation as a fraction of its work, and an estimate of the remaining time.
 
-use super::outputs::Output;
+use super::cost::StageSeconds;
 use super::types::{Progress, Request, Sink, Stage};
 use crate::clock::Stopwatch;
 use crate::model::Section;
 use tempfile::TempPath;
 
 const STAGES: [Stage; 6] = [Stage::Simulate, Stage::Mesh, Stage::Certify, Stage::Measure, Stage::Export, Stage::Store];
+/// Completed fraction of the whole before the files are stored, which takes an unknown time.
+const GROWN: f64 = 0.99;
 
-/// Completed fraction of the whole at the end of each stage: for a surface that is lofted during
-/// the simulation, and for an even surface.
-const LOFTED: [f64; 6] = [0.80, 0.82, 0.90, 0.93, 0.98, 1.0];
-const EVEN: [f64; 6] = [0.10, 0.86, 0.93, 0.94, 0.98, 1.0];
-/// Factor on the ends of stages before the export with levels of detail, which take 55 % of the
-/// time of `paper` and 27 % of that of `pig`. Even surfaces take much longer to mesh.
-const WITH_LEVELS: f64 = 0.65;
+/// Completed fraction of the whole at the end of each of [`STAGES`], by their predicted times.
+fn ends(request: &Request) -> [f64; 6] {
+    let StageSeconds { simulate, mesh, certify, measure, export, labels } =
+        StageSeconds::new(&request.spec, &request.outputs);
+    let stages = [simulate, mesh, certify, measure, export + labels];
+    let scale = GROWN / stages.iter().sum::<f64>();
+    let mut ends = [1.0; 6];
+    let mut sum = 0.0;
+    for (end, seconds) in ends.iter_mut().zip(stages) {
+        sum += seconds;
+        *end = sum * scale;
+    }
+    ends
+}
 
 /// Converts steps into progress. The weight of a step is its number of particles.
 pub(super) struct ProgressMeter<'a> {
@@ -51,10 +60,7 @@ impl<'a> ProgressMeter<'a> {
             eta_seconds: None,
         };
         sink.progress(&now);
-        let mut ends = if spec.mesh.resolution_um > 0.0 { EVEN } else { LOFTED };
-        if request.outputs.has(Output::Lod) && ends != EVEN {
-            ends[..4].iter_mut().for_each(|end| *end *= WITH_LEVELS);
-        }
+        let ends = ends(request);
         Self { sink, watch: Stopwatch::start(), ends, begun: 0.0, burn_in: f64::from(spec.burn_in), work, now }
     }
 

@@ -6,6 +6,7 @@
 //! | `scaling` | time per step by number of threads and particles |
 //! | `batch` | models per second on the GPU by batch size |
 //! | `peers` | the same model grown by the numba and Warp peers, which are not part of this project |
+//! | `queue` | submissions, claims and ends per second of the job store |
 //! | `overhead` | models per second over HTTP, compared with calling the generator directly, on the cores and on a GPU |
 
 mod batch;
@@ -16,6 +17,7 @@ mod overhead;
 pub(crate) mod paper;
 mod peers;
 mod probe;
+mod queue;
 mod report;
 mod scaling;
 
@@ -46,6 +48,9 @@ pub(crate) struct BenchArgs {
     /// With `peers`: a Python interpreter with the packages of the peers
     #[arg(long, value_name = "PROGRAM", default_value = "python3")]
     python: PathBuf,
+    /// With `queue`: URL of an empty PostgreSQL database [default: SQLite in a temporary directory]
+    #[arg(long, value_name = "URL")]
+    database: Option<String>,
     #[command(flatten)]
     pub(crate) gpu: GpuArgs,
 }
@@ -63,10 +68,12 @@ enum Bench {
     Batch,
     /// Models per second over HTTP, compared with direct calls of the generator
     Overhead,
+    /// Submissions, claims and ends per second of the job store
+    Queue,
 }
 
 pub(crate) async fn run(args: BenchArgs) -> Ended {
-    let BenchArgs { what, quick, json, out, peers, python, gpu } = args;
+    let BenchArgs { what, quick, json, out, peers, python, database, gpu } = args;
     let (name, task) = match what {
         Bench::Paper => ("bench-paper", tokio::task::spawn_blocking(move || paper::run(quick, gpu))),
         Bench::Scaling => ("bench-scaling", tokio::task::spawn_blocking(move || scaling::run(quick))),
@@ -78,6 +85,7 @@ pub(crate) async fn run(args: BenchArgs) -> Ended {
         }
         Bench::Batch => ("bench-batch", tokio::task::spawn_blocking(move || batch::run(quick, gpu))),
         Bench::Overhead => ("bench-overhead", tokio::spawn(overhead::run(quick, gpu))),
+        Bench::Queue => ("bench-queue", tokio::spawn(queue::run(quick, database))),
     };
     let mut signals = Signals::listen();
     let report = tokio::select! {
