@@ -47,6 +47,7 @@ const NAMES: &[(&str, &[&str])] = &[
     ("wgpu", &["sim/gpu"]),
     ("object_store", &["jobs/artifacts"]),
     ("sqlx", &["jobs/sqlite", "jobs/postgres", "jobs/sql"]),
+    ("deadpool", &["jobs/sqlite", "jobs/postgres"]),
     ("axum", &["http", "cli"]),
     ("anyhow", &["cli", "plot", "load_plot", "bench", "figures"]),
 ];
