@@ -6,7 +6,7 @@ use super::access::{Caller, audited};
 use super::wire::extract::PathTexts;
 use super::wire::problem::{Kind, Problem};
 use super::wire::responses::{StoresUnavailable, WorkerMissing};
-use crate::jobs::{Instruction, JobId, WorkerInfo, WorkerKind, WorkerState};
+use crate::jobs::{Instruction, JobId, WorkerCondition, WorkerInfo, WorkerKind, WorkerState};
 use axum::Json;
 use axum::extract::State;
 use jiff::Timestamp;
@@ -41,6 +41,8 @@ pub struct Worker {
     pub state: WorkerState,
     /// Pause of this worker alone; null if the worker is active.
     pub pause: Option<Pause>,
+    /// Condition that keeps the worker from starting models; null if there is none.
+    pub condition: Option<WorkerCondition>,
 }
 
 /// Pause of one worker or of all workers.
@@ -73,6 +75,7 @@ impl From<WorkerInfo> for Worker {
             jobs_done: worker.jobs_done,
             heartbeat_at: worker.heartbeat_at,
             pause: worker.pause.map(Into::into),
+            condition: worker.condition,
         }
     }
 }

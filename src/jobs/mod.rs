@@ -38,7 +38,10 @@ pub use job::{
 };
 pub use list::{BulkResult, Change, Counts, ListFilter, Page};
 pub use open::{Database, open};
-pub use operators::{Instruction, Pause, PoolUse, WorkerInfo, WorkerKind, WorkerState};
+pub use operators::{
+    Instruction, Pause, PoolUse, QueueReason, WorkerCondition, WorkerCounts, WorkerInfo, WorkerKind, WorkerState,
+    Workforce,
+};
 pub use options::StoreOptions;
 pub use sql::{Hook, LastRound, MAX_LEASE, Mismatch, Observation, Store, UpkeepRound, UpkeepState, UpkeepTask};
 pub use state::ClaimScope;

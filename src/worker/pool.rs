@@ -13,7 +13,7 @@ use super::verdict;
 use crate::generate::Backend;
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::scratch::{Scratch, drop_blocking};
-use crate::jobs::{Change, ClaimScope, ClaimedJob, Job, Store, StoreError, WorkerInfo, WorkerKind};
+use crate::jobs::{Change, ClaimScope, ClaimedJob, Job, Store, StoreError, WorkerCondition, WorkerInfo, WorkerKind};
 use crate::lock::Mutex;
 use crate::status::{Condition, Status};
 use futures_util::future::join_all;
@@ -74,6 +74,8 @@ struct RunPermit {
 struct WorkerStatus {
     jobs_done: u64,
     gpu: GpuState,
+    /// Set by [`Slot::state`].
+    condition: Option<WorkerCondition>,
 }
 
 /// The state of a worker's GPU.
@@ -124,7 +126,7 @@ impl WorkerPool {
         let status = context.options.status.clone();
         if devices > 0 {
             let plural = if devices == 1 { "" } else { "s" };
-            status.set(Condition::OpeningDevices, format!("opening {devices} GPU{plural}"));
+            status.set(Condition::OpeningDevices, format!("The process is opening {devices} GPU{plural}."));
         }
         let opening = Arc::new(Opening(status));
         let mut tasks = JoinSet::new();
@@ -424,7 +426,8 @@ impl Slot {
     }
 
     fn state(&self) -> WorkerStatus {
-        self.state.lock().clone()
+        let condition = self.context.storage.is_unavailable().then_some(WorkerCondition::Storage);
+        WorkerStatus { condition, ..self.state.lock().clone() }
     }
 
     /// Sends a heartbeat with the present state of the worker.
@@ -446,6 +449,7 @@ impl Slot {
             jobs_done: state.jobs_done,
             heartbeat_at: Timestamp::UNIX_EPOCH,
             pause: None,
+            condition: state.condition,
         };
         if let Err(error) = self.context.store.worker_seen(&worker).await {
             tracing::warn!(worker = self.id, %error, "could not record the heartbeat of a worker");

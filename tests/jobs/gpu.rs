@@ -363,6 +363,7 @@ async fn while_no_gpu_worker_is_alive_a_cpu_worker_takes_auto_and_records_why() 
         jobs_done: 3,
         heartbeat_at: clock.now(),
         pause: None,
+        condition: None,
     };
     place.store.worker_seen(&dead).await.unwrap();
     clock.advance(Duration::from_secs(60));

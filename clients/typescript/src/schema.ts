@@ -3,7 +3,7 @@
  * Do not make direct changes to the file.
  */
 
-// openapi.yaml: sha256 ce676c183a4630a57b35e2dd78efd0b9bf46e0b05f7c44f1f282574071b2223c
+// openapi.yaml: sha256 2e4c3112498cee22c82a4c09ba5918bdd4f015d5c48926549c814d1fb1807ce9
 
 export interface paths {
     "/batches": {
@@ -837,8 +837,8 @@ export interface paths {
         };
         /**
          * Check whether the process accepts work.
-         * @description The response is 503 while the job store is unavailable, the artifact store does not accept a
-         *     small file, or the process is opening its GPUs or shutting down.
+         * @description The response is 503 while the job store is unavailable, the artifact store or the scratch
+         *     directory refuses files, or the process is opening its GPUs or shutting down.
          *
          *     Needs no key.
          */
@@ -2193,7 +2193,7 @@ export interface components {
             priority: number;
             problem?: components["schemas"]["ModelProblem"] | null;
             progress?: components["schemas"]["FitProgress"] | null;
-            /** @description Position and waiting time in the queue, which fits and models share. */
+            /** @description Place in the queue, which fits and models share. */
             queue: components["schemas"]["Queue"];
             /** @description The complete request, including defaults. Absent in lists and events. */
             request?: components["schemas"]["FitRequest"];
@@ -2870,7 +2870,7 @@ export interface components {
             priority: number;
             problem?: components["schemas"]["ModelProblem"] | null;
             progress?: components["schemas"]["Progress"] | null;
-            /** @description Position and waiting time in the queue. */
+            /** @description Place in the queue. */
             queue: components["schemas"]["Queue"];
             /**
              * Format: uuid
@@ -3378,7 +3378,7 @@ export interface components {
             /** @description Total number of time steps. */
             steps: number;
         };
-        /** @description Position and waiting time of a model in the queue. */
+        /** @description Place of a model in the queue: position, waiting time, and the reason if no worker claims it. */
         Queue: {
             /**
              * @description Number of models that are ahead in the queue and request the same backend: models of higher
@@ -3387,12 +3387,23 @@ export interface components {
              */
             position?: number | null;
             /**
+             * @description False if 1000 or more models are ahead, so `position` is 1000; null after the model has left
+             *     the queue.
+             */
+            position_is_exact?: boolean | null;
+            reason?: components["schemas"]["QueueReason"] | null;
+            /**
              * Format: double
              * @description Seconds between acceptance and the first attempt or, without an attempt, the end; null while
              *     the model waits.
              */
             wait_seconds?: number | null;
         };
+        /**
+         * @description Reason why workers do not claim a queued job, other than the jobs ahead of it.
+         * @enum {string}
+         */
+        QueueReason: "no-worker" | "paused" | "storage" | "equal-model";
         /** @description A target, with the values that the spec reaches. */
         Reached: components["schemas"]["Target"] & {
             /**
@@ -4463,6 +4474,7 @@ export interface components {
         Worker: {
             /** @description Backend of the worker. */
             backend: components["schemas"]["Backend"];
+            condition?: components["schemas"]["WorkerCondition"] | null;
             /** @description Name of the device. */
             device: string;
             /**
@@ -4490,6 +4502,11 @@ export interface components {
             /** @description State of the worker, without a pause of all workers. */
             state: components["schemas"]["WorkerState"];
         };
+        /**
+         * @description Condition that keeps a live worker from claiming jobs.
+         * @enum {string}
+         */
+        WorkerCondition: "storage";
         /** @description Workers that sent a heartbeat within the last five minutes. */
         WorkerList: {
             pause?: components["schemas"]["Pause"] | null;
@@ -5857,7 +5874,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`); Too many request bodies are being processed (`too-many-bodies`); Too many pictures are being drawn (`too-many-pictures`) */
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`); The process is not ready (`not-ready`); Too many request bodies are being processed (`too-many-bodies`); Too many pictures are being drawn (`too-many-pictures`) */
             503: {
                 headers: {
                     /** @description Seconds to wait before the next attempt */
@@ -6023,7 +6040,7 @@ export interface operations {
             /** @description The fit */
             200: {
                 headers: {
-                    /** @description The version, followed by the position in the queue if that is not 0 */
+                    /** @description The version, in the queue followed by the position and the reason for the wait, if the position is not 0 or there is a reason */
                     etag?: string;
                     /** @description Seconds to wait before the next request. Absent after the end */
                     "retry-after"?: number | null;
@@ -7285,7 +7302,7 @@ export interface operations {
             /** @description The model */
             200: {
                 headers: {
-                    /** @description The version, followed by the position in the queue if that is not 0 */
+                    /** @description The version, in the queue followed by the position and the reason for the wait, if the position is not 0 or there is a reason */
                     etag?: string;
                     /** @description Seconds to wait before the next request. Absent after the end */
                     "retry-after"?: number | null;

@@ -167,7 +167,7 @@ impl Runtime {
 
     /// Makes `/readyz` respond with 503.
     pub(in crate::cli) fn drain(&self) {
-        self.status.set(Condition::Draining, "the process is shutting down");
+        self.status.set(Condition::Draining, "The process is shutting down.");
     }
 
     /// Stops claiming, gives running models `--grace` to finish and releases the others to the

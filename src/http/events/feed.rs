@@ -8,6 +8,7 @@
 use super::published::{FeedTiming, Published};
 use super::subscription::Subscription;
 use crate::clock::Stopwatch;
+use crate::http::workforce::WorkforceCache;
 use crate::jobs::{Change, Job, JobId, ListFilter, Store, StoreError};
 use crate::lock::{Mutex, MutexGuard};
 use std::sync::Arc;
@@ -21,6 +22,7 @@ pub(in crate::http) struct Feed {
     /// Distinguishes the cursors of this process from those of others.
     pub(super) name: String,
     pub(super) store: Store,
+    workforce: Arc<WorkforceCache>,
     pub(super) timing: FeedTiming,
     age: Stopwatch,
     published: Mutex<Published>,
@@ -32,12 +34,18 @@ pub(in crate::http) struct Feed {
 
 impl Feed {
     /// A feed whose task publishes changes until `shutdown` is cancelled.
-    pub(in crate::http) fn start(store: Store, timing: FeedTiming, shutdown: CancellationToken) -> Arc<Self> {
+    pub(in crate::http) fn start(
+        store: Store,
+        workforce: Arc<WorkforceCache>,
+        timing: FeedTiming,
+        shutdown: CancellationToken,
+    ) -> Arc<Self> {
         let published = Published::default();
         let feed = Arc::new(Self {
             name: Uuid::new_v4().simple().to_string()[..12].to_owned(),
             reports: tokio::sync::Mutex::new(store.changes()),
             store,
+            workforce,
             timing,
             age: Stopwatch::start(),
             last: watch::Sender::new(published.last()),
@@ -68,7 +76,19 @@ impl Feed {
     }
 
     /// Publishes a state of a job, if the job has readers and the state is new.
-    pub(in crate::http) fn offer(&self, job: &Job) {
+    pub(in crate::http) async fn offer(&self, job: &Job) {
+        self.count_workers().await;
+        self.offer_counted(job);
+    }
+
+    /// Notes the live workers, from which the states derive why jobs wait.
+    async fn count_workers(&self) {
+        let workforce = self.workforce.current().await;
+        self.lock().workforce = workforce;
+    }
+
+    /// Publishes a state of a job after [`Feed::count_workers`].
+    fn offer_counted(&self, job: &Job) {
         self.update(|published| published.offer(job, self.age.elapsed(), &self.timing));
     }
 
@@ -131,10 +151,14 @@ impl Feed {
             // One query, because a request for a stream waits for it.
             let mut models = self.read(unknown).await?;
             models.sort_by_key(|model| model.id);
-            models.iter().for_each(|model| self.offer(model));
+            self.count_workers().await;
+            models.iter().for_each(|model| self.offer_counted(model));
             self.lock().note_newest(newest);
         }
         let due = self.lock().due_jobs(self.age.elapsed());
+        if !due.is_empty() {
+            self.count_workers().await;
+        }
         for id in due {
             let read = self.store.get(id).await;
             if read.is_err() {

@@ -31,7 +31,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Migrations of the tables, oldest first.
-const MIGRATIONS: [(&str, &str); 13] = migrations![
+const MIGRATIONS: [(&str, &str); 14] = migrations![
     "0001_jobs",
     "0002_operations",
     "0003_fair_share",
@@ -45,6 +45,7 @@ const MIGRATIONS: [(&str, &str); 13] = migrations![
     "0011_shared_growth",
     "0012_fits",
     "0013_upkeep_state",
+    "0014_worker_conditions",
 ];
 
 /// Maximum wait of a connection for a lock of another process.

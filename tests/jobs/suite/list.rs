@@ -85,6 +85,7 @@ pub async fn workers_are_seen(factory: Factory) {
         jobs_done,
         heartbeat_at,
         pause: None,
+        condition: None,
     };
     bench.store.worker_seen(&seen("b", 0, bench.clock.now())).await.unwrap();
     bench.clock.advance(Duration::from_secs(200));

@@ -51,6 +51,7 @@ fn worker() -> WorkerInfo {
         jobs_done: 1,
         heartbeat_at: Timestamp::MIN,
         pause: None,
+        condition: None,
     }
 }
 
