@@ -11,7 +11,10 @@ use crate::clock::Stopwatch;
 use crate::http::workforce::WorkforceCache;
 use crate::jobs::{Change, Job, JobId, ListFilter, Store, StoreError};
 use crate::lock::{Mutex, MutexGuard};
+use futures_util::FutureExt;
+use std::panic::AssertUnwindSafe;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use tokio::sync::broadcast::{self, error::RecvError, error::TryRecvError};
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
@@ -25,6 +28,8 @@ pub(in crate::http) struct Feed {
     workforce: Arc<WorkforceCache>,
     pub(super) timing: FeedTiming,
     age: Stopwatch,
+    /// Number of panics of the task that publishes changes.
+    panics: AtomicU64,
     published: Mutex<Published>,
     /// Number of the last publication; the receivers are the readers of many models.
     last: watch::Sender<u64>,
@@ -48,13 +53,14 @@ impl Feed {
             workforce,
             timing,
             age: Stopwatch::start(),
+            panics: AtomicU64::new(0),
             last: watch::Sender::new(published.last()),
             published: Mutex::new(published),
         });
         let follower = Arc::clone(&feed);
         tokio::spawn(async move {
             tokio::select! {
-                () = follower.follow() => {}
+                () = follower.follow_after_panics() => {}
                 () = shutdown.cancelled() => {}
             }
         });
@@ -121,6 +127,23 @@ impl Feed {
         }
         let filter = ListFilter { limit: ids.len() as u32, ids, ..ListFilter::default() };
         Ok(self.store.list(&filter).await?.jobs)
+    }
+
+    /// Publishes changes as they are reported. Continues after a panic: streams would stay open and
+    /// silent.
+    async fn follow_after_panics(&self) {
+        while AssertUnwindSafe(self.follow()).catch_unwind().await.is_err() {
+            tracing::error!("the publication of changes panicked; it is restarted, and event streams continue");
+            self.panics.fetch_add(1, Ordering::Relaxed);
+            // Reports may have been lost.
+            self.lock().note_loss();
+            tokio::time::sleep(self.timing.poll).await;
+        }
+    }
+
+    /// Number of panics of the task since the last call.
+    pub(in crate::http) fn take_panics(&self) -> u64 {
+        self.panics.swap(0, Ordering::Relaxed)
     }
 
     /// Publishes changes as they are reported.
