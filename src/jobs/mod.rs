@@ -11,6 +11,7 @@ mod attempt;
 mod batch;
 mod error;
 pub mod fault;
+mod folders;
 mod job;
 pub mod jumps;
 pub mod keys;
