@@ -11,15 +11,16 @@ use axum::Json;
 use axum::extract::State;
 use jiff::Timestamp;
 use serde::Serialize;
+use sha2::{Digest, Sha256};
 use utoipa::ToSchema;
 use uuid::Uuid;
 
 /// A worker.
 #[derive(Clone, Debug, Serialize, ToSchema)]
 pub struct Worker {
-    /// Name, unique in the installation.
+    /// Name, unique in the installation; without the scope `admin` a pseudonym.
     pub id: String,
-    /// Host name.
+    /// Host name; without the scope `admin` a pseudonym.
     pub host: String,
     /// Backend of the worker.
     #[schema(value_type = crate::generate::Backend)]
@@ -91,8 +92,8 @@ pub struct WorkerList {
 
 /// List the workers that sent a heartbeat within the last five minutes.
 ///
-/// Without the scope `admin`, the response names only jobs of the caller, and does not name who
-/// paused a worker.
+/// Without the scope `admin`, the response names only jobs of the caller, does not name who paused a
+/// worker, and contains pseudonyms instead of the names of workers and hosts.
 #[utoipa::path(
     get, path = "/workers", operation_id = "list_workers", tag = "service",
     responses((status = 200, description = "The workers", body = WorkerList), StoresUnavailable)
@@ -105,9 +106,18 @@ pub(super) async fn list(State(state): State<AppState>, caller: Caller) -> Resul
         pauses.flatten().for_each(|pause| pause.by = None);
         for worker in &mut workers {
             worker.jobs = visible(&state, &caller, &worker.jobs).await?;
+            worker.id = pseudonym("worker", &worker.id);
+            worker.host = pseudonym("host", &worker.host);
         }
     }
     Ok(Json(WorkerList { pause: pause.map(Into::into), workers: workers.into_iter().map(Into::into).collect() }))
+}
+
+/// A name that tells workers or hosts apart, and stays the same, but does not show the host or the
+/// process id.
+fn pseudonym(kind: &str, name: &str) -> String {
+    let hash = hex::encode(Sha256::digest(format!("oviduct {kind} {name}")));
+    format!("{kind}-{}", &hash[..12])
 }
 
 /// The subset of `jobs` that the caller may see.

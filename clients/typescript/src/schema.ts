@@ -3,7 +3,7 @@
  * Do not make direct changes to the file.
  */
 
-// openapi.yaml: sha256 ecc310b7625d332fe488264134b7bac0e00adf9c89e10d712330fb44cada0bb4
+// openapi.yaml: sha256 761d859ca1cf28d8cccdb8db623754dc26c9284824612d9c3d86188eb79e5531
 
 export interface paths {
     "/batches": {
@@ -906,8 +906,8 @@ export interface paths {
         };
         /**
          * List the workers that sent a heartbeat within the last five minutes.
-         * @description Without the scope `admin`, the response names only jobs of the caller, and does not name who
-         *     paused a worker.
+         * @description Without the scope `admin`, the response names only jobs of the caller, does not name who paused a
+         *     worker, and contains pseudonyms instead of the names of workers and hosts.
          *
          *     Needs a key with the scope `read`.
          */
@@ -4482,9 +4482,9 @@ export interface components {
              * @description Time of the last heartbeat.
              */
             heartbeat_at: string;
-            /** @description Host name. */
+            /** @description Host name; without the scope `admin` a pseudonym. */
             host: string;
-            /** @description Name, unique in the installation. */
+            /** @description Name, unique in the installation; without the scope `admin` a pseudonym. */
             id: string;
             /**
              * Format: uuid
