@@ -12,7 +12,8 @@ use tokio::time::timeout;
 pub enum Condition {
     /// GPU workers are opening their devices for the first time.
     OpeningDevices,
-    /// The artifact store or the scratch directory refuses files: the workers claim no jobs.
+    /// The artifact store or the scratch directory refuses files: the workers claim no jobs, and
+    /// the service refuses submissions.
     Storage,
     /// The process is shutting down.
     Draining,
@@ -42,7 +43,8 @@ struct State {
 pub struct Status(Arc<watch::Sender<State>>);
 
 impl Status {
-    /// The process is not ready for the reason given in `detail`, until [`Status::clear`].
+    /// The process is not ready for the reason given in `detail`, in whole sentences, until
+    /// [`Status::clear`].
     pub fn set(&self, condition: Condition, detail: impl Into<String>) {
         self.0.send_modify(|state| {
             state.conditions.insert(condition, detail.into());
@@ -61,7 +63,13 @@ impl Status {
         matches!(timeout(longest, clear).await, Ok(Ok(_)))
     }
 
-    /// The first reason why the process is not ready, with a sentence for operators; `None` if the
+    /// The detail of a condition; `None` if it does not hold.
+    #[must_use]
+    pub fn detail(&self, condition: Condition) -> Option<String> {
+        self.0.borrow().conditions.get(&condition).cloned()
+    }
+
+    /// The first reason why the process is not ready, with sentences for operators; `None` if the
     /// process is ready.
     #[must_use]
     pub fn not_ready(&self) -> Option<(Condition, String)> {
@@ -95,10 +103,12 @@ mod tests {
     async fn conditions_and_stuck_workers_come_and_go() {
         let status = Status::default();
         assert!(status.not_ready().is_none() && status.stuck_workers().is_empty());
-        status.set(Condition::Draining, "shutting down");
-        status.set(Condition::OpeningDevices, "opening 1 GPU");
-        assert_eq!(status.not_ready(), Some((Condition::OpeningDevices, "opening 1 GPU".to_owned())));
+        status.set(Condition::Draining, "The process is shutting down.");
+        status.set(Condition::OpeningDevices, "The process is opening 1 GPU.");
+        assert_eq!(status.not_ready(), Some((Condition::OpeningDevices, "The process is opening 1 GPU.".to_owned())));
         assert!(!status.cleared(Condition::OpeningDevices, Duration::from_millis(5)).await);
+        assert_eq!(status.detail(Condition::Draining).as_deref(), Some("The process is shutting down."));
+        assert_eq!(status.detail(Condition::Storage), None);
         let other = status.clone();
         let (cleared, ()) =
             tokio::join!(status.cleared(Condition::OpeningDevices, Duration::from_secs(60)), async move {

@@ -24,6 +24,7 @@ mod api {
     mod models;
     mod narrow;
     mod net;
+    mod obstacles;
     mod operators;
     mod prefix;
     mod preview;

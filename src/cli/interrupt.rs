@@ -1,4 +1,5 @@
-//! The signals that stop a command: SIGINT (Ctrl-C) and SIGTERM.
+//! The signals that stop a command: SIGINT (Ctrl-C), SIGTERM, and SIGHUP, which a terminal sends when
+//! it closes.
 
 use super::exit::Failure;
 use super::term::Bar;
@@ -13,7 +14,7 @@ use tokio::task::{JoinError, JoinHandle};
 #[derive(Debug)]
 pub struct Signals {
     #[cfg(unix)]
-    signals: [Option<Signal>; 2],
+    signals: [Option<Signal>; 3],
 }
 
 impl Signals {
@@ -22,7 +23,12 @@ impl Signals {
     pub fn listen() -> Self {
         Self {
             #[cfg(unix)]
-            signals: [SignalKind::terminate(), SignalKind::interrupt()].map(|kind| signal(kind).ok()),
+            signals: [
+                signal(SignalKind::terminate()).ok(),
+                signal(SignalKind::interrupt()).ok(),
+                // `nohup` lets a command ignore SIGHUP; a handler would undo that.
+                if ignores_hangup() { None } else { signal(SignalKind::hangup()).ok() },
+            ],
         }
     }
 
@@ -66,10 +72,11 @@ impl Signals {
     pub async fn asked_to_stop(&mut self) {
         #[cfg(unix)]
         {
-            let [terminate, interrupt] = &mut self.signals;
+            let [terminate, interrupt, hangup] = &mut self.signals;
             tokio::select! {
                 () = next(terminate) => {}
                 () = next(interrupt) => {}
+                () = next(hangup) => {}
             }
         }
         // Waits forever if Ctrl-C cannot be received, because it then ends the process by itself.
@@ -93,7 +100,16 @@ async fn next(signal: &mut Option<Signal>) {
     }
 }
 
-/// Waits for SIGINT or SIGTERM. After the first call they no longer end the process by themselves.
+/// True if this process ignores SIGHUP. False where the kernel does not report it.
+#[cfg(unix)]
+fn ignores_hangup() -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    // Bit 0 is signal 1, SIGHUP.
+    ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).is_some_and(|mask| mask & 1 == 1)
+}
+
+/// Waits for SIGINT, SIGTERM or SIGHUP. After the first call they no longer end the process by themselves.
 pub(super) async fn asked_to_stop() {
     Signals::listen().asked_to_stop().await;
 }

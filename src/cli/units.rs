@@ -72,6 +72,15 @@ pub(super) fn bytes(text: &str) -> Result<u64, String> {
     if size < 9.0e15 { Ok(size as u64) } else { Err(format!("`{text}` is too large")) }
 }
 
+/// Parses a size in [`bytes`] above zero with its unit. Refuses a bare number, which would be so few
+/// bytes that it can only be a mistake.
+pub(super) fn bytes_with_unit(text: &str) -> Result<u64, String> {
+    match number_and_unit(text)? {
+        (_, "") => Err("a unit of size is missing: use B, kB, MB, GB, KiB, MiB or GiB, as in 2GB".to_owned()),
+        _ => positive_bytes(text),
+    }
+}
+
 /// Parses a size in [`bytes`] above zero.
 pub(super) fn positive_bytes(text: &str) -> Result<u64, String> {
     match bytes(text)? {
@@ -349,6 +358,10 @@ mod tests {
         assert_eq!(bytes("2 GiB"), Ok(2 << 30));
         for wrong in ["", "MB", "2 apples", "-1", "99999999GB"] {
             assert!(bytes(wrong).is_err(), "{wrong}");
+        }
+        assert_eq!(bytes_with_unit("2GB"), Ok(2_000_000_000));
+        for wrong in ["2", "2000000000", "0", "0GB"] {
+            assert!(bytes_with_unit(wrong).is_err(), "{wrong}");
         }
         assert_eq!(show_bytes(1_250_000), "1.2 MB");
         assert_eq!(show_bytes(12), "12 B");

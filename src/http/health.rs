@@ -43,15 +43,15 @@ pub(super) async fn alive(State(state): State<AppState>) -> Result<Json<Health>,
 
 /// Check whether the process accepts work.
 ///
-/// The response is 503 while the job store is unavailable, the artifact store does not accept a
-/// small file, or the process is opening its GPUs or shutting down.
+/// The response is 503 while the job store is unavailable, the artifact store or the scratch
+/// directory refuses files, or the process is opening its GPUs or shutting down.
 #[utoipa::path(
     get, path = "/readyz", operation_id = "get_readiness", tag = "service",
     responses((status = 200, description = "The process accepts work", body = Health), Unready)
 )]
 pub(super) async fn ready(State(state): State<AppState>) -> Result<Json<Health>, Problem> {
     if let Some((condition, detail)) = state.status.not_ready() {
-        return Err(not_ready(condition, format!("The process is {}: {detail}.", condition.name())));
+        return Err(not_ready(condition, detail));
     }
     match tokio::join!(check_jobs(&state), check_artifacts(&state)) {
         (Ok(()), Ok(())) => Ok(Json(OK)),
@@ -103,6 +103,13 @@ async fn in_time(
         Ok(Err(panic)) => Err(panic.to_string()),
         Err(_) => outage().map_or(Ok(()), Err),
     }
+}
+
+/// Refuses a submission while this process cannot store files. The record would use up the reserve
+/// that the job store needs for deletions, which free space.
+pub(super) fn check_storage(state: &AppState) -> Result<(), Problem> {
+    let detail = state.status.detail(Condition::Storage);
+    detail.map_or(Ok(()), |detail| Err(not_ready(Condition::Storage, detail)))
 }
 
 /// The problem of a process that does not accept work.

@@ -34,6 +34,7 @@ async fn read_gauges(state: &AppState) {
     metrics.set_streams(state.open_streams(), limits.streams);
     metrics.set_held(state.held.used(), limits.held);
     metrics.set_downloads(state.downloads.used(), limits.downloads);
+    metrics.task_panicked("events", state.feed.take_panics());
     metrics.set_artifact_store_up(state.artifacts.outage().is_none());
     for PoolUse { name, open, idle, most } in state.store.pools() {
         metrics.set_connections(name, open.saturating_sub(idle), idle, most);

@@ -21,6 +21,7 @@ mod presets;
 mod router;
 mod wire;
 mod workers;
+mod workforce;
 
 pub use access::{AccessOptions, WithoutKeys};
 pub use batches::batch::{Batch, BatchCounts, BatchList};
@@ -32,8 +33,8 @@ pub use wire::headers::REQUEST_ID;
 pub use workers::{Pause, Worker, WorkerList};
 
 use crate::availability::Availability;
-use crate::jobs::Store;
 use crate::jobs::artifacts::Artifacts;
+use crate::jobs::{Job, Status as JobStatus, Store};
 use crate::metrics::Metrics;
 use crate::status::Status;
 use access::Access;
@@ -44,6 +45,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio_util::sync::CancellationToken;
 use wire::shares::{Shares, Turns};
+use workforce::{JobContext, WorkforceCache};
 
 /// Maximum number of large bodies that are parsed at a time. More threads would also leave more
 /// memory to the allocator, which keeps what each of them has freed for a while.
@@ -154,6 +156,7 @@ pub struct AppState {
     status: Status,
     /// Availability of `store`, from its checks.
     store_availability: Arc<Availability>,
+    workforce: Arc<WorkforceCache>,
     feed: Arc<Feed>,
     bodies: Arc<Shares>,
     parsing: Arc<Turns>,
@@ -174,7 +177,8 @@ impl AppState {
     #[must_use]
     pub fn new(store: Store, artifacts: Artifacts, limits: Limits, shutdown: CancellationToken) -> Self {
         let timing = FeedTiming { interval: limits.event_interval, poll: limits.event_poll, keep: limits.keep };
-        let feed = Feed::start(store.clone(), timing, shutdown.clone());
+        let workforce = Arc::new(WorkforceCache::new(store.clone(), limits.worker_memory));
+        let feed = Feed::start(store.clone(), Arc::clone(&workforce), timing, shutdown.clone());
         let [bodies, streams, held, downloads] =
             [limits.body_memory, limits.streams, limits.held, limits.downloads].map(Shares::halves);
         let access = Arc::new(Access::new(store.clone(), AccessOptions::default(), limits.cors_origins.clone()));
@@ -190,6 +194,7 @@ impl AppState {
             access,
             status: Status::default(),
             store_availability,
+            workforce,
             feed,
             bodies,
             parsing,
@@ -219,6 +224,14 @@ impl AppState {
     #[must_use]
     pub fn with_status(self, status: Status) -> Self {
         Self { status, ..self }
+    }
+
+    /// The context of responses about these jobs. Counts the workers only if one of the jobs is
+    /// queued.
+    async fn job_context<'a>(&self, jobs: impl IntoIterator<Item = &'a Job>) -> JobContext {
+        let is_queued = jobs.into_iter().any(|job| job.status == JobStatus::Queued);
+        let workforce = if is_queued { self.workforce.current().await } else { None };
+        JobContext { keep: self.limits.keep, workforce }
     }
 
     /// Deletes artifacts that no record names. Waits at most one second; clients cannot reach the

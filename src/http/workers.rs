@@ -6,20 +6,21 @@ use super::access::{Caller, audited};
 use super::wire::extract::PathTexts;
 use super::wire::problem::{Kind, Problem};
 use super::wire::responses::{StoresUnavailable, WorkerMissing};
-use crate::jobs::{Instruction, JobId, WorkerInfo, WorkerKind, WorkerState};
+use crate::jobs::{Instruction, JobId, WorkerCondition, WorkerInfo, WorkerKind, WorkerState};
 use axum::Json;
 use axum::extract::State;
 use jiff::Timestamp;
 use serde::Serialize;
+use sha2::{Digest, Sha256};
 use utoipa::ToSchema;
 use uuid::Uuid;
 
 /// A worker.
 #[derive(Clone, Debug, Serialize, ToSchema)]
 pub struct Worker {
-    /// Name, unique in the installation.
+    /// Name, unique in the installation; without the scope `admin` a pseudonym.
     pub id: String,
-    /// Host name.
+    /// Host name; without the scope `admin` a pseudonym.
     pub host: String,
     /// Backend of the worker.
     #[schema(value_type = crate::generate::Backend)]
@@ -41,6 +42,8 @@ pub struct Worker {
     pub state: WorkerState,
     /// Pause of this worker alone; null if the worker is active.
     pub pause: Option<Pause>,
+    /// Condition that keeps the worker from starting models; null if there is none.
+    pub condition: Option<WorkerCondition>,
 }
 
 /// Pause of one worker or of all workers.
@@ -73,6 +76,7 @@ impl From<WorkerInfo> for Worker {
             jobs_done: worker.jobs_done,
             heartbeat_at: worker.heartbeat_at,
             pause: worker.pause.map(Into::into),
+            condition: worker.condition,
         }
     }
 }
@@ -88,8 +92,8 @@ pub struct WorkerList {
 
 /// List the workers that sent a heartbeat within the last five minutes.
 ///
-/// Without the scope `admin`, the response names only jobs of the caller, and does not name who
-/// paused a worker.
+/// Without the scope `admin`, the response names only jobs of the caller, does not name who paused a
+/// worker, and contains pseudonyms instead of the names of workers and hosts.
 #[utoipa::path(
     get, path = "/workers", operation_id = "list_workers", tag = "service",
     responses((status = 200, description = "The workers", body = WorkerList), StoresUnavailable)
@@ -102,9 +106,18 @@ pub(super) async fn list(State(state): State<AppState>, caller: Caller) -> Resul
         pauses.flatten().for_each(|pause| pause.by = None);
         for worker in &mut workers {
             worker.jobs = visible(&state, &caller, &worker.jobs).await?;
+            worker.id = pseudonym("worker", &worker.id);
+            worker.host = pseudonym("host", &worker.host);
         }
     }
     Ok(Json(WorkerList { pause: pause.map(Into::into), workers: workers.into_iter().map(Into::into).collect() }))
+}
+
+/// A name that tells workers or hosts apart, and stays the same, but does not show the host or the
+/// process id.
+fn pseudonym(kind: &str, name: &str) -> String {
+    let hash = hex::encode(Sha256::digest(format!("oviduct {kind} {name}")));
+    format!("{kind}-{}", &hash[..12])
 }
 
 /// The subset of `jobs` that the caller may see.

@@ -349,6 +349,11 @@ impl Submitted {
     }
 }
 
+impl Job {
+    /// Position that jobs with at least this many jobs ahead report; smaller positions are exact.
+    pub const MAX_QUEUE_POSITION: u64 = 1000;
+}
+
 /// The record of a job.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Job {
@@ -379,8 +384,10 @@ pub struct Job {
     /// Backend and device that compute it.
     pub backend: BackendReport,
     /// Position in the queue from 0, among the jobs with the same requested backend; `None` unless
-    /// queued. Exact up to 1000; jobs further back report 1000.
+    /// queued. Jobs further back than [`Job::MAX_QUEUE_POSITION`] report that number.
     pub queue_position: Option<u64>,
+    /// True if the job is queued and waits for an equal model that is queued or running.
+    pub waits_for_equal: bool,
     /// Latest progress of the present attempt.
     pub progress: Option<JobProgress>,
     /// Latest live section.

@@ -11,6 +11,7 @@ mod attempt;
 mod batch;
 mod error;
 pub mod fault;
+mod folders;
 mod job;
 pub mod jumps;
 pub mod keys;
@@ -38,7 +39,10 @@ pub use job::{
 };
 pub use list::{BulkResult, Change, Counts, ListFilter, Page};
 pub use open::{Database, open};
-pub use operators::{Instruction, Pause, PoolUse, WorkerInfo, WorkerKind, WorkerState};
+pub use operators::{
+    Instruction, Pause, PoolUse, QueueReason, WorkerCondition, WorkerCounts, WorkerInfo, WorkerKind, WorkerState,
+    Workforce,
+};
 pub use options::StoreOptions;
 pub use sql::{Hook, LastRound, Mismatch, Observation, Store, UpkeepRound, UpkeepState, UpkeepTask};
 pub use state::{ClaimScope, MAX_LEASE};

@@ -1,6 +1,7 @@
 //! Installations for operators: workers, their pauses, and the use of connections.
 
 use super::job::JobId;
+use crate::generate::Backend;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
@@ -45,6 +46,85 @@ pub struct WorkerInfo {
     pub heartbeat_at: Timestamp,
     /// Pause of this worker alone. The store fills it in, like `jobs`.
     pub pause: Option<Pause>,
+    /// Condition that keeps the worker from claiming jobs.
+    pub condition: Option<WorkerCondition>,
+}
+
+/// Condition that keeps a live worker from claiming jobs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum WorkerCondition {
+    /// The artifact store or the scratch directory of the worker refuses files.
+    Storage,
+}
+
+/// Reason why workers do not claim a queued job, other than the jobs ahead of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, utoipa::ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum QueueReason {
+    /// No live worker can run the job.
+    NoWorker,
+    /// All live workers that can run the job are paused or drained.
+    Paused,
+    /// No worker that could claim the job can store its files.
+    Storage,
+    /// An equal model is ahead in the queue or being grown. The job will share its files.
+    EqualModel,
+}
+
+impl QueueReason {
+    /// The name in JSON.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::NoWorker => "no-worker",
+            Self::Paused => "paused",
+            Self::Storage => "storage",
+            Self::EqualModel => "equal-model",
+        }
+    }
+}
+
+/// Numbers of live workers of one kind.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct WorkerCounts {
+    /// Live workers.
+    pub live: u64,
+    /// Live workers that are neither paused nor drained, individually or with all workers.
+    pub unpaused: u64,
+    /// Unpaused workers without a [`WorkerCondition`]. They claim jobs.
+    pub claiming: u64,
+}
+
+/// Numbers of live workers by kind.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Workforce {
+    /// CPU workers.
+    pub cpu: WorkerCounts,
+    /// GPU workers.
+    pub gpu: WorkerCounts,
+}
+
+impl Workforce {
+    /// Reason why no worker claims jobs that request this backend; `None` if one does.
+    #[must_use]
+    pub fn obstacle(&self, requested: Backend) -> Option<QueueReason> {
+        let kinds: &[WorkerCounts] = match requested {
+            Backend::Auto => &[self.cpu, self.gpu],
+            Backend::Gpu => &[self.gpu],
+            Backend::Cpu | Backend::CpuSingle => &[self.cpu],
+        };
+        let none = |number: fn(&WorkerCounts) -> u64| kinds.iter().all(|kind| number(kind) == 0);
+        if none(|kind| kind.live) {
+            Some(QueueReason::NoWorker)
+        } else if none(|kind| kind.unpaused) {
+            Some(QueueReason::Paused)
+        } else if none(|kind| kind.claiming) {
+            Some(QueueReason::Storage)
+        } else {
+            None
+        }
+    }
 }
 
 impl WorkerInfo {

@@ -142,6 +142,8 @@ metrics! {
         "models_removed", "Models removed because of their age or of the limit on bytes";
     clock_jumps: Counter = Counter::default(), "clock_jumps",
         "Advances of the job store's clock that are longer than the time that passed; each skipped a round of retention";
+    task_panics: Counters = Counters::default(), "task_panics",
+        "Panics of tasks of this process, each of which was restarted: claims, heartbeats, events";
     damaged: Counter = Counter::default(), "damaged_files",
         "Reads of whole stored files that differ from their records; such a file is not served";
     pictures: Counters = Counters::default(), "pictures",
@@ -331,6 +333,11 @@ impl Metrics {
     /// Counts a jump of the clock of the job store.
     pub fn clock_jumped(&self) {
         self.0.clock_jumps.inc();
+    }
+
+    /// Counts panics of a restarted task: `claims`, `heartbeats` or `events`.
+    pub fn task_panicked(&self, task: &'static str, panics: u64) {
+        self.0.task_panics.get_or_create(&[("task", task.into())]).inc_by(panics);
     }
 
     /// Counts a read of a stored file that differs from its record.

@@ -1,7 +1,8 @@
 //! Rules for the claims of a process: the jobs that a CPU worker leaves to GPU workers, and pauses
 //! while files cannot be stored.
 //!
-//! **GPU workers.** CPU workers leave `auto` jobs to GPU workers while one is live and not paused.
+//! **GPU workers.** CPU workers leave `auto` jobs to GPU workers while one is live, not paused and
+//! able to store files.
 //! They claim `auto` jobs only when the queue is longer than the GPU workers can take with their
 //! next two claims, and no GPU of this pool waits for surfaces, which need the same cores. A worker
 //! is live while its last heartbeat is younger than [`ALIVE_HEARTBEATS`] of this pool's heartbeats.
@@ -35,7 +36,7 @@ pub(super) async fn cpu_fallback(
     options: &PoolOptions,
     surfaces_lag: bool,
 ) -> Result<Option<CpuFallback>, StoreError> {
-    let live = store.count_unpaused_workers(WorkerKind::Gpu, ALIVE_HEARTBEATS * options.heartbeat).await?;
+    let live = store.count_claiming_workers(WorkerKind::Gpu, ALIVE_HEARTBEATS * options.heartbeat).await?;
     if live == 0 {
         let why = options.no_gpu.clone().unwrap_or_else(|| "no GPU worker is alive".to_owned());
         return Ok(Some((why, Fallback::NoGpu)));
@@ -46,6 +47,10 @@ pub(super) async fn cpu_fallback(
     Ok((queued > next_claims && !surfaces_lag).then(|| (why(), Fallback::Busy)))
 }
 
+/// Detail of [`Condition::Storage`].
+const STORAGE_DETAIL: &str = "The artifact store or the scratch directory of this process refuses files. Until both \
+    accept files again, the process starts no models and refuses new ones. Free space, or restore access to the \
+    artifact store; the log has the cause.";
 /// Maximum wait between two checks, in units.
 const MAX_CHECK_WAIT: u32 = 15;
 /// Maximum pause of claims after a release, in units.
@@ -114,7 +119,7 @@ impl Storage {
                 tracing::warn!(cause, "storage is unavailable; the workers claim no jobs until it is available again");
                 // Without the cause, which may name hosts, paths and models: probes show the detail
                 // to everyone.
-                self.status.set(Condition::Storage, "storage is unavailable");
+                self.status.set(Condition::Storage, STORAGE_DETAIL);
             }
             let outage = state.outage.get_or_insert(Outage { paused_until: now, scratch });
             outage.scratch = outage.scratch.max(scratch);
@@ -182,6 +187,11 @@ impl Storage {
         }
     }
 
+    /// True if claims are paused until a check passes.
+    pub(super) fn is_unavailable(&self) -> bool {
+        self.outage().is_some()
+    }
+
     fn outage(&self) -> Option<Outage> {
         self.state.borrow().outage
     }
@@ -226,7 +236,7 @@ mod tests {
         storage.wait_until_available(&artifacts, &scratch).await;
         storage.write_failed(&ArtifactError::Store("refused".into()));
         let (condition, detail) = status.not_ready().unwrap();
-        assert_eq!((condition, detail.as_str()), (Condition::Storage, "storage is unavailable"));
+        assert_eq!((condition, detail.as_str()), (Condition::Storage, STORAGE_DETAIL));
         std::fs::remove_dir_all(dir.path().join("artifacts")).unwrap();
         std::fs::write(dir.path().join("artifacts"), "a file instead of the directory").unwrap();
         let paused =

@@ -13,13 +13,16 @@ use super::verdict;
 use crate::generate::Backend;
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::scratch::{Scratch, drop_blocking};
-use crate::jobs::{Change, ClaimScope, ClaimedJob, Job, Store, StoreError, WorkerInfo, WorkerKind};
+use crate::jobs::{Change, ClaimScope, ClaimedJob, Job, Store, StoreError, WorkerCondition, WorkerInfo, WorkerKind};
 use crate::lock::Mutex;
 use crate::status::{Condition, Status};
+use futures_util::FutureExt;
 use futures_util::future::join_all;
 use jiff::Timestamp;
+use std::any::Any;
 use std::io;
 use std::iter::repeat_with;
+use std::panic::AssertUnwindSafe;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -57,8 +60,9 @@ struct Slot {
     claims: Arc<Semaphore>,
     busy: Arc<Busy>,
     state: Mutex<WorkerStatus>,
-    /// Held from reading `state` until it is recorded, so that the last record is current.
-    recording: tokio::sync::Mutex<()>,
+    /// True after the last heartbeat. Held from reading `state` until it is recorded, so that the
+    /// last record is current.
+    stopped: tokio::sync::Mutex<bool>,
 }
 
 /// The rights that a worker needs to run a claim.
@@ -74,6 +78,8 @@ struct RunPermit {
 struct WorkerStatus {
     jobs_done: u64,
     gpu: GpuState,
+    /// Set by [`Slot::state`].
+    condition: Option<WorkerCondition>,
 }
 
 /// The state of a worker's GPU.
@@ -124,14 +130,18 @@ impl WorkerPool {
         let status = context.options.status.clone();
         if devices > 0 {
             let plural = if devices == 1 { "" } else { "s" };
-            status.set(Condition::OpeningDevices, format!("opening {devices} GPU{plural}"));
+            status.set(Condition::OpeningDevices, format!("The process is opening {devices} GPU{plural}."));
         }
         let opening = Arc::new(Opening(status));
         let mut tasks = JoinSet::new();
         for slot in &slots {
-            tasks.spawn(claim_loop(Arc::clone(slot), Arc::clone(&opening)));
+            tasks.spawn(run_slot(Arc::clone(slot), Arc::clone(&opening)));
         }
-        tasks.spawn(report_workers(slots, context));
+        tasks.spawn(async move {
+            while let Err(panic) = AssertUnwindSafe(report_workers(&slots, &context)).catch_unwind().await {
+                note_panic(&context, "heartbeats", panic).await;
+            }
+        });
         Ok(Self { phase, tasks, scratch })
     }
 
@@ -168,20 +178,40 @@ impl Drop for Opening {
     }
 }
 
-/// Claims jobs and runs them until the pool drains.
+/// Claims jobs and runs them until the pool drains. Continues after a panic: a worker that claims
+/// nothing would look alive.
+async fn run_slot(slot: Arc<Slot>, opening: Arc<Opening>) {
+    let (mut attempts, mut opening) = (JoinSet::new(), Some(opening));
+    while let Err(panic) = AssertUnwindSafe(claim_jobs(&slot, &mut opening, &mut attempts)).catch_unwind().await {
+        note_panic(&slot.context, "claims", panic).await;
+    }
+    while let Some(ended) = attempts.join_next().await {
+        log_panic(ended);
+    }
+    slot.stop().await;
+}
+
+/// Reports a panic of a task of the pool, and waits until the task may start again.
+async fn note_panic(context: &Context, task: &'static str, panic: Box<dyn Any + Send>) {
+    tracing::error!(task, panic = verdict::panic_message(&*panic), "a task of the workers panicked; it is restarted");
+    drop(panic);
+    context.options.metrics.task_panicked(task, 1);
+    sleep(context.options.poll).await;
+}
+
+/// Claims jobs and starts their attempts until the pool drains.
 ///
 /// The worker claims the next job when its device is free, or once for each generation shortly
 /// before its threads are free, so that they do not wait for the stores. The upload of the previous
 /// job may still be in progress.
-async fn claim_loop(slot: Arc<Slot>, opening: Arc<Opening>) {
+async fn claim_jobs(slot: &Arc<Slot>, opening: &mut Option<Arc<Opening>>, attempts: &mut JoinSet<()>) {
     let context = &slot.context;
     let mut phase = context.phase.clone();
     let mut wait = context.options.poll;
-    let mut attempts = JoinSet::new();
     if let Some(gpu) = &slot.gpu {
         slot.open(gpu).await;
     }
-    drop(opening);
+    *opening = None;
     loop {
         let permit = tokio::select! {
             biased;
@@ -194,7 +224,7 @@ async fn claim_loop(slot: Arc<Slot>, opening: Arc<Opening>) {
             Ok((claimed, fallback)) => {
                 wait = context.options.poll;
                 if !claimed.is_empty() {
-                    attempts.spawn(Arc::clone(&slot).run(claimed, fallback, permit));
+                    attempts.spawn(Arc::clone(slot).run(claimed, fallback, permit));
                     while let Some(ended) = attempts.try_join_next() {
                         log_panic(ended);
                     }
@@ -215,10 +245,6 @@ async fn claim_loop(slot: Arc<Slot>, opening: Arc<Opening>) {
             () = new_job(&mut changes), if !unavailable => {}
         }
     }
-    while let Some(ended) = attempts.join_next().await {
-        log_panic(ended);
-    }
-    slot.record().await;
 }
 
 fn log_panic(ended: Result<(), JoinError>) {
@@ -241,7 +267,7 @@ async fn new_job(changes: &mut Receiver<Change>) {
 
 /// Sends the heartbeats of the workers: of workers whose state has changed at each interval, of all
 /// workers less often.
-async fn report_workers(slots: Vec<Arc<Slot>>, context: Arc<Context>) {
+async fn report_workers(slots: &[Arc<Slot>], context: &Context) {
     let mut phase = context.phase.clone();
     let mut recorded: Vec<Option<WorkerStatus>> = vec![None; slots.len()];
     for beat in 0u32.. {
@@ -251,7 +277,7 @@ async fn report_workers(slots: Vec<Arc<Slot>>, context: Arc<Context>) {
             }
         }
         tokio::select! {
-            // Each worker sends its last heartbeat itself.
+            // Each worker ends its entry in the list itself.
             _ = phase.wait_for(|phase| *phase != Phase::Run) => return,
             () = sleep(context.options.heartbeat) => {}
         }
@@ -274,7 +300,7 @@ impl Slot {
             claims: Arc::new(Semaphore::new(CLAIMS)),
             busy,
             state: Mutex::default(),
-            recording: tokio::sync::Mutex::default(),
+            stopped: tokio::sync::Mutex::default(),
         }))
     }
 
@@ -424,13 +450,26 @@ impl Slot {
     }
 
     fn state(&self) -> WorkerStatus {
-        self.state.lock().clone()
+        let condition = self.context.storage.is_unavailable().then_some(WorkerCondition::Storage);
+        WorkerStatus { condition, ..self.state.lock().clone() }
     }
 
-    /// Sends a heartbeat with the present state of the worker.
+    /// Removes the worker from the list of workers, after its last heartbeat.
+    async fn stop(&self) {
+        let mut stopped = self.stopped.lock().await;
+        *stopped = true;
+        if let Err(error) = self.context.store.worker_stopped(&self.id).await {
+            tracing::warn!(worker = self.id, %error, "could not remove a stopped worker from the list of workers");
+        }
+    }
+
+    /// Sends a heartbeat with the present state of the worker, unless it has stopped.
     async fn record(&self) -> WorkerStatus {
-        let _recording = self.recording.lock().await;
+        let stopped = self.stopped.lock().await;
         let state = self.state();
+        if *stopped {
+            return state;
+        }
         let (kind, device) = match &self.gpu {
             // A GPU worker without its device must not count as live.
             Some(_) if state.gpu != GpuState::Open => return state,
@@ -446,6 +485,7 @@ impl Slot {
             jobs_done: state.jobs_done,
             heartbeat_at: Timestamp::UNIX_EPOCH,
             pause: None,
+            condition: state.condition,
         };
         if let Err(error) = self.context.store.worker_seen(&worker).await {
             tracing::warn!(worker = self.id, %error, "could not record the heartbeat of a worker");

@@ -260,6 +260,15 @@ async fn lists_and_workers_show_own_models_and_everything_to_an_admin() {
         list["workers"][0]["jobs"].as_array().unwrap().len()
     };
     assert_eq!((jobs(&a).await, jobs(&b).await, jobs(&admin).await), (1, 0, 1));
+    // Only admins see hosts and, in the names of workers, process ids.
+    let names = async |key: &str| {
+        let list = app.get_with("/workers", &[("authorization", key)]).await.json();
+        ["id", "host"].map(|member| list["workers"][0][member].as_str().unwrap().to_owned())
+    };
+    assert_eq!(names(&admin).await, ["w1", "here"]);
+    let [id, host] = names(&a).await;
+    assert!(id.starts_with("worker-") && host.starts_with("host-"), "{id} {host}");
+    assert_eq!(names(&b).await, [id, host], "the pseudonyms are stable");
     // Each owner has a separate set of idempotency keys.
     for (key, status) in [(&a, 202), (&a, 202), (&b, 202)] {
         let headers = [("authorization", key.as_str()), ("idempotency-key", "same")];

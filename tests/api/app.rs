@@ -272,6 +272,7 @@ impl App {
             jobs_done: 3,
             heartbeat_at: self.clock.now(),
             pause: None,
+            condition: None,
         };
         self.store.worker_seen(&worker).await.unwrap();
     }

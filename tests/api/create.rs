@@ -27,6 +27,7 @@ fn steady(mut model: Value) -> Value {
 #[tokio::test]
 async fn a_model_is_accepted_and_queued() {
     let app = App::new().await;
+    app.worker(WorkerKind::Cpu).await;
     let body = json!({ "preset": "pig", "seed": 7, "outputs": ["glb", "obj"], "labels": { "study": "A3" } });
     let reply = app.post("/models", &body).await;
     assert_eq!(reply.status, 202);
@@ -367,7 +368,7 @@ async fn an_expected_gpu_is_waited_for_in_the_queue() {
 #[tokio::test]
 async fn a_request_for_a_gpu_waits_while_devices_are_opened() {
     let status = Status::default();
-    status.set(Condition::OpeningDevices, "opening 1 GPU");
+    status.set(Condition::OpeningDevices, "The process is opening 1 GPU.");
     let app = App::with(Limits { gpu_wait: Duration::from_millis(50), ..Limits::default() }, 10).await;
     let app = app.with_status(status.clone());
     app.expect_faults();

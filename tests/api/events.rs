@@ -4,8 +4,13 @@ use super::app::{App, contour, id};
 use axum::body::{Body, BodyDataStream};
 use axum::http::Request;
 use futures_util::StreamExt;
+use futures_util::future::BoxFuture;
+use oviduct::clock::Clock;
 use oviduct::http::Limits;
+use oviduct::jobs::{Hook, Store, StoreError, StoreOptions};
 use serde_json::{Value, json};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 /// Longest wait for something that must happen.
@@ -371,4 +376,35 @@ async fn there_is_a_limit_to_open_streams() {
     assert_eq!((refused.status.as_u16(), refused.slug().as_str()), (503, "too-many-streams"));
     assert!(refused.header("retry-after").is_some());
     drop(stream);
+}
+
+/// Panics in the first call of `get` after it is armed.
+struct PanicsOnce(std::sync::atomic::AtomicBool);
+
+impl Hook for PanicsOnce {
+    fn before<'a>(&'a self, call: &'static str) -> BoxFuture<'a, Result<(), StoreError>> {
+        let is_due = call == "get" && self.0.swap(false, Ordering::SeqCst);
+        assert!(!is_due, "on purpose");
+        Box::pin(async { Ok(()) })
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn streams_continue_after_a_panic_of_the_publication() {
+    let hook = Arc::new(PanicsOnce(std::sync::atomic::AtomicBool::new(false)));
+    let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
+    let store = Store::open_in_memory(StoreOptions { clock: clock.clone(), ..StoreOptions::default() }).await.unwrap();
+    let limits = Limits { event_poll: Duration::from_millis(50), ..Limits::default() };
+    let app = App::over(store.with_hook(Arc::<PanicsOnce>::clone(&hook)), clock, limits);
+    let model = app.model(7).await;
+    let mut stream = Stream::open(&app, &format!("{model}/events"), None).await;
+    assert_eq!(stream.next().await.unwrap().data["status"], "queued");
+    hook.0.store(true, Ordering::SeqCst);
+    while hook.0.load(Ordering::SeqCst) {
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+    app.store.cancel(id(&model)).await.unwrap();
+    assert_eq!(stream.next().await.unwrap().data["status"], "cancelled");
+    let text = String::from_utf8(app.get("/metrics").await.body.to_vec()).unwrap();
+    assert!(text.lines().any(|line| line == "oviduct_task_panics_total{task=\"events\"} 1"), "{text}");
 }

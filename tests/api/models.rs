@@ -3,7 +3,7 @@
 use super::app::{App, LEASE, contour, id, moment, used};
 use axum::body::Body;
 use axum::http::{Method, header};
-use oviduct::jobs::{Directive, Problem};
+use oviduct::jobs::{Directive, Problem, WorkerKind};
 use serde_json::{Value, json};
 use std::time::Duration;
 
@@ -65,6 +65,7 @@ async fn filters_select() {
 #[tokio::test]
 async fn a_model_has_a_tag_that_changes_with_it() {
     let app = App::new().await;
+    app.worker(WorkerKind::Cpu).await;
     let model = app.model(7).await;
     let behind = app.model(8).await;
     let tag = |reply: &super::app::Reply| reply.header(header::ETAG).unwrap().to_owned();
@@ -99,12 +100,18 @@ async fn times_and_the_wait_are_reported() {
     let app = App::new().await;
     let created = moment(&app.clock);
     let model = app.model(7).await;
-    assert_eq!(app.get(&model).await.json()["queue"], json!({ "position": 0, "wait_seconds": null }));
+    assert_eq!(
+        app.get(&model).await.json()["queue"],
+        json!({ "position": 0, "position_is_exact": true, "reason": "no-worker", "wait_seconds": null })
+    );
     app.clock.advance(Duration::from_millis(1500));
     let started = moment(&app.clock);
     let job = app.claim().await;
     let json = app.get(&model).await.json();
-    assert_eq!(json["queue"], json!({ "position": null, "wait_seconds": 1.5 }));
+    assert_eq!(
+        json["queue"],
+        json!({ "position": null, "position_is_exact": null, "reason": null, "wait_seconds": 1.5 })
+    );
     assert_eq!(
         (&json["created_at"], &json["started_at"], &json["finished_at"]),
         (&json!(created), &json!(started), &Value::Null)

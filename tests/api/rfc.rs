@@ -159,3 +159,20 @@ async fn the_accepted_representation_is_sent() {
         assert_eq!(app.get_with(path, &[("accept", accept)]).await.slug(), "not-acceptable", "{accept}");
     }
 }
+
+#[tokio::test]
+async fn a_transfer_coding_that_the_service_does_not_know_is_not_implemented() {
+    let (app, _) = app().await;
+    app.expect_faults();
+    let post = async |coding: &str| {
+        let headers = [("content-type", "application/json"), ("transfer-encoding", coding)];
+        app.request(Method::POST, "/models/validate", &headers, Body::from("{}")).await
+    };
+    for coding in ["gzip, chunked", "gzip", "identity", "Chunked ,br"] {
+        let reply = post(coding).await;
+        assert_eq!((reply.status.as_u16(), reply.slug().as_str()), (501, "transfer-coding-unsupported"), "{coding}");
+    }
+    for coding in ["chunked", "Chunked", "chunked,"] {
+        assert_eq!(post(coding).await.status, 200, "{coding}");
+    }
+}

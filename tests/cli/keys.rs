@@ -82,6 +82,21 @@ fn keys_are_managed_while_a_service_runs() {
 }
 
 #[test]
+fn keys_of_a_database_that_does_not_exist_need_create() {
+    let at = folder();
+    let add = ["keys", "add", "--owner", "lab", "--scopes", "read"];
+    for arguments in [&add[..], &["keys", "list"], &["keys", "revoke", "00000000"], &["keys", "rotate", "00000000"]] {
+        let output = run(at.path(), arguments);
+        assert_eq!(code(&output), 2, "{arguments:?}: {}", said(&output));
+        assert!(said(&output).contains("there is no database at data/oviduct.db"), "{}", said(&output));
+        assert!(!at.path().join("data").exists(), "{arguments:?} created it");
+    }
+    assert_eq!(code(&run(at.path(), &[&add[..], &["--create"]].concat())), 0);
+    assert_eq!(code(&run(at.path(), &add)), 0, "it exists now");
+    assert_eq!(json(&run(at.path(), &["keys", "list", "--json"])).as_array().map(Vec::len), Some(2));
+}
+
+#[test]
 fn a_service_that_others_can_reach_starts_with_a_key() {
     let at = folder();
     let port = free_port();

@@ -123,10 +123,30 @@ async fn on_full_disks(test: &str, part: &str, body: impl AsyncFn(&Path, Disk)) 
 struct Service(axum::Router);
 
 impl Service {
-    fn over(place: &Place) -> Self {
+    fn over(place: &Place, status: &oviduct::status::Status) -> Self {
         let (store, artifacts) = (place.store.clone(), place.artifacts.clone());
         let state = AppState::new(store, artifacts, Limits::default(), CancellationToken::new());
-        Self(router(state))
+        Self(router(state.with_status(status.clone())))
+    }
+
+    /// The status of a response to a submission.
+    async fn submits(&self) -> u16 {
+        let request = Request::post("/models").header("host", "here").header("content-type", "application/json");
+        let request = request.body(Body::from(r#"{ "backend": "cpu", "reuse": false }"#)).unwrap();
+        self.0.clone().oneshot(request).await.unwrap().status().as_u16()
+    }
+
+    /// The reason why a model waits. Numbers of workers are up to a second old.
+    async fn waits_for(&self, id: JobId, reason: &str) {
+        for _ in 0..600 {
+            let model = self.ask(Method::GET, &format!("/models/{id}")).await.1;
+            let model: serde_json::Value = serde_json::from_slice(&model).unwrap();
+            if model["queue"]["reason"] == reason {
+                return;
+            }
+            tokio::time::sleep(Duration::from_millis(100)).await;
+        }
+        panic!("the model never waits for the reason {reason}");
     }
 
     async fn ask(&self, method: Method, path: &str) -> (u16, Vec<u8>) {
@@ -203,7 +223,8 @@ async fn a_full_artifact_store_costs_no_attempt() {
         let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
         let place = place(folder, 1, &clock).await;
         let (store, heartbeats) = Heartbeats::over(&place.store);
-        let (service, full) = (Service::over(&place), Arc::new(AtomicBool::new(false)));
+        let (service, full) =
+            (Service::over(&place, &oviduct::status::Status::default()), Arc::new(AtomicBool::new(false)));
         let generator = {
             let (disk, full) = (disk.clone(), Arc::clone(&full));
             move |input: GenerationInput<'_>, sink: &dyn Sink, cancel: &CancelToken| -> Result<Outcome, WorkError> {
@@ -298,14 +319,14 @@ async fn a_full_scratch_directory_costs_no_attempt_and_no_partial_file_is_stored
     let body = async |folder: &Path, disk: Disk| {
         let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
         let place = place(folder, 1, &clock).await;
-        let service = Service::over(&place);
+        let status = oviduct::status::Status::default();
+        let service = Service::over(&place, &status);
         let patch = serde_json::json!({ "steps": 60, "particles": { "total": { "keys": [[0, 300], [1, 420]] } } });
         let spec = ModelSpec::resolve(preset("pig").unwrap(), &patch).unwrap();
         let ask = async |seed: u64| {
             let new = NewJob { seed, spec: spec.json(), reuse: false, ..new_job(&spec.digest(seed)) };
             place.store.submit(new).await.unwrap().job().id
         };
-        let status = oviduct::status::Status::default();
         let pool = place.start_with(place.store.clone(), Arc::new(generate_on_cpu), |options| {
             options.poll = Duration::from_millis(100);
             options.storage_wait = Duration::from_millis(100);
@@ -330,6 +351,9 @@ async fn a_full_scratch_directory_costs_no_attempt_and_no_partial_file_is_stored
         let paused = place.store.get(waits).await.unwrap().unwrap();
         assert_eq!((paused.status, paused.attempts), (Status::Queued, 1), "it was claimed although the disk is full");
         assert_eq!(status.not_ready().unwrap().0, oviduct::status::Condition::Storage);
+        // Deletions have gone on above; a submission would use up the reserve that they need.
+        assert_eq!(service.submits().await, 503);
+        service.waits_for(waits, "storage").await;
         disk.free();
         let job = place.ended(waits).await;
         assert_eq!((job.status, job.attempts), (Status::Succeeded, 2), "{:?}", job.problem);
@@ -357,7 +381,7 @@ async fn on_a_full_disk_under_everything_models_are_still_cancelled_and_deleted(
         // Above the size of the write-ahead log, below the size of a large model.
         let disk = if matches!(disk, Disk::Limit(_)) { Disk::Limit(8_800_000) } else { disk };
         let place = Place::at(&all, &format!("sqlite:{}", all.join("jobs.db").display())).await;
-        let service = Service::over(&place);
+        let service = Service::over(&place, &oviduct::status::Status::default());
         let (full, room) = (Arc::new(AtomicBool::new(false)), disk.clone());
         let filled = Arc::clone(&full);
         let generator =

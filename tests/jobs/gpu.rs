@@ -76,9 +76,14 @@ async fn jobs_that_fit_run_together_and_end_individually() {
     assert!(text.contains("oviduct_queue_wait_seconds_count 5\n"), "{text}");
     assert_eq!(*gpu.batches.lock().unwrap(), [vec![1, 3, 4, 5], vec![2]]);
     assert_eq!(place.store.get(cpu).await.unwrap().unwrap().status, Status::Queued);
+    // The heartbeat after the last batch has these numbers.
+    let listed = async || place.store.workers().await.unwrap().pop().unwrap();
+    while listed().await.jobs_done < 4 {
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+    assert_eq!((listed().await.jobs.len(), listed().await.jobs_done), (0, 4));
     pool.shutdown(Duration::from_secs(5)).await;
-    let worker = place.store.workers().await.unwrap().pop().unwrap();
-    assert_eq!((worker.jobs.len(), worker.jobs_done), (0, 4));
+    assert_eq!(place.store.workers().await.unwrap(), [], "a worker that has stopped is not listed");
     assert!(place.scratch().is_empty());
     assert_eq!(place.visible().len(), 4, "files of two models");
 }
@@ -363,6 +368,7 @@ async fn while_no_gpu_worker_is_alive_a_cpu_worker_takes_auto_and_records_why() 
         jobs_done: 3,
         heartbeat_at: clock.now(),
         pause: None,
+        condition: None,
     };
     place.store.worker_seen(&dead).await.unwrap();
     clock.advance(Duration::from_secs(60));

@@ -84,6 +84,19 @@ async fn a_restart_keeps_jobs_and_takes_over_their_leases_at_once() {
     assert_eq!(ends, [Some(AttemptEnd::Vanished); 2]);
 }
 
+#[tokio::test]
+async fn a_removed_lock_file_does_not_let_another_process_in() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("jobs.db");
+    let open = || Store::open_sqlite(&path, StoreOptions::default());
+    let store = open().await.unwrap();
+    std::fs::remove_file(dir.path().join("jobs.db.lock")).unwrap();
+    let other = open().await.unwrap_err();
+    assert!(other.to_string().contains("in use by another process"), "{other}");
+    store.close().await;
+    open().await.unwrap().close().await;
+}
+
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn readers_do_not_wait_for_a_writer() {
     let dir = tempfile::tempdir().unwrap();

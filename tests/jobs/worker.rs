@@ -5,12 +5,14 @@ use crate::scripted::{Database, Place, scripted};
 use crate::suite::LEASE;
 use crate::watched::Heartbeats;
 use futures_util::FutureExt;
-use futures_util::future::join_all;
+use futures_util::future::{BoxFuture, join_all};
 use oviduct::clock::{Clock, Stopwatch};
 use oviduct::generate::{Backend, Stage, UsedBackend};
 use oviduct::jobs::fault::{Faults, POINTS};
 use oviduct::jobs::state::AttemptEnd;
-use oviduct::jobs::{ClaimScope, JobProgress, NewJob, Status, StoreOptions, Submitted};
+use oviduct::jobs::{ClaimScope, Hook, JobProgress, NewJob, Status, StoreError, StoreOptions, Submitted};
+use oviduct::metrics::Metrics;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -41,13 +43,53 @@ async fn a_job_succeeds_with_its_files() {
     let single = NewJob { backend: Backend::CpuSingle, ..scripted("ok", 8) };
     let single = place.store.submit(single).await.unwrap().job().id;
     let job = place.ended(single).await;
+    let listed = async || place.store.workers().await.unwrap().pop().unwrap();
+    while listed().await.jobs_done < 2 {
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+    assert_eq!(listed().await.jobs, []);
     assert_eq!(job.backend.device.as_deref(), Some("scripted, 1 threads"));
     assert_eq!(job.backend.used, Some(UsedBackend::CpuSingle));
     pool.shutdown(Duration::from_secs(5)).await;
     assert_eq!(place.visible().len(), 4);
     assert!(place.scratch().is_empty());
-    let worker = place.store.workers().await.unwrap().pop().unwrap();
-    assert_eq!((worker.jobs.len(), worker.jobs_done), (0, 2));
+    assert_eq!(place.store.workers().await.unwrap(), [], "a worker that has stopped is not listed");
+}
+
+/// Panics in the first calls with these names.
+struct Panics(Mutex<Vec<&'static str>>);
+
+impl Hook for Panics {
+    fn before<'a>(&'a self, call: &'static str) -> BoxFuture<'a, Result<(), StoreError>> {
+        let mut left = self.0.lock().unwrap();
+        let is_first = left.iter().position(|name| *name == call).map(|index| left.remove(index)).is_some();
+        drop(left);
+        assert!(!is_first, "on purpose, in {call}");
+        Box::pin(async { Ok(()) })
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn workers_continue_after_a_panic_outside_of_attempts() {
+    let place = Place::fresh(|_| {}).await;
+    let panics = Arc::new(Panics(Mutex::new(vec!["claim", "worker_seen", "worker_seen"])));
+    let metrics = Metrics::default();
+    let store = place.store.with_hook(Arc::<Panics>::clone(&panics));
+    let pool = place.start_over(store, |options| {
+        options.heartbeat = Duration::from_millis(50);
+        options.metrics = metrics.clone();
+    });
+    let job = place.ended(place.queue("ok", 1).await).await;
+    assert_eq!((job.status, job.attempts), (Status::Succeeded, 1));
+    while place.store.workers().await.unwrap().is_empty() {
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+    assert_eq!(*panics.0.lock().unwrap(), [""; 0]);
+    let text = metrics.text();
+    for line in ["oviduct_task_panics_total{task=\"claims\"} 1", "oviduct_task_panics_total{task=\"heartbeats\"} 2"] {
+        assert!(text.lines().any(|found| found == line), "{line} in\n{text}");
+    }
+    pool.shutdown(Duration::from_secs(5)).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

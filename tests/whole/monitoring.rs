@@ -33,6 +33,7 @@ fn series() -> Series {
     metrics.fallback(Fallback::NoGpu);
     metrics.attempt("lost");
     metrics.bytes_in(1);
+    metrics.task_panicked("claims", 1);
     metrics.picture("kept");
     metrics.request("GET", "/models/{id}", 200, Duration::from_millis(1), false);
     let mut series = Series::new();

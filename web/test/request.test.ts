@@ -3,7 +3,7 @@ import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
 import { test } from "node:test";
 import type { BatchValidation, Preset, Validation, WorkerList } from "oviduct-client";
-import { standstill } from "../src/growing/words.ts";
+import { placeInQueue, standstill } from "../src/growing/words.ts";
 import { costOf } from "../src/request/cost.ts";
 import { assign, sentence } from "../src/request/faults.ts";
 import { BLANK, requestOf, variedFrom, variedOf, type Form, type Request } from "../src/request/form.ts";
@@ -255,7 +255,22 @@ test("who would start the request is said if nobody would", () => {
   assert.equal(title(workersOf(["cpu", "draining"]), "auto"), "No worker takes new models");
   assert.equal(title(workersOf(["cpu", "active"]), "gpu"), "No GPU worker is active");
   assert.equal(title(workersOf(["gpu", "active"]), "cpu"), "No CPU worker is active");
+  const full = workersOf(["cpu", "active"]).workers.map((worker) => ({ ...worker, condition: "storage" as const }));
+  assert.equal(title({ ...workersOf(), workers: full }, "auto"), "The workers cannot store files");
+  const [gpu] = workersOf(["gpu", "active"]).workers;
+  assert.equal(title({ ...workersOf(), workers: [...full, gpu!] }, "auto"), undefined);
+  assert.equal(title({ ...workersOf(), workers: [...full, gpu!] }, "cpu"), "No CPU worker is active");
   assert.equal(title({ ...workersOf(["cpu", "active"]), pause: { since: "2026-01-01T00:00:00Z" } }, "auto"), "All workers are paused");
+});
+
+test("a queued model tells its place and the reason why it waits", () => {
+  const place = (queue: Partial<Parameters<typeof placeInQueue>[0]>) =>
+    placeInQueue({ position: 0, position_is_exact: true, reason: null, wait_seconds: null, ...queue });
+  assert.equal(place({}), "Next in the queue");
+  assert.equal(place({ position: 1 }), "1 model is ahead");
+  assert.equal(place({ position: 1000, position_is_exact: false }), "At least 1000 models are ahead");
+  assert.equal(place({ position: 2, reason: "storage" }), "2 models are ahead; the workers cannot store files");
+  assert.equal(place({ position: 0, reason: "no-worker" }), "Next in the queue; no running worker can grow it");
 });
 
 // Text that breaks naive quoting in one of the languages.

@@ -90,7 +90,7 @@ class Keys:
 
     def add(self, *options):
         """Creates an API key; returns its secret."""
-        line = [self.binary, "keys", "add", "--data", str(self.folder), "--json", *options]
+        line = [self.binary, "keys", "add", "--create", "--data", str(self.folder), "--json", *options]
         return json.loads(subprocess.run(line, check=True, capture_output=True).stdout)["key"]
 
 

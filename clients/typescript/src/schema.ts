@@ -3,7 +3,7 @@
  * Do not make direct changes to the file.
  */
 
-// openapi.yaml: sha256 ce676c183a4630a57b35e2dd78efd0b9bf46e0b05f7c44f1f282574071b2223c
+// openapi.yaml: sha256 761d859ca1cf28d8cccdb8db623754dc26c9284824612d9c3d86188eb79e5531
 
 export interface paths {
     "/batches": {
@@ -837,8 +837,8 @@ export interface paths {
         };
         /**
          * Check whether the process accepts work.
-         * @description The response is 503 while the job store is unavailable, the artifact store does not accept a
-         *     small file, or the process is opening its GPUs or shutting down.
+         * @description The response is 503 while the job store is unavailable, the artifact store or the scratch
+         *     directory refuses files, or the process is opening its GPUs or shutting down.
          *
          *     Needs no key.
          */
@@ -906,8 +906,8 @@ export interface paths {
         };
         /**
          * List the workers that sent a heartbeat within the last five minutes.
-         * @description Without the scope `admin`, the response names only jobs of the caller, and does not name who
-         *     paused a worker.
+         * @description Without the scope `admin`, the response names only jobs of the caller, does not name who paused a
+         *     worker, and contains pseudonyms instead of the names of workers and hosts.
          *
          *     Needs a key with the scope `read`.
          */
@@ -2193,7 +2193,7 @@ export interface components {
             priority: number;
             problem?: components["schemas"]["ModelProblem"] | null;
             progress?: components["schemas"]["FitProgress"] | null;
-            /** @description Position and waiting time in the queue, which fits and models share. */
+            /** @description Place in the queue, which fits and models share. */
             queue: components["schemas"]["Queue"];
             /** @description The complete request, including defaults. Absent in lists and events. */
             request?: components["schemas"]["FitRequest"];
@@ -2870,7 +2870,7 @@ export interface components {
             priority: number;
             problem?: components["schemas"]["ModelProblem"] | null;
             progress?: components["schemas"]["Progress"] | null;
-            /** @description Position and waiting time in the queue. */
+            /** @description Place in the queue. */
             queue: components["schemas"]["Queue"];
             /**
              * Format: uuid
@@ -3351,7 +3351,7 @@ export interface components {
              * @description `urn:oviduct:problem:` and a stable slug.
              * @enum {string}
              */
-            type: "urn:oviduct:problem:bad-request" | "urn:oviduct:problem:invalid-json" | "urn:oviduct:problem:unauthorized" | "urn:oviduct:problem:forbidden" | "urn:oviduct:problem:forbidden-origin" | "urn:oviduct:problem:unknown-host" | "urn:oviduct:problem:not-found" | "urn:oviduct:problem:model-not-found" | "urn:oviduct:problem:batch-not-found" | "urn:oviduct:problem:fit-not-found" | "urn:oviduct:problem:file-not-found" | "urn:oviduct:problem:section-not-found" | "urn:oviduct:problem:cut-not-found" | "urn:oviduct:problem:preset-not-found" | "urn:oviduct:problem:worker-not-found" | "urn:oviduct:problem:method-not-allowed" | "urn:oviduct:problem:not-acceptable" | "urn:oviduct:problem:not-failed" | "urn:oviduct:problem:request-timeout" | "urn:oviduct:problem:payload-too-large" | "urn:oviduct:problem:unsupported-media-type" | "urn:oviduct:problem:range-not-satisfiable" | "urn:oviduct:problem:invalid-request" | "urn:oviduct:problem:cost-limit" | "urn:oviduct:problem:surface-too-large" | "urn:oviduct:problem:gpu-unavailable" | "urn:oviduct:problem:idempotency-key-reused" | "urn:oviduct:problem:queue-full" | "urn:oviduct:problem:quota-exceeded" | "urn:oviduct:problem:rate-limited" | "urn:oviduct:problem:internal" | "urn:oviduct:problem:store-unavailable" | "urn:oviduct:problem:storage-unavailable" | "urn:oviduct:problem:too-many-bodies" | "urn:oviduct:problem:too-many-streams" | "urn:oviduct:problem:too-many-downloads" | "urn:oviduct:problem:too-many-pictures" | "urn:oviduct:problem:not-ready" | "urn:oviduct:problem:workers-stuck";
+            type: "urn:oviduct:problem:bad-request" | "urn:oviduct:problem:invalid-json" | "urn:oviduct:problem:unauthorized" | "urn:oviduct:problem:forbidden" | "urn:oviduct:problem:forbidden-origin" | "urn:oviduct:problem:unknown-host" | "urn:oviduct:problem:not-found" | "urn:oviduct:problem:model-not-found" | "urn:oviduct:problem:batch-not-found" | "urn:oviduct:problem:fit-not-found" | "urn:oviduct:problem:file-not-found" | "urn:oviduct:problem:section-not-found" | "urn:oviduct:problem:cut-not-found" | "urn:oviduct:problem:preset-not-found" | "urn:oviduct:problem:worker-not-found" | "urn:oviduct:problem:method-not-allowed" | "urn:oviduct:problem:not-acceptable" | "urn:oviduct:problem:not-failed" | "urn:oviduct:problem:request-timeout" | "urn:oviduct:problem:payload-too-large" | "urn:oviduct:problem:unsupported-media-type" | "urn:oviduct:problem:range-not-satisfiable" | "urn:oviduct:problem:invalid-request" | "urn:oviduct:problem:cost-limit" | "urn:oviduct:problem:surface-too-large" | "urn:oviduct:problem:gpu-unavailable" | "urn:oviduct:problem:idempotency-key-reused" | "urn:oviduct:problem:queue-full" | "urn:oviduct:problem:quota-exceeded" | "urn:oviduct:problem:rate-limited" | "urn:oviduct:problem:internal" | "urn:oviduct:problem:transfer-coding-unsupported" | "urn:oviduct:problem:store-unavailable" | "urn:oviduct:problem:storage-unavailable" | "urn:oviduct:problem:too-many-bodies" | "urn:oviduct:problem:too-many-streams" | "urn:oviduct:problem:too-many-downloads" | "urn:oviduct:problem:too-many-pictures" | "urn:oviduct:problem:not-ready" | "urn:oviduct:problem:workers-stuck";
             /** @description workers-stuck: a sentence about each worker */
             workers?: string[];
         };
@@ -3378,7 +3378,7 @@ export interface components {
             /** @description Total number of time steps. */
             steps: number;
         };
-        /** @description Position and waiting time of a model in the queue. */
+        /** @description Place of a model in the queue: position, waiting time, and the reason if no worker claims it. */
         Queue: {
             /**
              * @description Number of models that are ahead in the queue and request the same backend: models of higher
@@ -3387,12 +3387,23 @@ export interface components {
              */
             position?: number | null;
             /**
+             * @description False if 1000 or more models are ahead, so `position` is 1000; null after the model has left
+             *     the queue.
+             */
+            position_is_exact?: boolean | null;
+            reason?: components["schemas"]["QueueReason"] | null;
+            /**
              * Format: double
              * @description Seconds between acceptance and the first attempt or, without an attempt, the end; null while
              *     the model waits.
              */
             wait_seconds?: number | null;
         };
+        /**
+         * @description Reason why workers do not claim a queued job, other than the jobs ahead of it.
+         * @enum {string}
+         */
+        QueueReason: "no-worker" | "paused" | "storage" | "equal-model";
         /** @description A target, with the values that the spec reaches. */
         Reached: components["schemas"]["Target"] & {
             /**
@@ -4463,6 +4474,7 @@ export interface components {
         Worker: {
             /** @description Backend of the worker. */
             backend: components["schemas"]["Backend"];
+            condition?: components["schemas"]["WorkerCondition"] | null;
             /** @description Name of the device. */
             device: string;
             /**
@@ -4470,9 +4482,9 @@ export interface components {
              * @description Time of the last heartbeat.
              */
             heartbeat_at: string;
-            /** @description Host name. */
+            /** @description Host name; without the scope `admin` a pseudonym. */
             host: string;
-            /** @description Name, unique in the installation. */
+            /** @description Name, unique in the installation; without the scope `admin` a pseudonym. */
             id: string;
             /**
              * Format: uuid
@@ -4490,6 +4502,11 @@ export interface components {
             /** @description State of the worker, without a pause of all workers. */
             state: components["schemas"]["WorkerState"];
         };
+        /**
+         * @description Condition that keeps a live worker from claiming jobs.
+         * @enum {string}
+         */
+        WorkerCondition: "storage";
         /** @description Workers that sent a heartbeat within the last five minutes. */
         WorkerList: {
             pause?: components["schemas"]["Pause"] | null;
@@ -5857,7 +5874,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`); Too many request bodies are being processed (`too-many-bodies`); Too many pictures are being drawn (`too-many-pictures`) */
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`); The process is not ready (`not-ready`); Too many request bodies are being processed (`too-many-bodies`); Too many pictures are being drawn (`too-many-pictures`) */
             503: {
                 headers: {
                     /** @description Seconds to wait before the next attempt */
@@ -6023,7 +6040,7 @@ export interface operations {
             /** @description The fit */
             200: {
                 headers: {
-                    /** @description The version, followed by the position in the queue if that is not 0 */
+                    /** @description The version, in the queue followed by the position and the reason for the wait, if the position is not 0 or there is a reason */
                     etag?: string;
                     /** @description Seconds to wait before the next request. Absent after the end */
                     "retry-after"?: number | null;
@@ -7285,7 +7302,7 @@ export interface operations {
             /** @description The model */
             200: {
                 headers: {
-                    /** @description The version, followed by the position in the queue if that is not 0 */
+                    /** @description The version, in the queue followed by the position and the reason for the wait, if the position is not 0 or there is a reason */
                     etag?: string;
                     /** @description Seconds to wait before the next request. Absent after the end */
                     "retry-after"?: number | null;

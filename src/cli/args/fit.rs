@@ -69,7 +69,7 @@ pub(in crate::cli) struct FitArgs {
     pub(in crate::cli) checkpoint: Option<PathBuf>,
     /// Memory limit of all models together, such as 2GB; it reduces the number of models grown at
     /// the same time [default: no limit]
-    #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
+    #[arg(long, value_name = "SIZE", value_parser = units::bytes_with_unit)]
     pub(in crate::cli) memory_limit: Option<u64>,
     /// Print the result as JSON
     #[arg(long, value_parser = FalseyValueParser::new())]

@@ -58,6 +58,9 @@ pub(in crate::cli) struct KeysAddArgs {
     /// [default: --key-bytes of the service]
     #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
     pub(in crate::cli) bytes: Option<u64>,
+    /// Create the SQLite database if it does not exist, for a service that will start later
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(in crate::cli) create: bool,
     /// Print one JSON object
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(in crate::cli) json: bool,

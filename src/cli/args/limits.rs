@@ -43,11 +43,11 @@ pub(in crate::cli) struct LimitArgs {
 }
 
 impl LimitArgs {
-    /// Limits of the predicted cost of a model.
-    pub(in crate::cli) fn cost(&self) -> CostLimits {
+    /// Limits of the predicted cost of a model, with workers that have this memory limit.
+    pub(in crate::cli) fn cost(&self, memory_limit: Option<u64>) -> CostLimits {
         CostLimits {
             max_cost_seconds: self.max_model_time.as_secs_f64(),
-            max_memory_bytes: self.max_model_memory,
+            max_memory_bytes: memory_limit.map_or(self.max_model_memory, |limit| limit.min(self.max_model_memory)),
             max_vertices: self.max_model_vertices,
             max_output_bytes: self.max_model_size,
         }

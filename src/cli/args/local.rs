@@ -19,7 +19,7 @@ pub(in crate::cli) struct GenerateArgs {
     #[command(flatten)]
     pub(in crate::cli) gpu: GpuArgs,
     /// Memory limit of the model, such as 2GB [default: no limit]
-    #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
+    #[arg(long, value_name = "SIZE", value_parser = units::bytes_with_unit)]
     pub(in crate::cli) memory_limit: Option<u64>,
     /// Replace the files of another model in --out: those that its manifest.json names are removed
     #[arg(long, value_parser = FalseyValueParser::new())]

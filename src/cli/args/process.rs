@@ -150,8 +150,9 @@ pub(in crate::cli) struct ProcessArgs {
     /// times the time predicted for one core]
     #[arg(long, value_name = "TIME", value_parser = units::positive_duration)]
     pub(in crate::cli) job_timeout: Option<Duration>,
-    /// Memory limit of one job, such as 2GB [default: no limit]
-    #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
+    /// Memory limit of one job, such as 2GB; `serve` with workers refuses (422) models that are
+    /// predicted to need more [default: no limit]
+    #[arg(long, value_name = "SIZE", value_parser = units::bytes_with_unit)]
     pub(in crate::cli) memory_limit: Option<u64>,
     /// Time for running jobs and open downloads to finish during a shutdown; after it, jobs are
     /// released to the queue and downloads are cut off

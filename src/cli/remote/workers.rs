@@ -23,6 +23,9 @@ struct Worker {
     jobs: Vec<String>,
     jobs_done: u64,
     state: String,
+    /// Absent in responses of older services.
+    #[serde(default)]
+    condition: Option<String>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -73,8 +76,9 @@ fn path(action: WorkersAction, name: Option<&str>) -> Result<Vec<&str>, Failure>
 
 impl Worker {
     fn line(&self) -> String {
-        let Self { id, backend, device, state, jobs, jobs_done } = self;
-        format!("{id}  {state}  {backend} ({device})  {} running, {jobs_done} ended", jobs.len())
+        let Self { id, backend, device, state, jobs, jobs_done, condition } = self;
+        let condition = condition.as_ref().map(|name| format!(", unable to claim: {name}")).unwrap_or_default();
+        format!("{id}  {state}{condition}  {backend} ({device})  {} running, {jobs_done} ended", jobs.len())
     }
 }
 
@@ -115,13 +119,16 @@ mod tests {
         let list = json!({
             "pause": { "since": "2026-01-02T03:04:05Z", "by": "ada" },
             "workers": [{ "id": "h-1-0", "host": "h", "backend": "cpu", "device": "8 threads", "job": "x", "jobs": ["x"],
-                "jobs_done": 7, "heartbeat_at": "2026-01-02T03:04:05Z", "state": "draining", "pause": null }],
+                "jobs_done": 7, "heartbeat_at": "2026-01-02T03:04:05Z", "state": "draining", "pause": null },
+                { "id": "h-1-1", "backend": "gpu", "device": "H200", "jobs": [], "jobs_done": 0, "state": "active",
+                "condition": "storage" }],
         });
         assert_eq!(
             WorkerList::deserialize(list).expect("a list").lines(),
             [
                 "all workers are paused since 2026-01-02T03:04:05Z by ada",
-                "h-1-0  draining  cpu (8 threads)  1 running, 7 ended"
+                "h-1-0  draining  cpu (8 threads)  1 running, 7 ended",
+                "h-1-1  active, unable to claim: storage  gpu (H200)  0 running, 0 ended"
             ]
         );
     }

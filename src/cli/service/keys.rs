@@ -7,7 +7,7 @@ use crate::cli::args::{DatabaseArgs, Keys, KeysAddArgs, KeysRotateArgs};
 use crate::cli::exit::{Ended, Failure};
 use crate::cli::term;
 use crate::jobs::keys::{Key, KeyLimits, NewKey, Owner, Scopes, Secret};
-use crate::jobs::{Quota, Store};
+use crate::jobs::{Database, Quota, Store};
 use anyhow::Context;
 use jiff::{SignedDuration, Timestamp};
 use serde_json::{Value, json};
@@ -22,8 +22,19 @@ pub(in crate::cli) async fn run(keys: Keys) -> Ended {
     }
 }
 
-async fn open(args: &DatabaseArgs) -> Result<Store, Failure> {
+/// Opens the database. Creates an SQLite file only with `create`: a wrong path would otherwise give
+/// keys that no service knows.
+async fn open(args: &DatabaseArgs, create: bool) -> Result<Store, Failure> {
     let database = database(args)?;
+    if let Database::Sqlite(path) = &database
+        && !create
+        && !path.exists()
+    {
+        return Err(Failure::usage(format!(
+            "there is no database at {}; check --data and --database, or create it with `oviduct keys add --create`",
+            path.display()
+        )));
+    }
     let opened = database.open_beside_service().await;
     Ok(opened.with_context(|| format!("the job store {} could not be opened", location(&database)))?)
 }
@@ -33,7 +44,7 @@ async fn read(store: &Store) -> Result<(Timestamp, Vec<Key>), Failure> {
 }
 
 async fn add(args: KeysAddArgs) -> Ended {
-    let store = open(&args.database).await?;
+    let store = open(&args.database, args.create).await?;
     let (now, _) = read(&store).await?;
     let life = args.expires.map(|life| SignedDuration::try_from(life).ok().and_then(|life| now.checked_add(life).ok()));
     if life == Some(None) {
@@ -69,7 +80,7 @@ async fn create(
 }
 
 async fn list(database: &DatabaseArgs, as_json: bool) -> Ended {
-    let store = open(database).await?;
+    let store = open(database, false).await?;
     let (now, keys) = read(&store).await?;
     store.close().await;
     if as_json {
@@ -134,7 +145,7 @@ async fn find(store: &Store, text: &str) -> Result<(Timestamp, Key), Failure> {
 }
 
 async fn revoke(database: &DatabaseArgs, prefix: &str) -> Ended {
-    let store = open(database).await?;
+    let store = open(database, false).await?;
     let (now, key) = find(&store, prefix).await?;
     if !key.works_at(now) {
         term::note(&format!("the key {} had ended before", key.prefix));
@@ -151,7 +162,7 @@ async fn end(store: &Store, key: &Key, after: Duration) -> Result<(), Failure> {
 }
 
 async fn rotate(args: KeysRotateArgs) -> Ended {
-    let store = open(&args.database).await?;
+    let store = open(&args.database, false).await?;
     let (now, old) = find(&store, &args.prefix).await?;
     if !old.works_at(now) {
         return Err(Failure::usage(format!("the key {} has ended; `oviduct keys add` makes another", old.prefix)));

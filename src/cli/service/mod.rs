@@ -167,7 +167,7 @@ impl Runtime {
 
     /// Makes `/readyz` respond with 503.
     pub(in crate::cli) fn drain(&self) {
-        self.status.set(Condition::Draining, "the process is shutting down");
+        self.status.set(Condition::Draining, "The process is shutting down.");
     }
 
     /// Stops claiming, gives running models `--grace` to finish and releases the others to the
@@ -216,12 +216,13 @@ impl Service {
         let retention = Retention { age: args.keep, bytes: args.keep_bytes };
         let upkeep = upkeep::start(context, retention, args.sweep_now);
         let access = access(args, address, &stores.jobs).await?;
+        let has_workers = args.process.cpu_workers > 0 || gpus.is_ok();
         let runtime = Runtime::over(stores, &args.process, gpus, metrics)?;
 
         let connections = connections(&args.process);
         let shutdown = CancellationToken::new();
         let probes_shutdown = CancellationToken::new();
-        let state = runtime.state(limits(args, connections.most)?, &shutdown).with_access(access);
+        let state = runtime.state(limits(args, connections.most, has_workers)?, &shutdown).with_access(access);
         if let Some(listener) = probes {
             serve_probes(listener, watch_router(state.clone()), &probes_shutdown);
         }
@@ -324,10 +325,11 @@ pub(in crate::cli) fn process_limits(args: &ProcessArgs) -> Limits {
 }
 
 /// Returns the limits on requests that the options set, for a service with this many connections.
+/// With workers, a model that exceeds their memory limit is refused instead of failing later.
 ///
 /// # Errors
 /// [`Failure::Usage`] for limits that contradict each other.
-fn limits(args: &ServeArgs, connections: usize) -> Result<Limits, Failure> {
+fn limits(args: &ServeArgs, connections: usize, has_workers: bool) -> Result<Limits, Failure> {
     let defaults = process_limits(&args.process);
     let (streams, held) = args.limits.holders(connections, defaults.streams, defaults.held)?;
     let body_bytes = usize::try_from(args.limits.max_body).unwrap_or(usize::MAX);
@@ -340,7 +342,7 @@ fn limits(args: &ServeArgs, connections: usize) -> Result<Limits, Failure> {
         // Half of it is the share of an owner, which must have room for the text of a body and as
         // much memory for its values, more than once.
         body_memory: defaults.body_memory.max(body_bytes.saturating_mul(8)),
-        cost: args.limits.cost(),
+        cost: args.limits.cost(args.process.memory_limit.filter(|_| has_workers)),
         batch: args.batch_limit as usize,
         keep: args.keep,
         redirect_downloads: args.redirect_downloads,
@@ -421,7 +423,7 @@ mod tests {
     }
 
     fn limits_of(options: &[&str], connections: usize) -> Result<Limits, Failure> {
-        limits(&ServeArgs::with(options).expect("valid"), connections)
+        limits(&ServeArgs::with(options).expect("valid"), connections, true)
     }
 
     #[test]
@@ -451,8 +453,19 @@ mod tests {
             max_vertices: 9,
             max_output_bytes: 2000,
         };
-        assert_eq!((found.cost, found.body_bytes, found.worker_memory), (cost, 65_536, Duration::from_secs(10)));
+        assert_eq!(
+            (found.cost.clone(), found.body_bytes, found.worker_memory),
+            (cost, 65_536, Duration::from_secs(10))
+        );
         assert_eq!(found.body_memory, Limits::default().body_memory);
+        // The workers of this process would fail larger models.
+        let options = [&options[..], &["--memory-limit", "512MiB"]].concat();
+        let memory = |has_workers| {
+            let limits = limits(&ServeArgs::with(&options).expect("valid"), 16, has_workers).expect("valid");
+            limits.cost.max_memory_bytes
+        };
+        assert_eq!((memory(true), memory(false)), (512 << 20, 1 << 30));
+        assert_eq!(limits_of(&["--memory-limit", "64GiB"], 16).expect("valid").cost, Limits::default().cost);
         assert_eq!(limits_of(&["--max-body", "1GiB"], 10_000).expect("valid").body_memory, 8 << 30);
         let options = ["--event-streams", "9000", "--held-answers", "0", "--downloads", "3"];
         let found = limits_of(&options, 10_000).expect("valid");
@@ -460,7 +473,9 @@ mod tests {
         // Health checks need connections too.
         let Err(Failure::Usage(lines)) = limits_of(&options, 9000) else { panic!("no connection is left") };
         assert!(lines[0].contains("--event-streams 9000") && lines[0].contains("--connections"), "{lines:?}");
-        for zero in ["--max-model-time=0s", "--max-body=0", "--max-model-memory=0", "--event-streams=0"] {
+        for zero in
+            ["--memory-limit=2", "--max-model-time=0s", "--max-body=0", "--max-model-memory=0", "--event-streams=0"]
+        {
             assert!(ServeArgs::with(&[zero]).is_err(), "{zero}");
         }
     }

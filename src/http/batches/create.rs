@@ -8,6 +8,7 @@ use super::study::StoredStudy;
 use crate::generate::Cost;
 use crate::http::AppState;
 use crate::http::access::{Caller, audit, run_to_completion};
+use crate::http::health::check_storage;
 use crate::http::models::create::{draw_seed, key_of, new_job, set_location};
 use crate::http::wire::blocking::blocking;
 use crate::http::wire::json::JsonBody;
@@ -53,10 +54,11 @@ pub(in crate::http) async fn create(
 ) -> Result<Response, Problem> {
     let key = key_of(&headers, &body)?;
     let turn = turn(&state, &caller).await?;
-    let submitted = match check_body(&state, &body, &turn).await {
+    let checked = check_body(&state, &body, &turn).await.and_then(|checked| check_storage(&state).map(|()| checked));
+    let submitted = match checked {
         Ok(checked) => submit(&state, &caller, checked, &body["vary"], key, turn).await?,
-        // A repeated request gets its batch, even if limits or live workers have changed in the
-        // meantime.
+        // A repeated request gets its batch, even if limits, live workers or storage have changed in
+        // the meantime.
         Err(refusal) => SubmittedBatch::Replayed(earlier(&state, &caller, key).await.ok_or(refusal)?),
     };
     let mut response = answer(StatusCode::ACCEPTED, &Batch::from(submitted.batch()));

@@ -8,9 +8,13 @@
 use super::published::{FeedTiming, Published};
 use super::subscription::Subscription;
 use crate::clock::Stopwatch;
+use crate::http::workforce::WorkforceCache;
 use crate::jobs::{Change, Job, JobId, ListFilter, Store, StoreError};
 use crate::lock::{Mutex, MutexGuard};
+use futures_util::FutureExt;
+use std::panic::AssertUnwindSafe;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use tokio::sync::broadcast::{self, error::RecvError, error::TryRecvError};
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
@@ -21,8 +25,11 @@ pub(in crate::http) struct Feed {
     /// Distinguishes the cursors of this process from those of others.
     pub(super) name: String,
     pub(super) store: Store,
+    workforce: Arc<WorkforceCache>,
     pub(super) timing: FeedTiming,
     age: Stopwatch,
+    /// Number of panics of the task that publishes changes.
+    panics: AtomicU64,
     published: Mutex<Published>,
     /// Number of the last publication; the receivers are the readers of many models.
     last: watch::Sender<u64>,
@@ -32,21 +39,28 @@ pub(in crate::http) struct Feed {
 
 impl Feed {
     /// A feed whose task publishes changes until `shutdown` is cancelled.
-    pub(in crate::http) fn start(store: Store, timing: FeedTiming, shutdown: CancellationToken) -> Arc<Self> {
+    pub(in crate::http) fn start(
+        store: Store,
+        workforce: Arc<WorkforceCache>,
+        timing: FeedTiming,
+        shutdown: CancellationToken,
+    ) -> Arc<Self> {
         let published = Published::default();
         let feed = Arc::new(Self {
             name: Uuid::new_v4().simple().to_string()[..12].to_owned(),
             reports: tokio::sync::Mutex::new(store.changes()),
             store,
+            workforce,
             timing,
             age: Stopwatch::start(),
+            panics: AtomicU64::new(0),
             last: watch::Sender::new(published.last()),
             published: Mutex::new(published),
         });
         let follower = Arc::clone(&feed);
         tokio::spawn(async move {
             tokio::select! {
-                () = follower.follow() => {}
+                () = follower.follow_after_panics() => {}
                 () = shutdown.cancelled() => {}
             }
         });
@@ -68,7 +82,19 @@ impl Feed {
     }
 
     /// Publishes a state of a job, if the job has readers and the state is new.
-    pub(in crate::http) fn offer(&self, job: &Job) {
+    pub(in crate::http) async fn offer(&self, job: &Job) {
+        self.count_workers().await;
+        self.offer_counted(job);
+    }
+
+    /// Notes the live workers, from which the states derive why jobs wait.
+    async fn count_workers(&self) {
+        let workforce = self.workforce.current().await;
+        self.lock().workforce = workforce;
+    }
+
+    /// Publishes a state of a job after [`Feed::count_workers`].
+    fn offer_counted(&self, job: &Job) {
         self.update(|published| published.offer(job, self.age.elapsed(), &self.timing));
     }
 
@@ -103,6 +129,23 @@ impl Feed {
         Ok(self.store.list(&filter).await?.jobs)
     }
 
+    /// Publishes changes as they are reported. Continues after a panic: streams would stay open and
+    /// silent.
+    async fn follow_after_panics(&self) {
+        while AssertUnwindSafe(self.follow()).catch_unwind().await.is_err() {
+            tracing::error!("the publication of changes panicked; it is restarted, and event streams continue");
+            self.panics.fetch_add(1, Ordering::Relaxed);
+            // Reports may have been lost.
+            self.lock().note_loss();
+            tokio::time::sleep(self.timing.poll).await;
+        }
+    }
+
+    /// Number of panics of the task since the last call.
+    pub(in crate::http) fn take_panics(&self) -> u64 {
+        self.panics.swap(0, Ordering::Relaxed)
+    }
+
     /// Publishes changes as they are reported.
     async fn follow(&self) {
         let mut wake = self.store.changes();
@@ -131,10 +174,14 @@ impl Feed {
             // One query, because a request for a stream waits for it.
             let mut models = self.read(unknown).await?;
             models.sort_by_key(|model| model.id);
-            models.iter().for_each(|model| self.offer(model));
+            self.count_workers().await;
+            models.iter().for_each(|model| self.offer_counted(model));
             self.lock().note_newest(newest);
         }
         let due = self.lock().due_jobs(self.age.elapsed());
+        if !due.is_empty() {
+            self.count_workers().await;
+        }
         for id in due {
             let read = self.store.get(id).await;
             if read.is_err() {

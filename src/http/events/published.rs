@@ -11,7 +11,8 @@
 
 use super::snapshot::{Changes, Snapshot};
 use super::subscription::Subscription;
-use crate::jobs::{BackendReport, Job, JobId, JobProgress, Status};
+use crate::http::workforce::JobContext;
+use crate::jobs::{BackendReport, Job, JobId, JobProgress, QueueReason, Status, Workforce};
 use std::collections::{BTreeMap, HashMap};
 use std::ops::Bound::{Excluded, Unbounded};
 use std::sync::Arc;
@@ -67,14 +68,15 @@ impl PublishedJob {
 /// `progress` and `section` events.
 #[derive(Debug, PartialEq)]
 struct PublishedFields {
-    status: (Status, Option<u64>, u32, BackendReport, bool),
+    status: (Status, Option<u64>, Option<QueueReason>, u32, BackendReport, bool),
     progress: (Option<JobProgress>, Option<(u32, u32)>),
 }
 
 impl PublishedFields {
-    fn new(job: &Job) -> Self {
+    fn new(job: &Job, context: &JobContext) -> Self {
+        let (reason, backend) = (context.queue_reason(job), job.backend.clone());
         Self {
-            status: (job.status, job.queue_position, job.attempts, job.backend.clone(), job.cancel_requested),
+            status: (job.status, job.queue_position, reason, job.attempts, backend, job.cancel_requested),
             progress: (job.progress, job.section.as_ref().map(|section| (section.index, section.step))),
         }
     }
@@ -113,6 +115,8 @@ pub(super) struct Published {
     turn: JobId,
     /// Result of the last search for unknown models, oldest first; `None` before the first search.
     newest: Option<Vec<JobId>>,
+    /// Live workers, as read before the jobs that are offered; `None` if unknown.
+    pub(super) workforce: Option<Workforce>,
 }
 
 impl Default for Published {
@@ -131,6 +135,7 @@ impl Default for Published {
             polls_since_search: 0,
             turn: JobId(uuid::Uuid::nil()),
             newest: None,
+            workforce: None,
         }
     }
 }
@@ -193,7 +198,8 @@ impl Published {
         if is_outdated || !self.is_followed(job.id) {
             return;
         }
-        let mut shown = PublishedFields::new(job);
+        let context = JobContext { keep: timing.keep, workforce: self.workforce };
+        let mut shown = PublishedFields::new(job, &context);
         let mut quiet_until = entry.map_or(Duration::ZERO, |entry| entry.quiet_until);
         // If the snapshot of a watched job was dropped, the stream of the job needs another.
         let is_watched = self.watched.contains_key(&job.id);
@@ -216,8 +222,8 @@ impl Published {
             quiet_until = now + timing.interval;
         }
         let previous = entry_with_data.map(|entry| &*entry.snapshot);
-        let snapshot = Snapshot::new(job, timing.keep, self.last + 1, changes, previous);
-        let snapshot = if is_watched { snapshot.for_its_stream(job, timing.keep) } else { snapshot };
+        let snapshot = Snapshot::new(job, &context, self.last + 1, changes, previous);
+        let snapshot = if is_watched { snapshot.for_its_stream(job, &context) } else { snapshot };
         self.publish(snapshot, Some(shown), quiet_until);
     }
 

@@ -5,6 +5,7 @@ use super::published::NextSnapshot;
 use super::snapshot::{Changes, Snapshot};
 use super::subscription::Subscription;
 use crate::http::models::model::{Detail, LinkBase};
+use crate::http::workforce::JobContext;
 use crate::jobs::{JobId, StoreError};
 use bytes::Bytes;
 use std::collections::{HashMap, VecDeque};
@@ -108,16 +109,18 @@ impl ModelsReader {
         let unknown = ids.iter().zip(&known).filter(|(_, known)| known.is_none()).map(|(id, _)| *id).collect();
         let read = feed.read(unknown).await?;
         let (cursor, number) = (self.cursor(0), self.position);
+        // Jobs that have not ended are published instead.
+        let context = JobContext { keep: feed.timing.keep, workforce: None };
         let mut pieces = Vec::new();
         for (&id, known) in ids.iter().zip(known) {
             let job = read.iter().find(|job| job.id == id);
             // The feed will publish the end of a job that it knows, which would then be sent twice.
             if let Some(job) = job.filter(|job| !job.status.is_ended() || feed.lock().knows(job.id)) {
-                feed.offer(job);
+                feed.offer(job).await;
             }
             let snapshot = feed.lock().latest(id).or(known).unwrap_or_else(|| {
                 Arc::new(match job {
-                    Some(job) => Snapshot::new(job, feed.timing.keep, number, Changes::default(), None),
+                    Some(job) => Snapshot::new(job, &context, number, Changes::default(), None),
                     None => Snapshot::deleted(id, number, None),
                 })
             });

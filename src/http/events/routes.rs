@@ -129,7 +129,7 @@ async fn of_job(
     let job = find(&caller, state.store.get(id).await?)?;
     let has_this_version = last_seen.and_then(|text| text.parse::<u64>().ok()) == Some(job.version);
     if !job.status.is_ended() {
-        state.feed.offer(&job);
+        state.feed.offer(&job).await;
         // The position in the queue changes without a new version, so a queued job is always sent.
         if has_this_version && job.status != Status::Queued {
             reader.skip(job.version);
@@ -139,8 +139,8 @@ async fn of_job(
     if has_this_version {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
-    let end =
-        Snapshot::new(&job, state.limits.keep, 1, Changes::default(), None).for_its_stream(&job, state.limits.keep);
+    let context = state.job_context([&job]).await;
+    let end = Snapshot::new(&job, &context, 1, Changes::default(), None).for_its_stream(&job, &context);
     let events = end.events_after(0, &job.version.to_string(), detail, LinkBase::Model);
     Ok(EventStream::respond(state, caller, permit, detail, events, None))
 }

@@ -21,6 +21,7 @@ pub(super) fn job() -> Job {
         trace: None,
         backend: BackendReport { requested: Backend::Auto, used: None, device: None, fallback: None },
         queue_position: Some(0),
+        waits_for_equal: false,
         progress: None,
         section: None,
         attempts: 0,

@@ -5,12 +5,12 @@
 
 use crate::http::fits::{Fit, FitDetail};
 use crate::http::models::model::{Deleted, DeletedEvent, Detail, LinkBase, Model};
+use crate::http::workforce::JobContext;
 use crate::jobs::{BatchId, Job, JobId, JobKind};
 use bytes::Bytes;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::time::Duration;
 
 /// End of a JSON object, and of an event.
 const END: &[u8] = b"}\n\n";
@@ -69,15 +69,8 @@ struct SectionMember {
 }
 
 impl Snapshot {
-    /// The state of `job`, published with `number` after `previous`. Jobs are removed `keep` after
-    /// their end.
-    pub(super) fn new(
-        job: &Job,
-        keep: Option<Duration>,
-        number: u64,
-        changes: Changes,
-        previous: Option<&Self>,
-    ) -> Self {
+    /// The state of `job`, published with `number` after `previous`.
+    pub(super) fn new(job: &Job, context: &JobContext, number: u64, changes: Changes, previous: Option<&Self>) -> Self {
         let fields = previous.and_then(|previous| previous.fields.clone()).unwrap_or_else(|| {
             let (kind, owner, batch, labels) = (job.kind, job.owner.clone(), job.batch, job.labels.clone());
             Arc::new(FilterFields { kind, owner, batch, labels })
@@ -105,7 +98,7 @@ impl Snapshot {
             status_number: previous.filter(|_| !changes.status).map_or(number, |previous| previous.status_number),
             progress_number: previous.filter(|_| !changes.progress).map_or(number, |previous| previous.progress_number),
             is_last: job.status.is_ended(),
-            data: data(job, keep, LinkBase::Root),
+            data: data(job, context, LinkBase::Root),
             data_of_job_stream: None,
             spec,
             section,
@@ -132,8 +125,8 @@ impl Snapshot {
 
     /// Adds the data for the stream of this job, where references to files differ from those in
     /// `/events`.
-    pub(super) fn for_its_stream(self, job: &Job, keep: Option<Duration>) -> Self {
-        let data_of_job_stream = (!job.files.is_empty()).then(|| data(job, keep, LinkBase::Model));
+    pub(super) fn for_its_stream(self, job: &Job, context: &JobContext) -> Self {
+        let data_of_job_stream = (!job.files.is_empty()).then(|| data(job, context, LinkBase::Model));
         Self { data_of_job_stream, ..self }
     }
 
@@ -184,10 +177,10 @@ impl Snapshot {
 }
 
 /// The data of an event.
-fn data(job: &Job, keep: Option<Duration>, at: LinkBase) -> Bytes {
+fn data(job: &Job, context: &JobContext, at: LinkBase) -> Bytes {
     match job.kind {
-        JobKind::Model => json("", &Model::of(job, keep, Detail::Summary, at), &END[1..]),
-        JobKind::Fit => json("", &Fit::of(job, keep, FitDetail::Result), &END[1..]),
+        JobKind::Model => json("", &Model::of(job, context, Detail::Summary, at), &END[1..]),
+        JobKind::Fit => json("", &Fit::of(job, context, FitDetail::Result), &END[1..]),
     }
 }
 

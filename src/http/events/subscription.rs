@@ -110,12 +110,13 @@ mod tests {
     use super::super::samples::job;
     use super::super::snapshot::Changes;
     use super::*;
+    use crate::http::workforce::JobContext;
     use crate::jobs::{BatchId, Job};
     use std::collections::BTreeMap;
     use uuid::Uuid;
 
     fn snapshot(job: &Job) -> Snapshot {
-        Snapshot::new(job, None, 1, Changes::default(), None)
+        Snapshot::new(job, &JobContext::default(), 1, Changes::default(), None)
     }
 
     #[test]

@@ -5,13 +5,14 @@ use super::request::{CheckedFit, FitRequest};
 use crate::generate::{Backend, Cost, Outputs};
 use crate::http::AppState;
 use crate::http::access::Caller;
+use crate::http::health::check_storage;
 use crate::http::models::create::{earlier, key_of, queue, set_location, too_much};
 use crate::http::models::read::retry_after;
 use crate::http::pictures::draw::turn;
 use crate::http::wire::blocking::blocking;
 use crate::http::wire::json::{JsonBody, LargeJsonBody};
 use crate::http::wire::problem::{Kind, Problem};
-use crate::http::wire::responses::{FitProblems, FitUnavailable, QueueFull};
+use crate::http::wire::responses::{FitNotReadyOrUnavailable, FitProblems, FitUnavailable, QueueFull};
 use crate::jobs::{JobKind, NewJob, Submitted};
 use crate::spec::Fault;
 use crate::trace;
@@ -63,7 +64,7 @@ async fn check(state: &AppState, caller: &Caller, body: JsonBody) -> Result<Chec
             ("location" = String, description = "The fit, relative to this URL"),
             ("retry-after" = u32, description = "Seconds to wait before the next request"),
             ("idempotency-replayed" = String, description = "`true` if the key returned a fit that it had created before"))),
-        FitProblems, QueueFull, FitUnavailable,
+        FitProblems, QueueFull, FitNotReadyOrUnavailable,
     )
 )]
 pub(in crate::http) async fn create(
@@ -74,16 +75,17 @@ pub(in crate::http) async fn create(
 ) -> Result<Response, Problem> {
     // A separator that no key of a client contains: keys of fits and of models are independent.
     let key = key_of(&headers, &body)?.map(|(key, body)| (format!("\u{1e}{key}"), body));
-    let submitted = match check(&state, &caller, body).await {
+    let checked = check(&state, &caller, body).await.and_then(|checked| check_storage(&state).map(|()| checked));
+    let submitted = match checked {
         Ok(checked) => {
             let new = NewJob { idempotency: key, ..new_job(&caller, checked) };
             queue(&state, &caller, "fit created", new).await?
         }
-        // A repeated request gets its fit, even if limits have changed in the meantime.
+        // A repeated request gets its fit, even if limits or storage have changed in the meantime.
         Err(refusal) => Submitted::Replayed(earlier(&state, caller.owner(), key).await.ok_or(refusal)?),
     };
     let job = submitted.job();
-    let fit = Fit::of(job, state.limits.keep, FitDetail::Full);
+    let fit = Fit::of(job, &state.job_context([job]).await, FitDetail::Full);
     let mut response = (StatusCode::ACCEPTED, Json(fit)).into_response();
     let headers = response.headers_mut();
     set_location(headers, &format!("fits/{}", job.id), matches!(submitted, Submitted::Replayed(_)));

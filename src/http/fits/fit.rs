@@ -3,13 +3,13 @@
 use super::request::FitRequest;
 use crate::fit::{FitProgress, FitResult, FitStage};
 use crate::http::models::model::{ModelProblem, Queue, expires_at};
+use crate::http::workforce::JobContext;
 use crate::jobs::{Job, JobProgress, Priority, Status};
 use jiff::Timestamp;
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::time::Duration;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
@@ -36,7 +36,7 @@ pub(in crate::http) struct Fit {
     /// Name of the worker that runs the current or ran the last attempt; null before the first
     /// attempt.
     pub worker: Option<String>,
-    /// Position and waiting time in the queue, which fits and models share.
+    /// Place in the queue, which fits and models share.
     pub queue: Queue,
     /// Progress; null until a worker reports it.
     pub progress: Option<FitProgress>,
@@ -82,8 +82,8 @@ pub(in crate::http) enum FitDetail {
 }
 
 impl Fit {
-    /// The fit of a job. Fits are removed `keep` after their end.
-    pub(in crate::http) fn of(job: &Job, keep: Option<Duration>, detail: FitDetail) -> Self {
+    /// The fit of a job.
+    pub(in crate::http) fn of(job: &Job, context: &JobContext, detail: FitDetail) -> Self {
         Self {
             id: job.id.0,
             status: job.status,
@@ -93,13 +93,13 @@ impl Fit {
             priority: job.priority,
             owner: job.owner.clone(),
             worker: job.worker.clone(),
-            queue: Queue::of(job),
+            queue: Queue::of(job, context),
             progress: progress(job),
             attempts: job.attempts,
             created_at: job.created_at,
             started_at: job.started_at,
             finished_at: job.finished_at,
-            expires_at: expires_at(job, keep),
+            expires_at: expires_at(job, context.keep),
             problem: job.problem.as_ref().map(ModelProblem::of),
             digest: job.digest.clone(),
             request: (detail == FitDetail::Full).then(|| Arc::clone(&job.spec)),

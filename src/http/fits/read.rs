@@ -50,7 +50,8 @@ pub(in crate::http) async fn list(
     Problem::check(faults)?;
     let filter = ListFilter { kind: JobKind::Fit, limit, before, ..filter };
     let page = state.store.list(&filter).await?;
-    let fits = page.jobs.iter().map(|job| Fit::of(job, state.limits.keep, FitDetail::Summary)).collect();
+    let context = state.job_context(&page.jobs).await;
+    let fits = page.jobs.iter().map(|job| Fit::of(job, &context, FitDetail::Summary)).collect();
     Ok(Json(FitList { fits, next: page.next.map(|id| id.to_string()) }))
 }
 
@@ -65,7 +66,8 @@ pub(in crate::http) async fn list(
     ),
     responses(
         (status = 200, description = "The fit", body = Fit, headers(
-            ("etag" = String, description = "The version, followed by the position in the queue if that is not 0"),
+            ("etag" = String, description = "The version, in the queue followed by the position and the reason for the wait, if the \
+                position is not 0 or there is a reason"),
             ("retry-after" = Option<u32>,
                 description = "Seconds to wait before the next request. Absent after the end"))),
         (status = 304, description = "The fit has not changed"),
@@ -82,11 +84,13 @@ pub(in crate::http) async fn get(
     Problem::check(parameters.faults(&[], &[]))?;
     let job = find_fit(&state, &caller, id).await?;
     let cache = HeaderValue::from_static("no-cache");
-    let mut response = if tag(&job).matches_none(&headers) {
-        tag(&job).not_modified(cache)?
+    let context = state.job_context([&job]).await;
+    let tag = tag(&job, &context);
+    let mut response = if tag.matches_none(&headers) {
+        tag.not_modified(cache)?
     } else {
-        let fit = Fit::of(&job, state.limits.keep, FitDetail::Full);
-        ([(header::ETAG, tag(&job).header()?), (header::CACHE_CONTROL, cache)], Json(fit)).into_response()
+        let fit = Fit::of(&job, &context, FitDetail::Full);
+        ([(header::ETAG, tag.header()?), (header::CACHE_CONTROL, cache)], Json(fit)).into_response()
     };
     if !job.status.is_ended() {
         response.headers_mut().insert(header::RETRY_AFTER, retry_after(&job));
@@ -109,7 +113,7 @@ pub(in crate::http) async fn cancel(
 ) -> Result<Json<Fit>, Problem> {
     find_fit(&state, &caller, id).await?;
     let job = cancel_job(&state, &caller, "fit cancelled", id).await?.ok_or_else(|| no_fit(id))?;
-    Ok(Json(Fit::of(&job, state.limits.keep, FitDetail::Full)))
+    Ok(Json(Fit::of(&job, &state.job_context([&job]).await, FitDetail::Full)))
 }
 
 /// Delete a fit; if it has not ended, it is cancelled first.

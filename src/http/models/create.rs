@@ -9,7 +9,7 @@ use crate::generate::{Backend, Cost, Output, OverLimit};
 use crate::http::AppState;
 use crate::http::access::{Caller, audit, run_to_completion};
 use crate::http::events::Reader;
-use crate::http::health::not_ready;
+use crate::http::health::{check_storage, not_ready};
 use crate::http::wire::faults::body_reader;
 use crate::http::wire::headers::{IDEMPOTENCY_REPLAYED, PREFERENCE_APPLIED, idempotency_key, wait};
 use crate::http::wire::json::JsonBody;
@@ -157,13 +157,14 @@ pub(in crate::http) async fn create(
     body: JsonBody,
 ) -> Result<Response, Problem> {
     let key = key_of(&headers, &body)?;
-    let submitted = match check_body(&state, &body).await {
+    let checked = check_body(&state, &body).await.and_then(|checked| check_storage(&state).map(|()| checked));
+    let submitted = match checked {
         Ok(CheckedModel { request, spec, .. }) => {
             let new = NewJob { idempotency: key, ..new_job(&caller, request, &spec) };
             queue(&state, &caller, "model created", new).await?
         }
-        // A repeated request gets its model, even if limits or live workers have changed in the
-        // meantime.
+        // A repeated request gets its model, even if limits, live workers or storage have changed in
+        // the meantime.
         Err(refusal) => Submitted::Replayed(earlier(&state, caller.owner(), key).await.ok_or(refusal)?),
     };
     // A held response needs no memory for its request.
@@ -174,7 +175,7 @@ pub(in crate::http) async fn create(
     if let Some((time, _)) = waited {
         job = until_ended(&state, job, time).await;
     }
-    let mut response = created(&state, &submitted, &job, LinkBase::Root)?;
+    let mut response = created(&state, &submitted, &job, LinkBase::Root).await?;
     let headers = response.headers_mut();
     if let Some(Ok(applied)) = waited.map(|(time, _)| HeaderValue::try_from(format!("wait={}", time.as_secs()))) {
         headers.insert(PREFERENCE_APPLIED, applied);
@@ -183,7 +184,7 @@ pub(in crate::http) async fn create(
 }
 
 /// The response to a submission, with the present state of its job.
-pub(in crate::http) fn created(
+pub(in crate::http) async fn created(
     state: &AppState,
     submitted: &Submitted,
     job: &Job,
@@ -194,7 +195,7 @@ pub(in crate::http) fn created(
         _ if job.status.is_ended() => StatusCode::OK,
         _ => StatusCode::ACCEPTED,
     };
-    let mut response = answer(state, status, job, Detail::Full, base)?;
+    let mut response = answer(state, status, job, Detail::Full, base).await?;
     let headers = response.headers_mut();
     set_location(headers, &base.model(job.id), matches!(submitted, Submitted::Replayed(_)));
     if status == StatusCode::ACCEPTED {

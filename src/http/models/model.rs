@@ -5,7 +5,8 @@ use crate::generate::{Output, Progress, Stage, Summary};
 use crate::http::wire::extract::Parameters;
 use crate::http::wire::faults::{Faults, RequestFault};
 use crate::http::wire::problem::TYPE_PREFIX;
-use crate::jobs::{BackendReport, Job, JobProgress, LiveSection, Priority, Status};
+use crate::http::workforce::JobContext;
+use crate::jobs::{BackendReport, Job, JobProgress, LiveSection, Priority, QueueReason, Status};
 use crate::model::{BodyKind, LengthUnit};
 use crate::spec::ModelSpec;
 use jiff::Timestamp;
@@ -54,7 +55,7 @@ pub struct Model {
     /// Name of the worker that runs the current or ran the last attempt; null before the first
     /// attempt.
     pub worker: Option<String>,
-    /// Position and waiting time in the queue.
+    /// Place in the queue.
     pub queue: Queue,
     /// Progress; null until a worker reports it.
     pub progress: Option<Progress>,
@@ -99,14 +100,20 @@ pub struct Model {
     pub spec: Option<Arc<Value>>,
 }
 
-/// Position and waiting time of a model in the queue.
+/// Place of a model in the queue: position, waiting time, and the reason if no worker claims it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Queue {
     /// Number of models that are ahead in the queue and request the same backend: models of higher
     /// priority, of an earlier turn between submitters, or older ones. Counted up to 1000; null
     /// after the model has left the queue.
-    #[schema(minimum = 0)]
+    #[schema(minimum = 0, maximum = 1000)]
     pub position: Option<u64>,
+    /// False if 1000 or more models are ahead, so `position` is 1000; null after the model has left
+    /// the queue.
+    pub position_is_exact: Option<bool>,
+    /// Reason why no worker starts the model; null if the model waits for the models ahead, and
+    /// after it has left the queue. The reason is at most a few seconds old.
+    pub reason: Option<QueueReason>,
     /// Seconds between acceptance and the first attempt or, without an attempt, the end; null while
     /// the model waits.
     pub wait_seconds: Option<f64>,
@@ -142,10 +149,9 @@ pub struct ModelProblem {
 }
 
 impl Model {
-    /// The model of a job, with references relative to `base`. Models are removed `keep` after
-    /// their end.
+    /// The model of a job, with references relative to `base`.
     #[must_use]
-    pub(in crate::http) fn of(job: &Job, keep: Option<Duration>, detail: Detail, base: LinkBase) -> Self {
+    pub(in crate::http) fn of(job: &Job, context: &JobContext, detail: Detail, base: LinkBase) -> Self {
         let file = |file: &crate::jobs::File| ModelFile {
             href: format!("{}/files/{}", base.model(job.id), file.name),
             name: file.name.clone(),
@@ -168,13 +174,13 @@ impl Model {
             batch: job.batch.map(|id| id.0),
             backend: job.backend.clone(),
             worker: job.worker.clone(),
-            queue: Queue::of(job),
+            queue: Queue::of(job, context),
             progress: if job.status == Status::Succeeded { Some(completed(job)) } else { reported(job) },
             attempts: job.attempts,
             created_at: job.created_at,
             started_at: job.started_at,
             finished_at: job.finished_at,
-            expires_at: expires_at(job, keep),
+            expires_at: expires_at(job, context.keep),
             files: job.files.iter().map(file).collect(),
             summary: job.summary.clone().map(without_means),
             warnings: warnings(job),
@@ -188,10 +194,12 @@ impl Model {
 }
 
 impl Queue {
-    pub(in crate::http) fn of(job: &Job) -> Self {
+    pub(in crate::http) fn of(job: &Job, context: &JobContext) -> Self {
         let left = job.started_at.or(job.finished_at);
         let wait_seconds = left.map(|at| at.duration_since(job.created_at).as_secs_f64().max(0.0));
-        Self { position: job.queue_position, wait_seconds }
+        let position = job.queue_position;
+        let position_is_exact = position.map(|position| position < Job::MAX_QUEUE_POSITION);
+        Self { position, position_is_exact, reason: context.queue_reason(job), wait_seconds }
     }
 }
 

@@ -10,31 +10,37 @@ use crate::http::wire::conditional::ETag;
 use crate::http::wire::extract::{ModelId, Parameters, no_model};
 use crate::http::wire::problem::Problem;
 use crate::http::wire::responses::{BadParameters, ModelMissing, StoresUnavailable};
+use crate::http::workforce::JobContext;
 use crate::jobs::{Job, JobId, JobProgress, ListFilter};
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
-/// The entity tag of a job: its version, and its position in the queue, which changes without a new
-/// version.
-pub(in crate::http) fn tag(job: &Job) -> ETag {
-    match job.queue_position {
-        None | Some(0) => ETag::strong(job.version),
-        Some(place) => ETag::strong(format_args!("{}-{place}", job.version)),
+/// The entity tag of a job: its version, and its position in the queue and the reason why it waits,
+/// which change without a new version.
+pub(in crate::http) fn tag(job: &Job, context: &JobContext) -> ETag {
+    let version = job.version;
+    match (job.queue_position, context.queue_reason(job)) {
+        (None | Some(0), None) => ETag::strong(version),
+        (Some(place), None) => ETag::strong(format_args!("{version}-{place}")),
+        (place, Some(reason)) => {
+            ETag::strong(format_args!("{version}-{}-{}", place.unwrap_or_default(), reason.name()))
+        }
     }
 }
 
 /// A model as a response.
-pub(in crate::http) fn answer(
+pub(in crate::http) async fn answer(
     state: &AppState,
     status: StatusCode,
     job: &Job,
     detail: Detail,
     base: LinkBase,
 ) -> Result<Response, Problem> {
-    let model = Model::of(job, state.limits.keep, detail, base);
-    Ok((status, [(header::ETAG, tag(job).header()?)], Json(model)).into_response())
+    let context = state.job_context([job]).await;
+    let model = Model::of(job, &context, detail, base);
+    Ok((status, [(header::ETAG, tag(job, &context).header()?)], Json(model)).into_response())
 }
 
 /// `Retry-After` of a job that has not ended: its remaining time, between 1 and 30 seconds.
@@ -68,7 +74,8 @@ pub(in crate::http) async fn list(
     let (limit, before) = select::page(&parameters, &mut faults);
     Problem::check(faults)?;
     let page = state.store.list(&ListFilter { limit, before, ..filter }).await?;
-    let models = page.jobs.iter().map(|job| Model::of(job, state.limits.keep, detail, LinkBase::Root)).collect();
+    let context = state.job_context(&page.jobs).await;
+    let models = page.jobs.iter().map(|job| Model::of(job, &context, detail, LinkBase::Root)).collect();
     Ok(Json(ModelList { models, next: page.next.map(|id| id.to_string()) }))
 }
 
@@ -84,7 +91,8 @@ pub(in crate::http) async fn list(
     ),
     responses(
         (status = 200, description = "The model", body = Model, headers(
-            ("etag" = String, description = "The version, followed by the position in the queue if that is not 0"),
+            ("etag" = String, description = "The version, in the queue followed by the position and the reason for the wait, if the \
+                position is not 0 or there is a reason"),
             ("retry-after" = Option<u32>,
                 description = "Seconds to wait before the next request. Absent after the end"))),
         (status = 304, description = "The model has not changed"),
@@ -103,10 +111,11 @@ pub(in crate::http) async fn get(
     Problem::check(faults)?;
     let job = find_model(&state, &caller, id).await?;
     let cache = HeaderValue::from_static("no-cache");
-    let mut response = if tag(&job).matches_none(&headers) {
-        tag(&job).not_modified(cache)?
+    let tag = tag(&job, &state.job_context([&job]).await);
+    let mut response = if tag.matches_none(&headers) {
+        tag.not_modified(cache)?
     } else {
-        let mut response = answer(&state, StatusCode::OK, &job, detail, LinkBase::Models)?;
+        let mut response = answer(&state, StatusCode::OK, &job, detail, LinkBase::Models).await?;
         response.headers_mut().insert(header::CACHE_CONTROL, cache);
         response
     };
@@ -132,7 +141,7 @@ pub(in crate::http) async fn cancel(
 ) -> Result<Response, Problem> {
     find_model(&state, &caller, id).await?;
     let job = cancel_job(&state, &caller, "model cancelled", id).await?.ok_or_else(|| no_model(id))?;
-    answer(&state, StatusCode::OK, &job, Detail::Full, LinkBase::Model)
+    answer(&state, StatusCode::OK, &job, Detail::Full, LinkBase::Model).await
 }
 
 /// Delete a model and its files; if it has not ended, it is cancelled first.

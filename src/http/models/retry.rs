@@ -6,6 +6,7 @@ use super::model::{LinkBase, Model};
 use super::request::ModelRequest;
 use crate::http::AppState;
 use crate::http::access::Caller;
+use crate::http::health::check_storage;
 use crate::http::wire::extract::ModelId;
 use crate::http::wire::problem::{Kind, Problem};
 use crate::http::wire::responses::{ModelMissing, NotFailed, NotReadyOrUnavailable, QueueFull, RetryProblems};
@@ -61,7 +62,8 @@ pub(in crate::http) async fn retry(
         by if by == owner.as_deref() => (caller.quota(), key),
         by => (Quota::default(), key.map(|(key, body)| (format!("{key}\u{1f}{}", by.unwrap_or_default()), body))),
     };
-    let submitted = match check_again(&state, &failed).await {
+    let checked = check_again(&state, &failed).await.and_then(|checked| check_storage(&state).map(|()| checked));
+    let submitted = match checked {
         Ok(CheckedModel { request, spec, .. }) => {
             let new = new_job(&caller, request, &spec);
             let new = NewJob { idempotency: key, owner, quota, retry_of: Some(id), ..new };
@@ -69,7 +71,7 @@ pub(in crate::http) async fn retry(
         }
         Err(refusal) => Submitted::Replayed(earlier(&state, owner.as_deref(), key).await.ok_or(refusal)?),
     };
-    created(&state, &submitted, submitted.job(), LinkBase::Model)
+    created(&state, &submitted, submitted.job(), LinkBase::Model).await
 }
 
 /// Checks the request of a failed model like a new one, because limits may have changed.

@@ -1,4 +1,4 @@
-//! The layer around all routes: checks `Host`, assigns the request id, opens the tracing span, and
+//! The layer around all routes: checks `Host` and `Transfer-Encoding`, assigns the request id, opens the tracing span, and
 //! writes the body of every error response.
 //!
 //! Invariant: every error response has a problem as its body, including those of axum.
@@ -7,6 +7,7 @@ use super::cors::{self, Origin};
 use super::headers::REQUEST_ID;
 use super::host;
 use super::problem::{Kind, MEDIA_TYPE, Problem};
+use super::transfer;
 use crate::clock::Stopwatch;
 use crate::trace;
 use axum::Router;
@@ -46,7 +47,8 @@ async fn envelope(request: Request, next: Next) -> Response {
     let span = tracing::info_span!("request", %method, %path, request_id = %id, model = tracing::field::Empty, key = tracing::field::Empty);
     trace::adopt(&span, request.headers().get(trace::TRACEPARENT).and_then(|value| value.to_str().ok()));
     let watch = Stopwatch::start();
-    let response = match host::check(request.version(), request.headers()) {
+    let checked = host::check(request.version(), request.headers()).and_then(|()| transfer::check(request.headers()));
+    let response = match checked {
         Ok(()) => next.run(request).instrument(span.clone()).await,
         Err(refusal) => refusal.into_response(),
     };

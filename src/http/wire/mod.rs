@@ -2,7 +2,7 @@
 //!
 //! | file | subject |
 //! |---|---|
-//! | `envelope`, `host`, `cors`, `compress` | layers around all routes |
+//! | `envelope`, `host`, `transfer`, `cors`, `compress` | layers around all routes |
 //! | `extract`, `json`, `headers` | parameters, bodies and headers of a request |
 //! | `faults`, `problem` | faults of a request; body of every error response (RFC 9457) |
 //! | `conditional`, `range` | conditional requests and ranges of bytes (RFC 9110) |
@@ -24,3 +24,4 @@ pub(in crate::http) mod problem;
 pub(in crate::http) mod range;
 pub(in crate::http) mod responses;
 pub(in crate::http) mod shares;
+pub(in crate::http) mod transfer;

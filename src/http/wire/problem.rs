@@ -102,6 +102,8 @@ kinds! {
     RateLimited = "rate-limited", TOO_MANY_REQUESTS, "Too many requests";
     /// The service failed.
     Internal = "internal", INTERNAL_SERVER_ERROR, "The service failed";
+    /// The body has a transfer coding other than `chunked`.
+    TransferCoding = "transfer-coding-unsupported", NOT_IMPLEMENTED, "The transfer coding is not supported";
     /// The job store is unavailable.
     StoreUnavailable = "store-unavailable", SERVICE_UNAVAILABLE, "The job store is unavailable";
     /// The artifact store is unavailable.

@@ -58,13 +58,17 @@ problems! {
     QueueFull: QueueFull, QuotaExceeded;
     /// One of the stores is unavailable.
     StoresUnavailable: StoreUnavailable, StorageUnavailable;
-    /// A store is unavailable, or GPU workers are still opening their devices.
+    /// A store is unavailable, this process cannot store files, or GPU workers are still opening
+    /// their devices.
     NotReadyOrUnavailable: StoreUnavailable, StorageUnavailable, NotReady;
-    /// A store is unavailable, GPU workers are still opening their devices, or too many bodies are
-    /// being processed.
+    /// A store is unavailable, this process cannot store files, GPU workers are still opening their
+    /// devices, or too many bodies are being processed.
     BodyUnavailable: StoreUnavailable, StorageUnavailable, NotReady, TooManyBodies;
     /// A store is unavailable, or too many bodies are being processed or images traced.
     FitUnavailable: StoreUnavailable, StorageUnavailable, TooManyBodies, TooManyPictures;
+    /// A store is unavailable, this process cannot store files, or too many bodies are being
+    /// processed or images traced.
+    FitNotReadyOrUnavailable: StoreUnavailable, StorageUnavailable, NotReady, TooManyBodies, TooManyPictures;
     /// The job store is unavailable, or too many bodies are being processed.
     TicketUnavailable: StoreUnavailable, TooManyBodies;
     /// The artifact store is unavailable, or too many downloads are running.

@@ -6,6 +6,7 @@
 //! store.
 
 use super::error::ArtifactError;
+use crate::jobs::folders::create_durably;
 use jiff::Timestamp;
 use object_store::local::LocalFileSystem;
 use std::fs::ReadDir;
@@ -37,7 +38,8 @@ impl Root {
     /// Opens the folder, and creates it if it does not exist.
     pub(super) fn open(root: &Path) -> Result<(LocalFileSystem, Self), ArtifactError> {
         let failed = |source| ArtifactError::store(RootError { path: root.to_owned(), source });
-        std::fs::create_dir_all(root).map_err(failed)?;
+        // The store below writes the folders of models to disk.
+        create_durably(root).map_err(failed)?;
         let root = root.canonicalize().map_err(failed)?;
         // Reports links at the start instead of with the first model.
         for entry in std::fs::read_dir(&root).map_err(failed)? {

@@ -58,7 +58,7 @@ const PLANS: [(&str, &str); 6] = [
 ];
 
 /// Migrations of the tables, oldest first.
-const MIGRATIONS: [(&str, &str); 11] = migrations![
+const MIGRATIONS: [(&str, &str); 12] = migrations![
     "0001_jobs",
     "0002_priorities",
     "0003_traces",
@@ -70,6 +70,7 @@ const MIGRATIONS: [(&str, &str); 11] = migrations![
     "0009_shared_growth",
     "0010_fits",
     "0011_upkeep_state",
+    "0012_worker_conditions",
 ];
 
 /// The connections to a PostgreSQL database.

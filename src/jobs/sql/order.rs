@@ -26,8 +26,8 @@ use super::store::Store;
 use super::tx::{Row, Tx};
 use crate::jobs::{ClaimScope, Job, Priority, Status, StoreError, StoreOptions};
 
-/// Largest exact position in the queue; jobs further back report this one.
-const POSITIONS: u64 = 1000;
+/// Position at which counting stops; see [`Job::MAX_QUEUE_POSITION`].
+const POSITIONS: u64 = Job::MAX_QUEUE_POSITION;
 
 /// The call for the length of the queue of a claim.
 impl Store {

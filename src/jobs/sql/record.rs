@@ -142,6 +142,7 @@ pub(super) fn to_record(row: &Row) -> Result<Record, SqlError> {
             fallback: row.get("fallback")?,
         },
         queue_position: None,
+        waits_for_equal: row.get::<&str>("status")? == "queued" && row.get("shares")?,
         progress: parse_optional(row, "progress")?,
         section: parse_optional(row, "section")?,
         attempts: row.count("attempts")?,

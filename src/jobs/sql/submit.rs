@@ -263,6 +263,7 @@ async fn insert(
             fallback: backend.and_then(|backend| backend.fallback.clone()),
         },
         queue_position: None,
+        waits_for_equal: shares,
         progress: None,
         section: None,
         attempts: 0,

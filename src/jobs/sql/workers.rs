@@ -6,9 +6,10 @@
 use super::codec::{enum_from_sql, enum_to_sql, values};
 use super::error::SqlError;
 use super::operation::{Done, Uncertain};
+use super::record::optional_enum;
 use super::store::Store;
 use super::tx::{Row, Tx};
-use crate::jobs::{Instruction, JobId, Pause, StoreError, WorkerInfo, WorkerKind};
+use crate::jobs::{Instruction, JobId, Pause, StoreError, WorkerCounts, WorkerInfo, WorkerKind, Workforce};
 use jiff::Timestamp;
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -30,6 +31,11 @@ impl Store {
             .await
     }
 
+    /// Removes a worker that has stopped from the list of workers. A pause of its name stays.
+    pub async fn worker_stopped(&self, worker: &str) -> Result<(), StoreError> {
+        self.apply("worker_stopped", worker.to_owned(), |id, tx, _| Box::pin(stop(id, tx)), Uncertain::RunsAgain).await
+    }
+
     /// Workers with a heartbeat in the last five minutes, with the jobs that they hold, and their
     /// pauses.
     pub async fn workers(&self) -> Result<Vec<WorkerInfo>, StoreError> {
@@ -41,7 +47,7 @@ impl Store {
         let tx = &mut self.read("workers_within").await?;
         let since = since(tx, within).await?;
         let sql = "SELECT w.*, c.drain, c.since, c.set_by FROM workers w LEFT JOIN claiming c ON c.scope = w.id \
-                   WHERE w.heartbeat_at >= $1 ORDER BY w.id";
+                   WHERE w.heartbeat_at >= $1 AND NOT w.stopped ORDER BY w.id";
         let rows = tx.all(sql, values![since]).await?;
         let mut held: BTreeMap<String, Vec<JobId>> = BTreeMap::new();
         for row in tx.all("SELECT holder, id FROM jobs WHERE status = 'running' ORDER BY id", values![]).await? {
@@ -60,6 +66,7 @@ impl Store {
                     jobs_done: row.count("jobs_done")?,
                     heartbeat_at: row.time("heartbeat_at")?,
                     pause: to_pause(row)?,
+                    condition: optional_enum(row, "condition")?,
                 })
             })
             .collect()
@@ -69,18 +76,45 @@ impl Store {
     pub async fn count_live_workers(&self, kind: WorkerKind, within: Duration) -> Result<u64, StoreError> {
         let tx = &mut self.read("count_live_workers").await?;
         let since = since(tx, within).await?;
-        let sql = "SELECT COUNT(*) AS n FROM workers WHERE backend = $1 AND heartbeat_at >= $2";
+        let sql = "SELECT COUNT(*) AS n FROM workers WHERE backend = $1 AND heartbeat_at >= $2 AND NOT stopped";
         Ok(tx.one(sql, values![enum_to_sql(kind), since]).await?.count("n")?)
     }
 
-    /// Number of workers of this kind with a heartbeat `within` this time that are neither paused
-    /// nor drained individually. Ignores a pause of all workers.
-    pub async fn count_unpaused_workers(&self, kind: WorkerKind, within: Duration) -> Result<u64, StoreError> {
-        let tx = &mut self.read("count_unpaused_workers").await?;
+    /// Number of workers of this kind with a heartbeat `within` this time that have no condition and
+    /// are neither paused nor drained individually. Ignores a pause of all workers.
+    pub async fn count_claiming_workers(&self, kind: WorkerKind, within: Duration) -> Result<u64, StoreError> {
+        let tx = &mut self.read("count_claiming_workers").await?;
         let since = since(tx, within).await?;
         let sql = "SELECT COUNT(*) AS n FROM workers WHERE backend = $1 AND heartbeat_at >= $2 \
-                   AND id NOT IN (SELECT scope FROM claiming)";
+                   AND NOT stopped AND condition IS NULL AND id NOT IN (SELECT scope FROM claiming)";
         Ok(tx.one(sql, values![enum_to_sql(kind), since]).await?.count("n")?)
+    }
+
+    /// Numbers of workers with a heartbeat `within` this time.
+    pub async fn workforce(&self, within: Duration) -> Result<Workforce, StoreError> {
+        let tx = &mut self.read("workforce").await?;
+        let since = since(tx, within).await?;
+        let sql = format!(
+            "SELECT backend, COUNT(*) AS live, COUNT(*) FILTER (WHERE NOT paused) AS unpaused, \
+             COUNT(*) FILTER (WHERE NOT paused AND condition IS NULL) AS claiming FROM \
+             (SELECT backend, condition, EXISTS (SELECT 1 FROM claiming c WHERE c.scope IN ('{ALL}', w.id)) AS paused \
+             FROM workers w WHERE heartbeat_at >= $1 AND NOT stopped) AS listed GROUP BY backend"
+        );
+        let mut workforce = Workforce::default();
+        for row in tx.all(sql, values![since]).await? {
+            let counts = WorkerCounts {
+                live: row.count("live")?,
+                unpaused: row.count("unpaused")?,
+                claiming: row.count("claiming")?,
+            };
+            // A worker of a later version may be of a kind that this one does not know.
+            match enum_from_sql(row.get("backend")?) {
+                Ok(WorkerKind::Cpu) => workforce.cpu = counts,
+                Ok(WorkerKind::Gpu) => workforce.gpu = counts,
+                Err(_) => {}
+            }
+        }
+        Ok(workforce)
     }
 
     /// Pauses all workers, including workers that start later, or ends this pause; pauses of single
@@ -114,16 +148,24 @@ impl Store {
 /// Records a heartbeat at the present time of the store.
 async fn record(worker: &WorkerInfo, tx: &mut Tx<'_>) -> Result<Done<()>, SqlError> {
     let now = tx.now().await?;
-    let sql = "INSERT INTO workers (id, host, backend, device, jobs_done, heartbeat_at) \
-               VALUES ($1, $2, $3, $4, $5, $6) ON CONFLICT (id) DO UPDATE SET host = $2, \
-               backend = $3, device = $4, jobs_done = $5, heartbeat_at = $6";
-    let WorkerInfo { id, host, kind, device, jobs_done, .. } = worker;
-    tx.execute(sql, values![id, host, enum_to_sql(kind), device, *jobs_done, now]).await?;
+    let sql = "INSERT INTO workers (id, host, backend, device, jobs_done, heartbeat_at, condition) \
+               VALUES ($1, $2, $3, $4, $5, $6, $7) ON CONFLICT (id) DO UPDATE SET host = $2, \
+               backend = $3, device = $4, jobs_done = $5, heartbeat_at = $6, condition = $7, stopped = FALSE";
+    let WorkerInfo { id, host, kind, device, jobs_done, condition, .. } = worker;
+    let condition = condition.map(enum_to_sql);
+    tx.execute(sql, values![id, host, enum_to_sql(kind), device, *jobs_done, now, condition]).await?;
     let old = now.saturating_sub(KEPT_FOR).unwrap_or(Timestamp::MIN);
     if tx.execute("DELETE FROM workers WHERE heartbeat_at < $1", values![old]).await? > 0 {
         let sql = "DELETE FROM claiming WHERE scope <> $1 AND scope NOT IN (SELECT id FROM workers)";
         tx.execute(sql, values![ALL]).await?;
     }
+    Ok(Done::quiet(()))
+}
+
+/// Marks a worker as stopped. Its row stays for as long as that of a killed worker, because a pause
+/// of a name without a row is deleted.
+async fn stop(id: &String, tx: &mut Tx<'_>) -> Result<Done<()>, SqlError> {
+    tx.execute("UPDATE workers SET stopped = TRUE WHERE id = $1", values![id]).await?;
     Ok(Done::quiet(()))
 }
 
@@ -141,7 +183,7 @@ fn to_pause(row: &Row) -> Result<Option<Pause>, SqlError> {
 /// True if [`Store::workers`] lists the worker of this name.
 async fn is_listed(tx: &mut Tx<'_>, worker: &str) -> Result<bool, SqlError> {
     let since = since(tx, LISTED_FOR).await?;
-    let sql = "SELECT id FROM workers WHERE id = $1 AND heartbeat_at >= $2";
+    let sql = "SELECT id FROM workers WHERE id = $1 AND heartbeat_at >= $2 AND NOT stopped";
     Ok(tx.optional(sql, values![worker, since]).await?.is_some())
 }
 

@@ -8,7 +8,7 @@
 //! - **Full disk**: the write-ahead log is some megabytes longer than checkpoints need, so records
 //!   can still be changed and deleted on a full disk. Once this reserve is used up, changes fail
 //!   until there is space.
-//! - **One process** at a time opens a file; a lock file next to it ensures that. Therefore
+//! - **One process** at a time opens a file; locks of it and of a file next to it ensure that. Therefore
 //!   [`Store::recover`](super::Store::recover) may end the attempts of earlier processes.
 //! - **Time** is the clock of the process. Leases and delays use monotonic time, so setting the
 //!   clock ends no attempt.
@@ -18,6 +18,7 @@
 pub(super) mod pool;
 
 use super::error::StoreError;
+use super::folders::create_durably;
 use super::operators::PoolUse;
 use super::options::StoreOptions;
 use super::sql::{Connection, Severity, SqlError, migrations, migrator, roll_back};
@@ -31,7 +32,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Migrations of the tables, oldest first.
-const MIGRATIONS: [(&str, &str); 13] = migrations![
+const MIGRATIONS: [(&str, &str); 14] = migrations![
     "0001_jobs",
     "0002_operations",
     "0003_fair_share",
@@ -45,6 +46,7 @@ const MIGRATIONS: [(&str, &str); 13] = migrations![
     "0011_shared_growth",
     "0012_fits",
     "0013_upkeep_state",
+    "0014_worker_conditions",
 ];
 
 /// Maximum wait of a connection for a lock of another process.
@@ -96,7 +98,7 @@ pub(super) struct Sqlite {
     writer: Pool,
     reader: Pool,
     /// Held while the file is open.
-    lock: Option<File>,
+    lock: Option<FileLock>,
 }
 
 impl Sqlite {
@@ -104,7 +106,7 @@ impl Sqlite {
     pub(super) async fn open(path: &Path, options: &StoreOptions) -> Result<Self, StoreError> {
         let failed = |source| FileError::Io { path: path.to_owned(), source };
         if let Some(parent) = path.parent() {
-            std::fs::create_dir_all(parent).map_err(failed)?;
+            create_durably(parent).map_err(failed)?;
         }
         let Some(lock) = lock(path)? else { return Err(FileError::InUse { path: path.to_owned() }.into()) };
         let connect = connect_options(path);
@@ -177,24 +179,60 @@ impl Sqlite {
         pool::close(&self.writer).await;
         // Explicitly: a child process between fork and exec shares the handle, and with it the
         // lock.
-        if let Some(Err(error)) = self.lock.as_ref().map(File::unlock) {
+        if let Some(Err(error)) = self.lock.as_ref().map(FileLock::unlock) {
             tracing::warn!(%error, "could not release the lock of the job store; the next start may have to wait for it");
         }
     }
 }
 
-/// Locks the file at `path` for this process; `None` if another process has it open.
-fn lock(path: &Path) -> Result<Option<File>, FileError> {
+/// The locks of a database file. Both belong to this process while it has the file open.
+#[derive(Debug)]
+struct FileLock {
+    /// The lock file, which all versions lock.
+    beside: File,
+    /// The database file: somebody may remove the lock file. `None` where a lock would exclude
+    /// SQLite itself.
+    database: Option<File>,
+}
+
+impl FileLock {
+    fn unlock(&self) -> io::Result<()> {
+        self.database.as_ref().map_or(Ok(()), File::unlock)?;
+        self.beside.unlock()
+    }
+}
+
+/// Locks the file at `path` for this process, and creates it if it does not exist. `None` if another
+/// process has it open.
+fn lock(path: &Path) -> Result<Option<FileLock>, FileError> {
     let failed = |source| FileError::Io { path: path.to_owned(), source };
-    let lock = File::create(path.with_added_extension("lock")).map_err(failed)?;
-    match lock.try_lock() {
-        Err(TryLockError::WouldBlock) => return Ok(None),
+    let beside = File::create(path.with_added_extension("lock")).map_err(failed)?;
+    if !is_locked(&beside, path) {
+        return Ok(None);
+    }
+    // `flock` on Unix, which does not interfere with the locks of SQLite.
+    let database = if cfg!(unix) {
+        let mut options = File::options();
+        Some(options.read(true).append(true).create(true).open(path).map_err(failed)?)
+    } else {
+        None
+    };
+    if database.as_ref().is_some_and(|database| !is_locked(database, path)) {
+        return Ok(None);
+    }
+    Ok(Some(FileLock { beside, database }))
+}
+
+/// Locks a file for this process. False if another process has locked it.
+fn is_locked(file: &File, path: &Path) -> bool {
+    match file.try_lock() {
+        Err(TryLockError::WouldBlock) => return false,
         Err(TryLockError::Error(error)) => {
             tracing::warn!(path = %path.display(), %error, "could not lock the job store; make sure that only one process uses it");
         }
         Ok(()) => {}
     }
-    Ok(Some(lock))
+    true
 }
 
 fn connect_options(path: &Path) -> SqliteConnectOptions {

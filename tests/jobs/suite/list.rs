@@ -85,6 +85,7 @@ pub async fn workers_are_seen(factory: Factory) {
         jobs_done,
         heartbeat_at,
         pause: None,
+        condition: None,
     };
     bench.store.worker_seen(&seen("b", 0, bench.clock.now())).await.unwrap();
     bench.clock.advance(Duration::from_secs(200));
@@ -110,5 +111,14 @@ pub async fn workers_are_seen(factory: Factory) {
     }
     bench.store.worker_seen(&last).await.unwrap();
     bench.clock.advance(Duration::from_secs(200));
-    assert_eq!(bench.store.workers().await.unwrap(), [last]);
+    assert_eq!(bench.store.workers().await.unwrap(), std::slice::from_ref(&last));
+    // A pause outlives the process of the worker, also until its name is used again.
+    assert!(bench.store.instruct("a", Instruction::Pause, None).await.unwrap());
+    bench.store.worker_stopped("a").await.unwrap();
+    assert_eq!(bench.store.workers().await.unwrap(), []);
+    assert!(!bench.store.instruct("a", Instruction::Resume, None).await.unwrap());
+    assert_eq!(bench.store.count_live_workers(WorkerKind::Cpu, LEASE).await.unwrap(), 0);
+    assert_eq!(bench.store.workforce(LEASE).await.unwrap(), Workforce::default());
+    bench.store.worker_seen(&last).await.unwrap();
+    assert_eq!(bench.store.workers().await.unwrap()[0].state(), WorkerState::Paused);
 }

@@ -37,8 +37,8 @@ use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{
     BackendReport, BatchFilter, BulkResult, Change, ClaimScope, ClaimedJob, Counts, Directive, File, Finished,
     Instruction, Job, JobId, JobKind, JobProgress, ListFilter, LiveSection, NewBatch, NewJob, Pause, Priority, Problem,
-    Status, Store, StoreError, StoreOptions, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo, WorkerKind,
-    WorkerState,
+    Status, Store, StoreError, StoreOptions, Submitted, SubmittedBatch, UpkeepTask, WorkerCondition, WorkerCounts,
+    WorkerInfo, WorkerKind, WorkerState, Workforce,
 };
 use oviduct::model::{BodyKind, LengthUnit};
 use std::collections::{BTreeMap, HashMap};
@@ -91,6 +91,7 @@ macro_rules! over {
             a_gpu_claims_due_jobs_of_one_batch_key
             a_gpu_claim_passes_over_jobs_that_are_not_due
             workers_are_seen
+            workers_are_counted_by_what_they_can_do
             four_claimers_end_each_job_once
             random_histories_agree_with_the_state_machine
             a_batch_counts_its_jobs

@@ -12,6 +12,7 @@ fn worker(id: &str, kind: WorkerKind, at: Timestamp) -> WorkerInfo {
         jobs_done: 0,
         heartbeat_at: at,
         pause: None,
+        condition: None,
     }
 }
 
@@ -48,7 +49,7 @@ pub async fn a_paused_gpu_worker_claims_no_batch(factory: Factory) {
         bench.queue(&n.to_string()).await;
     }
     let claim = async || bench.store.claim("g", ClaimScope::Gpu, LEASE, 8).await.unwrap().len();
-    let claimers = async || bench.store.count_unpaused_workers(WorkerKind::Gpu, LEASE).await.unwrap();
+    let claimers = async || bench.store.count_claiming_workers(WorkerKind::Gpu, LEASE).await.unwrap();
     assert!(bench.store.instruct("g", Instruction::Drain, None).await.unwrap());
     assert_eq!(
         (claim().await, claimers().await, bench.store.count_live_workers(WorkerKind::Gpu, LEASE).await.unwrap()),
@@ -147,4 +148,35 @@ pub async fn the_queue_has_an_age(factory: Factory) {
     assert_eq!(ages().await[0], ("auto", 0));
     bench.store.release(running, None).await.unwrap();
     assert_eq!(ages().await[0], ("auto", 60));
+}
+
+pub async fn workers_are_counted_by_what_they_can_do(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let store = &bench.store;
+    let full = |id: &str| WorkerInfo {
+        condition: Some(WorkerCondition::Storage),
+        ..worker(id, WorkerKind::Cpu, bench.clock.now())
+    };
+    let counts = |live, unpaused, claiming| WorkerCounts { live, unpaused, claiming };
+    let expect = async |cpu: WorkerCounts, gpu: WorkerCounts| {
+        assert_eq!(store.workforce(LEASE).await.unwrap(), Workforce { cpu, gpu });
+    };
+    expect(counts(0, 0, 0), counts(0, 0, 0)).await;
+    for id in ["a", "b", "c"] {
+        store.worker_seen(&full(id)).await.unwrap();
+    }
+    store.worker_seen(&worker("a", WorkerKind::Cpu, bench.clock.now())).await.unwrap();
+    store.worker_seen(&WorkerInfo { kind: WorkerKind::Gpu, ..full("g") }).await.unwrap();
+    expect(counts(3, 3, 1), counts(1, 1, 0)).await;
+    // CPU workers do not leave jobs to a GPU worker that cannot store files.
+    assert_eq!(store.count_claiming_workers(WorkerKind::Gpu, LEASE).await.unwrap(), 0);
+    let condition = store.workers().await.unwrap().into_iter().map(|worker| worker.condition);
+    assert_eq!(condition.collect::<Vec<_>>()[..2], [None, Some(WorkerCondition::Storage)]);
+    store.instruct("a", Instruction::Pause, None).await.unwrap();
+    store.instruct("b", Instruction::Drain, None).await.unwrap();
+    expect(counts(3, 1, 0), counts(1, 1, 0)).await;
+    store.set_paused(true, None).await.unwrap();
+    expect(counts(3, 0, 0), counts(1, 0, 0)).await;
+    bench.clock.advance(2 * LEASE);
+    expect(counts(0, 0, 0), counts(0, 0, 0)).await;
 }

@@ -51,6 +51,7 @@ fn worker() -> WorkerInfo {
         jobs_done: 1,
         heartbeat_at: Timestamp::MIN,
         pause: None,
+        condition: None,
     }
 }
 
@@ -149,6 +150,12 @@ const SCENARIOS: &[(&str, Scenario)] = &[
     }),
     ("queue_stranded", |_, store| Box::pin(async move { seen(store.queue_stranded().await) })),
     ("worker_seen", |_, store| Box::pin(async move { seen(store.worker_seen(&worker()).await) })),
+    ("worker_stopped", |bench, store| {
+        Box::pin(async move {
+            bench.store.worker_seen(&worker()).await.unwrap();
+            seen(store.worker_stopped("w").await)
+        })
+    }),
     ("set_paused", |_, store| Box::pin(async move { seen(store.set_paused(true, Some("me")).await) })),
     ("instruct", |bench, store| {
         Box::pin(async move {

@@ -56,7 +56,7 @@ function Waiting({ model }: { model: ModelState }) {
     <div class="growing">
       <WorkersNotice />
       <section class="card growing-waiting">
-        <h2>{placeInQueue(model.queue.position)}</h2>
+        <h2>{placeInQueue(model.queue)}</h2>
         <p class="soft">
           It starts as soon as a worker is free. Models of higher priority go first, and submitters take turns. You may close
           this page: the model grows without it.

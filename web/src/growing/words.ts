@@ -2,6 +2,8 @@
 import type { ModelRequest, ModelState, Progress, Worker, WorkerList } from "oviduct-client";
 import { duration } from "../ui/format.ts";
 
+type Queue = ModelState["queue"];
+
 /** The stages of growth in their order. */
 export const STAGES: readonly { stage: Progress["stage"]; name: string; meaning: string }[] = [
   { stage: "simulate", name: "Growth", meaning: "The folds grow, section by section, from the isthmus to the ampulla." },
@@ -12,13 +14,24 @@ export const STAGES: readonly { stage: Progress["stage"]; name: string; meaning:
   { stage: "store", name: "Storage", meaning: "The files are stored." },
 ];
 
-/** Maximum number of models ahead that the service counts. */
-const COUNTED = 1000;
+/** Reasons why no worker starts a queued model. */
+const REASONS: Record<NonNullable<Queue["reason"]>, string> = {
+  "no-worker": "no running worker can grow it",
+  paused: "the workers are paused",
+  storage: "the workers cannot store files",
+  "equal-model": "an equal model is grown first",
+};
 
-export function placeInQueue(position: number | null | undefined): string {
+/** `2 models are ahead; the workers are paused`. */
+export function placeInQueue(queue: Queue): string {
+  const reason = queue.reason && REASONS[queue.reason];
+  return reason ? `${place(queue)}; ${reason}` : place(queue);
+}
+
+function place({ position, position_is_exact: exact }: Queue): string {
   if (position === null || position === undefined) return "Waiting for a worker";
   if (position === 0) return "Next in the queue";
-  if (position >= COUNTED) return `More than ${COUNTED} models are ahead`;
+  if (exact === false) return `At least ${position} models are ahead`;
   return position === 1 ? "1 model is ahead" : `${position} models are ahead`;
 }
 
@@ -41,9 +54,14 @@ export function hasEnded({ status }: Pick<ModelState, "status">): boolean {
   return status === "succeeded" || status === "failed" || status === "cancelled";
 }
 
-/** The workers that start models. */
+/** The workers that start models, unless a condition prevents them. */
 export function activeWorkers({ pause, workers }: WorkerList): Worker[] {
   return pause ? [] : workers.filter(({ state }) => state === "active");
+}
+
+/** The workers that start models. */
+function claimingWorkers(list: WorkerList): Worker[] {
+  return activeWorkers(list).filter(({ condition }) => !condition);
 }
 
 /**
@@ -61,7 +79,11 @@ export function standstill(list: WorkerList | undefined, backend: ModelRequest["
       ? { title: "No worker is running", detail: "Models wait until a worker is started: by “oviduct worker”, or with the service by “--cpu-workers 1”." }
       : { title: "No worker takes new models", detail: "Those that run are paused or are being shut down. Models wait until one is resumed or started." };
   }
-  const fits = backend === "auto" || active.some((worker) => (worker.backend === "gpu") === (backend === "gpu"));
+  const claiming = claimingWorkers(list);
+  if (claiming.length === 0) {
+    return { title: "The workers cannot store files", detail: "Models wait until an administrator frees space or restores access to the artifact store." };
+  }
+  const fits = backend === "auto" || claiming.some((worker) => (worker.backend === "gpu") === (backend === "gpu"));
   if (fits) return undefined;
   return backend === "gpu"
     ? { title: "No GPU worker is active", detail: "Choose “Automatic”, or start a worker on a machine with a GPU." }

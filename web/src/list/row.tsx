@@ -49,7 +49,7 @@ export function Row({ id, selected, twin, onSelect }: Props) {
 
 function Doing({ model, name }: { model: ModelState; name: string }) {
   const { status, progress, queue, problem, summary } = model;
-  if (status === "queued") return <p>{placeInQueue(queue.position)}</p>;
+  if (status === "queued") return <p>{placeInQueue(queue)}</p>;
   if (status === "running") {
     return (
       <div class="model-progress">

@@ -108,6 +108,10 @@ class Queue:
 
     position: int | None = None
     """Number of models and fits ahead, at most 1000; None after the model has left the queue."""
+    position_is_exact: bool | None = None
+    """False if at least 1000 models and fits are ahead."""
+    reason: str | None = None
+    """Why no worker starts the model: `no-worker`, `paused`, `storage` or `equal-model`; None if it waits its turn."""
     wait_seconds: float | None = None
     """Seconds between acceptance and the first attempt."""
 
@@ -523,6 +527,8 @@ class Worker:
     jobs_done: int = 0
     heartbeat_at: datetime.datetime | None = field(default=None, metadata=_TIME)
     pause: Pause | None = field(default=None, metadata=_as(Pause))
+    condition: str | None = None
+    """Condition that keeps the worker from starting models: `storage`; None if there is none."""
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,14 @@
 //! streams and long downloads are not cut off.
 
 mod pace;
+mod waiting;
 
 use axum::Router;
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use hyper_util::server::conn::auto::Builder;
 use hyper_util::service::TowerToHyperService;
 use pace::Paced;
+use std::convert::Infallible;
 use std::io;
 use std::sync::Arc;
 use std::time::Duration;
@@ -19,6 +21,8 @@ use tokio::sync::Semaphore;
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
+use tower::ServiceExt;
+use waiting::{ClientConnection, WaitingConnections};
 
 /// Time for the first byte of a connection to arrive. Clients usually send a request at once.
 const FIRST_TIME: Duration = Duration::from_secs(15);
@@ -43,6 +47,8 @@ const PAUSE: Duration = Duration::from_millis(200);
 pub(in crate::cli) struct Connections {
     /// Maximum at a time; further ones wait to be accepted.
     pub(in crate::cli) most: usize,
+    /// Maximum at a time without a request, per address; further ones are closed.
+    pub(in crate::cli) waiting: usize,
     /// Time for the first byte.
     pub(in crate::cli) first_time: Duration,
     /// Time for the head of a request.
@@ -60,13 +66,20 @@ impl Connections {
     pub(in crate::cli) fn new(most: Option<u32>, write_time: Duration) -> Self {
         let default = || usize::try_from(descriptors() / 4 * 3).unwrap_or(usize::MAX).min(MOST);
         let most = most.map_or_else(default, |most| most as usize).clamp(1, Semaphore::MAX_PERMITS);
-        Self { most, first_time: FIRST_TIME, head_time: HEAD_TIME, write_time, grace: None }
+        Self { most, waiting: most.div_ceil(2), first_time: FIRST_TIME, head_time: HEAD_TIME, write_time, grace: None }
     }
 
     /// Limits of a separate address for probes and metrics, which other clients cannot exhaust.
     pub(in crate::cli) fn for_probes() -> Self {
         let time = FIRST_TIME;
-        Self { most: PROBES, first_time: time, head_time: HEAD_TIME, write_time: time, grace: None }
+        Self {
+            most: PROBES,
+            waiting: PROBES.div_ceil(2),
+            first_time: time,
+            head_time: HEAD_TIME,
+            write_time: time,
+            grace: None,
+        }
     }
 
     /// Cuts off requests that still run `grace` after `shutdown`.
@@ -100,7 +113,7 @@ pub(in crate::cli) async fn serve(
     let places = Arc::new(Semaphore::new(limits.most));
     let mut builder = Builder::new(TokioExecutor::new()).http1_only();
     builder.http1().timer(TokioTimer::new()).header_read_timeout(limits.head_time).max_buf_size(BUFFER);
-    let open = TaskTracker::new();
+    let (open, waiting) = (TaskTracker::new(), WaitingConnections::new(limits.waiting));
     let cut_off = CancellationToken::new();
     loop {
         let next = async {
@@ -112,11 +125,15 @@ pub(in crate::cli) async fn serve(
             () = shutdown.cancelled() => break,
         };
         match accepted {
-            (Ok((stream, _)), Ok(place)) => {
+            (Ok((stream, address)), Ok(place)) => {
+                let Some(client) = waiting.open(address.ip()) else {
+                    tracing::debug!(%address, "closed a connection: too many of its address have no request");
+                    continue;
+                };
                 let (builder, router, shutdown) = (builder.clone(), router.clone(), shutdown.clone());
                 let connection = async move {
                     if speaks(&stream, limits.first_time, &shutdown).await {
-                        answer(builder, stream, limits.write_time, router, shutdown).await;
+                        answer(builder, stream, limits.write_time, router, client, shutdown).await;
                     }
                     drop(place);
                 };
@@ -164,6 +181,7 @@ async fn answer(
     stream: TcpStream,
     write_time: Duration,
     router: Router,
+    client: Arc<ClientConnection>,
     shutdown: CancellationToken,
 ) {
     // Events are small and must not wait for more data.
@@ -171,11 +189,20 @@ async fn answer(
         tracing::trace!(%error, "small responses may be slow");
     }
     let stream = TokioIo::new(Paced::new(stream, write_time));
-    let connection = builder.serve_connection(stream, TowerToHyperService::new(router));
+    let of_requests = Arc::clone(&client);
+    let service = tower::service_fn(move |request| {
+        of_requests.begin_request();
+        let (router, client) = (router.clone(), Arc::clone(&of_requests));
+        async move {
+            let response = router.oneshot(request).await?;
+            Ok::<_, Infallible>(client.until_sent(response))
+        }
+    });
+    let connection = builder.serve_connection(stream, TowerToHyperService::new(service));
     tokio::pin!(connection);
     let ended = tokio::select! {
         ended = &mut connection => ended,
-        () = shutdown.cancelled() => {
+        () = async { tokio::select! { () = shutdown.cancelled() => {} () = client.is_surplus() => {} } } => {
             connection.as_mut().graceful_shutdown();
             connection.await
         }

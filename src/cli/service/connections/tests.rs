@@ -46,7 +46,7 @@ struct Running {
 impl Running {
     async fn start(most: usize, [first_time, head_time]: [Duration; 2]) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-        Self::over(listener, Connections { most, first_time, head_time, write_time: LONG, grace: None })
+        Self::over(listener, Connections { most, waiting: most, first_time, head_time, write_time: LONG, grace: None })
     }
 
     fn over(listener: TcpListener, limits: Connections) -> Self {
@@ -65,7 +65,7 @@ impl Running {
     /// With these limits besides generous ones.
     async fn with(write_time: Duration, grace: Option<Duration>) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-        Self::over(listener, Connections { most: 9, first_time: LONG, head_time: LONG, write_time, grace })
+        Self::over(listener, Connections { most: 9, waiting: 9, first_time: LONG, head_time: LONG, write_time, grace })
     }
 
     /// A connection on which this was sent.
@@ -132,6 +132,40 @@ async fn a_long_response_is_not_cut_off() {
     let mut stream = running.connect(b"GET /slow HTTP/1.1\r\nhost: here\r\nconnection: close\r\n\r\n").await;
     let answer = rest(&mut stream).await;
     assert!(answer.contains("one") && answer.contains("two") && answer.contains("three"), "{answer}");
+    running.stop().await;
+}
+
+/// One client cannot hold all connections without sending requests.
+#[tokio::test]
+async fn connections_of_one_address_without_a_request_are_limited() {
+    let listener = TcpListener::bind("0.0.0.0:0").await.unwrap();
+    let limits = Connections { most: 9, waiting: 2, first_time: LONG, head_time: LONG, write_time: LONG, grace: None };
+    let mut running = Running::over(listener, limits);
+    running.address.set_ip([127, 0, 0, 1].into());
+    // Requests in progress do not count.
+    let mut busy = Vec::new();
+    for _ in 0..3 {
+        busy.push(running.connect(b"GET /endless HTTP/1.1\r\nhost: here\r\n\r\n").await);
+        until(busy.last_mut().unwrap(), "xxx").await;
+    }
+    let mut unfinished = running.connect(&ASK[..9]).await;
+    let mut idle = running.connect(ASK).await;
+    until(&mut idle, "plain").await;
+    assert_eq!(rest(&mut running.connect(ASK).await).await, "", "two connections have no request");
+    // Other addresses are served.
+    let other = tokio::net::TcpSocket::new_v4().unwrap();
+    other.bind("127.0.0.2:0".parse().unwrap()).unwrap();
+    let mut other = other.connect(running.address).await.unwrap();
+    other.write_all(ASK).await.unwrap();
+    until(&mut other, "plain").await;
+    // The idle connection sends another request, so a third connection may wait in the meantime.
+    idle.write_all(b"GET /slow HTTP/1.1\r\nhost: here\r\n\r\n").await.unwrap();
+    until(&mut idle, "one").await;
+    let third = running.connect(&ASK[..9]).await;
+    assert!(rest(&mut idle).await.contains("three"), "it is closed after its response");
+    unfinished.write_all(&ASK[9..]).await.unwrap();
+    until(&mut unfinished, "plain").await;
+    drop((busy, third));
     running.stop().await;
 }
 

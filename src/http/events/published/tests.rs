@@ -314,7 +314,7 @@ proptest! {
         prop_assert!(progress_at.windows(2).all(|pair| pair[1] - pair[0] >= interval));
         let last = Job { attempts, version: 1000, ..running(step) };
         names(&mut published, &last, now + interval);
-        prop_assert_eq!(published.jobs[&last.id].shown.as_ref(), Some(&PublishedFields::new(&last)));
+        prop_assert_eq!(published.jobs[&last.id].shown.as_ref(), Some(&PublishedFields::new(&last, &JobContext::default())));
         prop_assert!(names(&mut published, &last, now + 2 * interval).is_empty());
     }
 

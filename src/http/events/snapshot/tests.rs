@@ -10,7 +10,7 @@ const STATUS: Changes = Changes { status: true, progress: false };
 const PROGRESS: Changes = Changes { status: false, progress: true };
 
 fn snapshot(job: &Job, number: u64, changes: Changes, previous: Option<&Snapshot>) -> Snapshot {
-    Snapshot::new(job, None, number, changes, previous)
+    Snapshot::new(job, &JobContext::default(), number, changes, previous)
 }
 
 fn text(snapshot: &Snapshot, position: u64) -> String {
@@ -30,7 +30,7 @@ fn an_event_holds_the_model_on_one_line() {
     let lines: Vec<_> = text.lines().collect();
     assert_eq!((lines[0], lines[1], lines[3], lines[4]), ("event: status", "id: 14", "", "event: section"));
     let data = |line: &str| serde_json::from_str::<Value>(line.strip_prefix("data: ").unwrap()).unwrap();
-    let model = Model::of(&job, None, Detail::Summary, LinkBase::Root);
+    let model = Model::of(&job, &JobContext::default(), Detail::Summary, LinkBase::Root);
     assert_eq!(data(lines[2]), serde_json::to_value(&model).unwrap());
     let event = ModelEvent { model, section: job.section };
     assert_eq!(data(lines[6]), serde_json::to_value(event).unwrap());
@@ -44,7 +44,7 @@ fn the_spec_comes_with_the_full_view() {
     let events = String::from_utf8(snapshot.events_after(0, "14", Detail::Full, LinkBase::Root).concat()).unwrap();
     let data: Vec<Value> =
         events.lines().filter_map(|line| serde_json::from_str(line.strip_prefix("data: ")?).ok()).collect();
-    let model = Model::of(&job, None, Detail::Full, LinkBase::Root);
+    let model = Model::of(&job, &JobContext::default(), Detail::Full, LinkBase::Root);
     assert_eq!(model.spec, Some(job.spec.clone()));
     let event = ModelEvent { model: model.clone(), section: job.section.clone() };
     assert_eq!(data, [serde_json::to_value(model).unwrap(), serde_json::to_value(event).unwrap()]);
@@ -58,7 +58,7 @@ fn the_spec_comes_with_the_full_view() {
 #[test]
 fn a_fit_is_sent_without_its_request() {
     let fit = Job { kind: JobKind::Fit, section: None, spec: json!({ "steps": 2000 }).into(), ..running(10) };
-    let expected = serde_json::to_string(&Fit::of(&fit, None, FitDetail::Result)).unwrap();
+    let expected = serde_json::to_string(&Fit::of(&fit, &JobContext::default(), FitDetail::Result)).unwrap();
     for detail in [Detail::Summary, Detail::Full] {
         let events = snapshot(&fit, 5, STATUS, None).events_after(0, "14", detail, LinkBase::Model).concat();
         assert_eq!(String::from_utf8(events).unwrap(), format!("event: status\nid: 14\ndata: {expected}\n\n"));
@@ -96,7 +96,7 @@ fn readers_share_the_bytes_of_a_state() {
     assert!(one.len() == 5 && one[1].as_ptr() == two[1].as_ptr() && one[1].as_ptr() == one[3].as_ptr());
     assert_eq!(one[4].as_ptr(), two[4].as_ptr(), "the section");
     // A section that has not changed is not serialized again.
-    let next = super::Snapshot::new(&running(10), None, 6, STATUS, Some(&snapshot));
+    let next = super::Snapshot::new(&running(10), &JobContext::default(), 6, STATUS, Some(&snapshot));
     assert_eq!(next.events_after(0, "15", Detail::Summary, LinkBase::Root)[4].as_ptr(), one[4].as_ptr());
     // Neither is the spec; a reader of the full view shares the other members.
     let [one, next] = [snapshot, next].map(|snapshot| snapshot.events_after(0, "15", Detail::Full, LinkBase::Root));
