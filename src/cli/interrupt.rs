@@ -1,5 +1,5 @@
-//! The signals that stop a command: SIGINT (Ctrl-C), SIGTERM, and SIGHUP, which a terminal sends when
-//! it closes.
+//! The signals that stop a command: SIGINT (Ctrl-C), SIGTERM, and SIGHUP, which a terminal sends
+//! when it closes.
 
 use super::exit::Failure;
 use super::term::Bar;
@@ -109,7 +109,8 @@ fn ignores_hangup() -> bool {
     ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).is_some_and(|mask| mask & 1 == 1)
 }
 
-/// Waits for SIGINT, SIGTERM or SIGHUP. After the first call they no longer end the process by themselves.
+/// Waits for SIGINT, SIGTERM or SIGHUP. After the first call they no longer end the process by
+/// themselves.
 pub(super) async fn asked_to_stop() {
     Signals::listen().asked_to_stop().await;
 }

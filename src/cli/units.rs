@@ -72,8 +72,8 @@ pub(super) fn bytes(text: &str) -> Result<u64, String> {
     if size < 9.0e15 { Ok(size as u64) } else { Err(format!("`{text}` is too large")) }
 }
 
-/// Parses a size in [`bytes`] above zero with its unit. Refuses a bare number, which would be so few
-/// bytes that it can only be a mistake.
+/// Parses a size in [`bytes`] above zero with its unit. Refuses a bare number, which would be so
+/// few bytes that it can only be a mistake.
 pub(super) fn bytes_with_unit(text: &str) -> Result<u64, String> {
     match number_and_unit(text)? {
         (_, "") => Err("a unit of size is missing: use B, kB, MB, GB, KiB, MiB or GiB, as in 2GB".to_owned()),

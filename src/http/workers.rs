@@ -92,8 +92,8 @@ pub struct WorkerList {
 
 /// List the workers that sent a heartbeat within the last five minutes.
 ///
-/// Without the scope `admin`, the response names only jobs of the caller, does not name who paused a
-/// worker, and contains pseudonyms instead of the names of workers and hosts.
+/// Without the scope `admin`, the response names only jobs of the caller, does not name who paused
+/// a worker, and contains pseudonyms instead of the names of workers and hosts.
 #[utoipa::path(
     get, path = "/workers", operation_id = "list_workers", tag = "service",
     responses((status = 200, description = "The workers", body = WorkerList), StoresUnavailable)

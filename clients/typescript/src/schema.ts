@@ -3,7 +3,7 @@
  * Do not make direct changes to the file.
  */
 
-// openapi.yaml: sha256 761d859ca1cf28d8cccdb8db623754dc26c9284824612d9c3d86188eb79e5531
+// openapi.yaml: sha256 7e146af525bbf848bf9c5dfd6a2fd21a21ac0d24c0e407e0097ec74f3b9acf5e
 
 export interface paths {
     "/batches": {
@@ -906,8 +906,8 @@ export interface paths {
         };
         /**
          * List the workers that sent a heartbeat within the last five minutes.
-         * @description Without the scope `admin`, the response names only jobs of the caller, does not name who paused a
-         *     worker, and contains pseudonyms instead of the names of workers and hosts.
+         * @description Without the scope `admin`, the response names only jobs of the caller, does not name who paused
+         *     a worker, and contains pseudonyms instead of the names of workers and hosts.
          *
          *     Needs a key with the scope `read`.
          */

@@ -57,8 +57,8 @@ pub(in crate::http) async fn create(
     let checked = check_body(&state, &body, &turn).await.and_then(|checked| check_storage(&state).map(|()| checked));
     let submitted = match checked {
         Ok(checked) => submit(&state, &caller, checked, &body["vary"], key, turn).await?,
-        // A repeated request gets its batch, even if limits, live workers or storage have changed in
-        // the meantime.
+        // A repeated request gets its batch, even if limits, live workers or storage have changed
+        // in the meantime.
         Err(refusal) => SubmittedBatch::Replayed(earlier(&state, &caller, key).await.ok_or(refusal)?),
     };
     let mut response = answer(StatusCode::ACCEPTED, &Batch::from(submitted.batch()));

@@ -163,8 +163,8 @@ pub(in crate::http) async fn create(
             let new = NewJob { idempotency: key, ..new_job(&caller, request, &spec) };
             queue(&state, &caller, "model created", new).await?
         }
-        // A repeated request gets its model, even if limits, live workers or storage have changed in
-        // the meantime.
+        // A repeated request gets its model, even if limits, live workers or storage have changed
+        // in the meantime.
         Err(refusal) => Submitted::Replayed(earlier(&state, caller.owner(), key).await.ok_or(refusal)?),
     };
     // A held response needs no memory for its request.

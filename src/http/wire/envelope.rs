@@ -1,5 +1,5 @@
-//! The layer around all routes: checks `Host` and `Transfer-Encoding`, assigns the request id, opens the tracing span, and
-//! writes the body of every error response.
+//! The layer around all routes: checks `Host` and `Transfer-Encoding`, assigns the request id,
+//! opens the tracing span, and writes the body of every error response.
 //!
 //! Invariant: every error response has a problem as its body, including those of axum.
 

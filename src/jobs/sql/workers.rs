@@ -80,8 +80,8 @@ impl Store {
         Ok(tx.one(sql, values![enum_to_sql(kind), since]).await?.count("n")?)
     }
 
-    /// Number of workers of this kind with a heartbeat `within` this time that have no condition and
-    /// are neither paused nor drained individually. Ignores a pause of all workers.
+    /// Number of workers of this kind with a heartbeat `within` this time that have no condition
+    /// and are neither paused nor drained individually. Ignores a pause of all workers.
     pub async fn count_claiming_workers(&self, kind: WorkerKind, within: Duration) -> Result<u64, StoreError> {
         let tx = &mut self.read("count_claiming_workers").await?;
         let since = since(tx, within).await?;

@@ -8,8 +8,8 @@
 //! - **Full disk**: the write-ahead log is some megabytes longer than checkpoints need, so records
 //!   can still be changed and deleted on a full disk. Once this reserve is used up, changes fail
 //!   until there is space.
-//! - **One process** at a time opens a file; locks of it and of a file next to it ensure that. Therefore
-//!   [`Store::recover`](super::Store::recover) may end the attempts of earlier processes.
+//! - **One process** at a time opens a file; locks of it and of a file next to it ensure that.
+//!   Therefore [`Store::recover`](super::Store::recover) may end the attempts of earlier processes.
 //! - **Time** is the clock of the process. Leases and delays use monotonic time, so setting the
 //!   clock ends no attempt.
 //! - **Damage** is searched for at the start (`check`). Otherwise a damaged file would fail only at
@@ -202,8 +202,8 @@ impl FileLock {
     }
 }
 
-/// Locks the file at `path` for this process, and creates it if it does not exist. `None` if another
-/// process has it open.
+/// Locks the file at `path` for this process, and creates it if it does not exist. `None` if
+/// another process has it open.
 fn lock(path: &Path) -> Result<Option<FileLock>, FileError> {
     let failed = |source| FileError::Io { path: path.to_owned(), source };
     let beside = File::create(path.with_added_extension("lock")).map_err(failed)?;
