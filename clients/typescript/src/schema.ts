@@ -3,7 +3,7 @@
  * Do not make direct changes to the file.
  */
 
-// openapi.yaml: sha256 7e146af525bbf848bf9c5dfd6a2fd21a21ac0d24c0e407e0097ec74f3b9acf5e
+// openapi.yaml: sha256 cb07eeaaaeb6e6dc63c7ed25d7513a89ad41a66129b351f97a0ec521a1057178
 
 export interface paths {
     "/batches": {
@@ -2814,7 +2814,10 @@ export interface components {
         };
         /** @description A model: the request, its progress and its result. */
         Model: {
-            /** @description Number of attempts so far. */
+            /**
+             * @description Number of attempts so far, including those that a worker released without a fault of the
+             *     model: they do not count against the limit of attempts.
+             */
             attempts: number;
             /** @description Requested and used backend. */
             backend: components["schemas"]["BackendReport"];
