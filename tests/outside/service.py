@@ -62,7 +62,8 @@ class Service:
 
     def add_key(self, owner, scopes):
         """Creates an API key, which all later calls send."""
-        line = [self.binary, "keys", "add", "--data", self.data, "--owner", owner, "--scopes", scopes, "--json"]
+        line = [self.binary, "keys", "add", "--create", "--data", self.data, "--owner", owner, "--scopes", scopes,
+                "--json"]
         self.key = json.loads(subprocess.run(line, check=True, capture_output=True).stdout)["key"]
 
     def kill(self):

@@ -89,7 +89,7 @@ export class Service {
 
   /** Creates an API key; the service then requires one. */
   async key(...options: string[]): Promise<string> {
-    const line = ["keys", "add", "--data", this.data, "--owner", "lab", ...options];
+    const line = ["keys", "add", "--create", "--data", this.data, "--owner", "lab", ...options];
     if (!options.includes("--scopes")) line.push("--scopes", "read,submit");
     const key = execFileSync(binary!, line, { encoding: "utf8", stdio: ["ignore", "pipe", "pipe"] }).trim();
     await until("the service knows the key", async () => {
