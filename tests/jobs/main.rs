@@ -30,6 +30,7 @@ mod protocol;
 mod queue;
 mod random;
 mod redirect;
+mod relay;
 mod scripted;
 mod scrub;
 mod sick;

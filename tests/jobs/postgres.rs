@@ -4,6 +4,7 @@
 use crate::bounds::{best_of_five, within};
 use crate::cluster::Cluster;
 use crate::kill::start_child_with;
+use crate::relay::{Line, Way};
 use crate::scripted::{Database, Place, scripted};
 use crate::suite::{Factory, finished, new_job};
 use futures_util::FutureExt;
@@ -15,8 +16,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::{TcpListener, TcpStream};
 
 /// A lease that does not expire during a test.
 const LEASE: Duration = Duration::from_secs(600);
@@ -431,72 +430,16 @@ async fn an_outage_longer_than_three_leases_costs_no_attempt() {
     tokio::join!(holders.shutdown(Duration::from_secs(5)), idle.shutdown(Duration::from_secs(5)));
 }
 
-/// Moment at which a connection breaks.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Cut {
-    /// After the next commit took effect, before its response.
-    Done,
-    /// Before the next commit takes effect; the server commits shortly afterwards.
-    UnderWay,
-}
-
-/// Relays a connection to the server. If `cut` is set, closes the client's connection at the next
-/// commit.
-async fn relay(client: TcpStream, server: TcpStream, cut: Arc<Mutex<Option<Cut>>>) -> std::io::Result<()> {
-    let ((mut from_client, mut to_client), (mut from_server, mut to_server)) =
-        (client.into_split(), server.into_split());
-    let (mut asked, mut answered) = (vec![0; 1 << 16], vec![0; 1 << 16]);
-    let mut cutting = false;
-    loop {
-        tokio::select! {
-            length = from_client.read(&mut asked) => {
-                let bytes = &asked[..length?];
-                if bytes.windows(6).any(|window| window == b"COMMIT") {
-                    let how = cut.lock().unwrap().take();
-                    cutting = how.is_some();
-                    if how == Some(Cut::UnderWay) {
-                        to_client.shutdown().await?;
-                        tokio::time::sleep(Duration::from_millis(300)).await;
-                    }
-                }
-                to_server.write_all(bytes).await?;
-                if bytes.is_empty() {
-                    return Ok(());
-                }
-            }
-            length = from_server.read(&mut answered) => {
-                let bytes = &answered[..length?];
-                if bytes.is_empty() || cutting {
-                    return Ok(());
-                }
-                to_client.write_all(bytes).await?;
-            }
-        }
-    }
-}
-
 /// A transaction is committed, but its connection breaks before the response. The store neither
 /// repeats the transaction nor loses its result.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_commit_whose_response_is_lost_takes_effect_once() {
-    let url = Database::Postgres.url("".as_ref()).await;
-    let server = url.split(['@', '/']).nth(3).unwrap().to_owned();
-    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-    let through = url.replace(&server, &listener.local_addr().unwrap().to_string());
-    let cut = Arc::new(Mutex::new(None));
-    tokio::spawn({
-        let cut = Arc::clone(&cut);
-        async move {
-            while let Ok((client, _)) = listener.accept().await {
-                let server = TcpStream::connect(&server).await.unwrap();
-                tokio::spawn(relay(client, server, Arc::clone(&cut)));
-            }
-        }
-    });
-    let store = open(&through).await;
-    for (how, seed) in [(Cut::Done, "1"), (Cut::UnderWay, "2"), (Cut::Done, "3"), (Cut::UnderWay, "4")] {
+    let way = Way::open(&Database::Postgres.url("".as_ref()).await).await;
+    let store = open(&way.url).await;
+    let (after, before) = (Line::CutAfterCommit, Line::CutBeforeCommit);
+    for (how, seed) in [(after, "1"), (before, "2"), (after, "3"), (before, "4")] {
         let lose_the_next_answer =
-            || assert_eq!(cut.lock().unwrap().replace(how), None, "the last answer was not lost");
+            || assert_eq!(way.line.send_replace(how), Line::Open, "the last answer was not lost");
         lose_the_next_answer();
         let id = store.submit(new_job(seed)).await.unwrap().job().id;
         lose_the_next_answer();
@@ -508,7 +451,7 @@ async fn a_commit_whose_response_is_lost_takes_effect_once() {
         let ends: Vec<_> = store.attempts(id).await.unwrap().into_iter().map(|attempt| attempt.outcome).collect();
         assert_eq!(ends, [Some(AttemptEnd::Succeeded)]);
     }
-    assert_eq!(*cut.lock().unwrap(), None);
+    assert_eq!(*way.line.borrow(), Line::Open);
     let counts = store.counts().await.unwrap();
     assert_eq!((counts.succeeded, counts.total()), (4, 4));
 }

@@ -2,6 +2,7 @@
 //! than the deadline, and no change is lost or made twice.
 
 use crate::cluster::Cluster;
+use crate::relay::{Line, Way};
 use crate::scripted::Database;
 use crate::suite::{finished, new_job};
 use oviduct::clock::Stopwatch;
@@ -10,90 +11,16 @@ use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{ClaimScope, Status, Store, StoreOptions};
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::watch;
+use tokio::io::AsyncReadExt;
+use tokio::net::TcpListener;
 
 /// Deadline of the stores in these tests.
 const ANSWER: Duration = Duration::from_millis(800);
 const LEASE: Duration = Duration::from_secs(600);
 
-/// What a line does with bytes of the server.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Line {
-    Open,
-    /// Forwards statements, but no answers.
-    Deaf,
-    /// Forwards nothing.
-    Dead,
-    /// Becomes deaf at the next commit, for all connections that are open then.
-    DeafAtCommit,
-}
-
-/// A way to the server that can fall silent. Connections that have been silent stay so.
-struct Way {
-    url: String,
-    line: Arc<watch::Sender<Line>>,
-}
-
-impl Way {
-    async fn open(url: &str) -> Self {
-        let server = url.split(['@', '/']).nth(3).unwrap().to_owned();
-        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-        let through = url.replace(&server, &listener.local_addr().unwrap().to_string());
-        let line = Arc::new(watch::Sender::new(Line::Open));
-        let lines = Arc::clone(&line);
-        tokio::spawn(async move {
-            while let Ok((client, _)) = listener.accept().await {
-                let server = TcpStream::connect(&server).await.unwrap();
-                tokio::spawn(relay(client, server, Arc::clone(&lines)));
-            }
-        });
-        Self { url: through, line }
-    }
-
-    fn set(&self, line: Line) {
-        self.line.send_replace(line);
-    }
-
-    async fn store(&self) -> Store {
-        let options = StoreOptions { answer_within: ANSWER, ..StoreOptions::default() };
-        Store::open_postgres(&self.url, options).await.unwrap()
-    }
-}
-
-/// Relays a connection until the line is silent; then holds it open.
-async fn relay(client: TcpStream, server: TcpStream, lines: Arc<watch::Sender<Line>>) -> std::io::Result<()> {
-    let ((mut from_client, mut to_client), (mut from_server, mut to_server)) =
-        (client.into_split(), server.into_split());
-    let (mut asked, mut answered) = (vec![0; 1 << 16], vec![0; 1 << 16]);
-    let mut is_deaf = false;
-    loop {
-        tokio::select! {
-            length = from_client.read(&mut asked) => {
-                let bytes = &asked[..length?];
-                if bytes.is_empty() {
-                    return Ok(());
-                }
-                if *lines.borrow() == Line::DeafAtCommit && bytes.windows(6).any(|window| window == b"COMMIT") {
-                    lines.send_replace(Line::Deaf);
-                }
-                if *lines.borrow() != Line::Dead {
-                    to_server.write_all(bytes).await?;
-                }
-            }
-            length = from_server.read(&mut answered) => {
-                let bytes = &answered[..length?];
-                if bytes.is_empty() {
-                    return Ok(());
-                }
-                is_deaf |= matches!(*lines.borrow(), Line::Deaf | Line::Dead);
-                if !is_deaf {
-                    to_client.write_all(bytes).await?;
-                }
-            }
-        }
-    }
+async fn store_over(way: &Way) -> Store {
+    let options = StoreOptions { answer_within: ANSWER, ..StoreOptions::default() };
+    Store::open_postgres(&way.url, options).await.unwrap()
 }
 
 /// Asserts that this takes at most `limit` and a second, for a busy machine.
@@ -108,7 +35,7 @@ async fn within<T>(limit: Duration, what: &str, future: impl Future<Output = T>)
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
 async fn a_silent_server_fails_every_use_after_the_deadline() {
     let way = Way::open(&Database::Postgres.url("".as_ref()).await).await;
-    let store = way.store().await;
+    let store = store_over(&way).await;
     let id = store.submit(new_job("a")).await.unwrap().job().id;
     let claimed = store.claim("w", ClaimScope::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
     for line in [Line::Deaf, Line::Dead] {
@@ -138,7 +65,7 @@ async fn a_silent_server_fails_every_use_after_the_deadline() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
 async fn a_commit_without_an_answer_takes_effect_once() {
     let way = Way::open(&Database::Postgres.url("".as_ref()).await).await;
-    let store = way.store().await;
+    let store = store_over(&way).await;
     // Ends the silence some time after the commit.
     let lose = || {
         way.set(Line::DeafAtCommit);
@@ -176,7 +103,7 @@ async fn a_commit_without_an_answer_takes_effect_once() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
 async fn readiness_ends_within_a_second_of_a_silence_and_at_once_if_connections_are_refused() {
     let way = Way::open(&Database::Postgres.url("".as_ref()).await).await;
-    let store = way.store().await;
+    let store = store_over(&way).await;
     let answered = Duration::from_millis(500);
     store.ready().await.unwrap();
     way.set(Line::Dead);
