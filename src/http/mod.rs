@@ -105,6 +105,8 @@ pub struct Limits {
     pub cors_origins: Vec<Origin>,
     /// Maximum predicted cost of one model.
     pub cost: crate::generate::CostLimits,
+    /// Maximum predicted time of a fit on one core.
+    pub fit_time: Duration,
 }
 
 impl Default for Limits {
@@ -132,6 +134,7 @@ impl Default for Limits {
             gpu_expected: false,
             cors_origins: Vec::new(),
             cost: crate::generate::CostLimits::default(),
+            fit_time: Duration::from_secs(24 * 3600),
         }
     }
 }

@@ -38,12 +38,14 @@ pub enum StoreError {
         limit: u64,
     },
     /// The owner has used up its quota.
-    #[error("the owner has {used} {} of {limit}", .what.unit())]
+    #[error("the owner has {used} {} of {limit} and requests {more} more", .what.unit())]
     QuotaExceeded {
         /// The quantity at its limit.
         what: Quantity,
         /// Its present value.
         used: u64,
+        /// What the request would add; 0 if that is not known yet.
+        more: u64,
         /// The limit.
         limit: u64,
     },

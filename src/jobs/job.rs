@@ -197,7 +197,7 @@ impl TryFrom<i64> for Priority {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Quota {
-    /// Queued and running jobs.
+    /// Queued and running jobs; a fit counts as [`NewJob::weight`] jobs.
     pub unfinished: Option<u64>,
     /// Bytes of files that the jobs of the owner name. A file that several jobs share counts for
     /// each of them. The store checks the limit before it queues a job, when the files of this job
@@ -322,6 +322,8 @@ pub struct NewJob {
     pub owner: Option<String>,
     /// Quota of the owner, this job included.
     pub quota: Quota,
+    /// Number of jobs as which this one counts against the quota of unfinished jobs.
+    pub weight: u32,
     /// Trace of its attempts, as W3C `traceparent`.
     pub trace: Option<String>,
     /// The failed job that this one repeats. It joins the batch of that job.

@@ -45,4 +45,4 @@ pub use operators::{
 };
 pub use options::StoreOptions;
 pub use sql::{Hook, LastRound, Mismatch, Observation, Store, UpkeepRound, UpkeepState, UpkeepTask};
-pub use state::{ClaimScope, MAX_LEASE};
+pub use state::{ClaimScope, Lane, MAX_LEASE};

@@ -24,6 +24,7 @@ impl NewJob {
             idempotency: None,
             owner: None,
             quota: Quota::default(),
+            weight: 1,
             trace: None,
             retry_of: None,
         }

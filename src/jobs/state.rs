@@ -9,7 +9,7 @@
 //! - Attempt numbers only grow.
 //! - A job that is not cancelled ends after at most `max_attempts` counted attempts.
 
-use super::job::Status;
+use super::job::{JobKind, Status};
 use crate::generate::{Backend, UsedBackend};
 use jiff::Timestamp;
 use std::time::Duration;
@@ -215,25 +215,58 @@ pub fn retry_delay(spent: u32) -> Duration {
     Duration::from_secs(1 << spent.saturating_sub(1).min(6)).min(Duration::from_secs(60))
 }
 
+/// Lane of the queue in which a job waits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Lane {
+    /// Models for a GPU if one is available, otherwise for a CPU.
+    Auto,
+    /// Models for a GPU.
+    Gpu,
+    /// Models for all threads of a CPU worker.
+    Cpu,
+    /// Models for one thread.
+    CpuSingle,
+    /// Fits, which CPU workers run beside models.
+    Fit,
+}
+
+impl Lane {
+    /// Lane of a job of this kind and requested backend.
+    #[must_use]
+    pub fn of(kind: JobKind, backend: Backend) -> Self {
+        match (kind, backend) {
+            (JobKind::Fit, _) => Self::Fit,
+            (JobKind::Model, Backend::Auto) => Self::Auto,
+            (JobKind::Model, Backend::Gpu) => Self::Gpu,
+            (JobKind::Model, Backend::Cpu) => Self::Cpu,
+            (JobKind::Model, Backend::CpuSingle) => Self::CpuSingle,
+        }
+    }
+}
+
 /// Jobs that a claim may take.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ClaimScope {
-    /// The claim of a GPU worker: jobs that requested a GPU or any backend.
+    /// The claim of a GPU worker: models that requested a GPU or any backend.
     Gpu,
-    /// The claim of a CPU worker: jobs that requested a CPU or any backend.
+    /// The claim of a CPU worker: models that requested a CPU or any backend.
     Cpu,
-    /// The claim of a CPU worker that leaves jobs of `auto` to a GPU worker.
+    /// The claim of a CPU worker that leaves models of `auto` to a GPU worker.
     CpuOnly,
+    /// The claim of a CPU worker that takes a fit.
+    Fits,
 }
 
 impl ClaimScope {
-    /// Requested backends of the jobs.
+    /// Lanes of the jobs.
     #[must_use]
-    pub fn requested(self) -> &'static [Backend] {
+    pub fn lanes(self) -> &'static [Lane] {
         match self {
-            Self::Gpu => &[Backend::Auto, Backend::Gpu],
-            Self::Cpu => &[Backend::Auto, Backend::Cpu, Backend::CpuSingle],
-            Self::CpuOnly => &[Backend::Cpu, Backend::CpuSingle],
+            Self::Gpu => &[Lane::Auto, Lane::Gpu],
+            Self::Cpu => &[Lane::Auto, Lane::Cpu, Lane::CpuSingle],
+            Self::CpuOnly => &[Lane::Cpu, Lane::CpuSingle],
+            Self::Fits => &[Lane::Fit],
         }
     }
 }
@@ -343,11 +376,12 @@ mod tests {
     #[test]
     fn each_backend_has_a_claim_and_its_models_are_reused() {
         for scope in [ClaimScope::Gpu, ClaimScope::Cpu, ClaimScope::CpuOnly] {
-            assert_eq!(scope.requested().contains(&Backend::Auto), scope != ClaimScope::CpuOnly);
+            assert_eq!(scope.lanes().contains(&Lane::Auto), scope != ClaimScope::CpuOnly);
+            assert!(!scope.lanes().contains(&Lane::Fit), "fits are claimed separately");
         }
         for used in [UsedBackend::Gpu, UsedBackend::Cpu, UsedBackend::CpuSingle] {
             let scope = if used == UsedBackend::Gpu { ClaimScope::Gpu } else { ClaimScope::Cpu };
-            assert!(scope.requested().contains(&used.into()));
+            assert!(scope.lanes().contains(&Lane::of(JobKind::Model, used.into())));
             assert!(same_bytes(used.into(), used) && same_bytes(Backend::Auto, used));
         }
         assert!(!same_bytes(Backend::Cpu, UsedBackend::Gpu) && !same_bytes(Backend::Gpu, UsedBackend::Cpu));

@@ -254,8 +254,10 @@ impl<'a> Attempt<'a> {
     /// not valid; the generation then fails immediately.
     fn time_limit(&self) -> Option<Duration> {
         self.context.options.job_timeout.or_else(|| {
-            let predicted = backend::predict(self.claim.job.job())?;
-            Some(default_time_limit(predicted.seconds))
+            let job = self.claim.job.job();
+            let limit = default_time_limit(backend::predict(job)?.seconds);
+            // Models may take three quarters of the time of a fit.
+            Some(if job.kind == JobKind::Fit { 4 * limit } else { limit })
         })
     }
 
@@ -266,7 +268,7 @@ impl<'a> Attempt<'a> {
         generation: &mut Generation,
         time: Option<Duration>,
     ) -> Result<Result<GenerationOutput, GenerateFailure>, NoResult> {
-        let Self { claim, lease, sink, checkpoints, .. } = self;
+        let Self { context, claim, lease, sink, checkpoints, .. } = self;
         let late = async {
             match time {
                 Some(time) => sleep(time).await,
@@ -276,6 +278,7 @@ impl<'a> Attempt<'a> {
         tokio::select! {
             held = lease.hold(claim, &sink.progress, generation.result()) => Ok(held?),
             () = late => Err(verdict::of_timeout(time.unwrap_or_default()).into()),
+            () = turn_over(context, &claim.job, sink) => Err(Interrupt::TurnOver.into()),
             never = checkpoints.store_all(&claim.job, &sink.checkpoints) => match never {},
         }
     }
@@ -284,7 +287,7 @@ impl<'a> Attempt<'a> {
     async fn stop(&mut self, mut generation: Generation, ending: &NoResult) {
         let mut running = true;
         // A GPU takes no checkpoints that another attempt could resume from.
-        let is_released = matches!(ending, NoResult::Interrupted(Interrupt::Shutdown));
+        let is_released = matches!(ending, NoResult::Interrupted(Interrupt::Shutdown | Interrupt::TurnOver));
         if is_released && self.claim.report.used != Some(UsedBackend::Gpu) && self.sink.checkpoints.is_enabled() {
             running = self.take_last_checkpoint(&mut generation).await;
         }
@@ -346,6 +349,22 @@ impl<'a> Attempt<'a> {
             checkpoints.remove_last().await;
         }
         ended
+    }
+}
+
+/// Waits until the turn of a fit is over and the fit of another owner waits. Never returns for a
+/// model, nor while a release would lose work.
+async fn turn_over(context: &Context, claimed: &ClaimedJob, sink: &AttemptSink) {
+    if claimed.job().kind == JobKind::Model {
+        return std::future::pending().await;
+    }
+    loop {
+        sleep(context.options.fit_turn).await;
+        match context.store.fit_waits(claimed).await {
+            Ok(true) if sink.may_release() => return,
+            Ok(_) => {}
+            Err(error) => tracing::warn!(%error, "could not look for waiting fits; the fit goes on"),
+        }
     }
 }
 
@@ -457,6 +476,7 @@ async fn write(
         Err(NoResult::Interrupted(Interrupt::Shutdown)) => {
             (AttemptOutcome::Released, store.release(claimed, None).await)
         }
+        Err(NoResult::Interrupted(Interrupt::TurnOver)) => (AttemptOutcome::Released, store.yield_turn(claimed).await),
     }
 }
 

@@ -43,6 +43,8 @@ struct MailboxState {
     requested: bool,
     /// Time that the last checkpoint took to store.
     cost: Duration,
+    /// True after the first checkpoint.
+    has_taken: bool,
 }
 
 /// A checkpoint on its way to the artifact store.
@@ -55,8 +57,13 @@ pub(super) enum Saved {
 
 impl Mailbox {
     pub(super) fn new(every: Option<Duration>) -> Self {
-        let state =
-            MailboxState { since: Stopwatch::start(), checkpoint: None, requested: false, cost: Duration::ZERO };
+        let state = MailboxState {
+            since: Stopwatch::start(),
+            checkpoint: None,
+            requested: false,
+            cost: Duration::ZERO,
+            has_taken: false,
+        };
         Self { state: Mutex::new(state), every, arrived: Notify::new() }
     }
 
@@ -84,7 +91,13 @@ impl Mailbox {
         state.since = Stopwatch::start();
         state.checkpoint = Some(checkpoint);
         state.requested = false;
+        state.has_taken = true;
         self.arrived.notify_one();
+    }
+
+    /// True if this attempt has taken a checkpoint.
+    pub(super) fn has_taken(&self) -> bool {
+        self.state.lock().has_taken
     }
 
     /// Reports the time that the last fetched checkpoint took to store.

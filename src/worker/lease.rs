@@ -25,6 +25,8 @@ pub(super) enum Interrupt {
     Deleted,
     /// The pool releases its jobs.
     Shutdown,
+    /// The turn of a fit is over, and the fit of another owner waits.
+    TurnOver,
 }
 
 /// A claimed job, with the backend that computes it.

@@ -10,7 +10,7 @@
 //!   its job fails.
 //! - Unavailable storage makes no job fail, and the attempts do not count.
 //!
-//! A CPU worker computes one job at a time; a GPU worker (one per adapter) computes a batch of jobs
+//! A CPU worker computes one model at a time, and one fit beside the models; a GPU worker (one per adapter) computes a batch of jobs
 //! with the same batch key. A worker claims its next job when its device is free, or when the
 //! current job nearly ends, so that its threads do not wait for the stores. If the
 //! threads are not free soon after, it releases the job that it claimed early. Workers claim by the
@@ -35,6 +35,7 @@
 //! | `generator` | the interface to the generators of models: [`Generator`], [`BatchGenerator`] |
 //! | `verdict` | consequences of errors for a job |
 //! | `policy` | jobs that a worker may claim; pauses while storage is unavailable |
+//! | `gate` | division of the time of a worker between models and a fit |
 //! | `busy` | busy workers, for the metrics |
 //! | `context` | state that all slots and attempts of a pool share |
 //! | `checkpoint` | checkpoints to the artifact store, and back to the next attempt |
@@ -50,6 +51,7 @@ mod backend;
 mod busy;
 mod checkpoint;
 mod context;
+mod gate;
 mod generator;
 mod lease;
 mod options;

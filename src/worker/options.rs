@@ -13,7 +13,7 @@ pub const ALIVE_HEARTBEATS: u32 = 10;
 /// Settings of a pool.
 #[derive(Clone, Debug)]
 pub struct PoolOptions {
-    /// Number of CPU workers. Each runs one job at a time.
+    /// Number of CPU workers. Each grows one model at a time, and runs one fit beside the models.
     pub workers: u32,
     /// Number of threads of each worker for `cpu`; at least 1.
     pub threads: usize,
@@ -40,6 +40,8 @@ pub struct PoolOptions {
     pub job_timeout: Option<Duration>,
     /// Time between checkpoints; `None` for no checkpoints.
     pub checkpoint_every: Option<Duration>,
+    /// Time after which a fit is released if a fit of another owner waits.
+    pub fit_turn: Duration,
     /// Unit of all waits for unavailable storage. Checks follow after 1, 2, 4 … 15 units; an upload
     /// is retried for 60 units before its job is released; claims pause for 1, 2, 4 … 60 units
     /// after such releases.
@@ -76,6 +78,7 @@ impl PoolOptions {
             memory_limit_bytes: None,
             job_timeout: None,
             checkpoint_every: Some(Duration::from_secs(30)),
+            fit_turn: Duration::from_secs(300),
             storage_wait: Duration::from_secs(1),
             stuck_after: Duration::from_secs(120),
             scratch,

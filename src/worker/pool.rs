@@ -35,8 +35,8 @@ use tokio::time::{sleep, timeout};
 const MAX_CLAIM_WAIT: Duration = Duration::from_secs(10);
 /// Maximum time for which a shutdown waits for generations that were told to stop.
 const STOP_WAIT: Duration = Duration::from_secs(10);
-/// Maximum number of claims (of a job or a GPU batch) of a worker: it computes one while it stores
-/// the files of the previous.
+/// Maximum number of claims (of a model or a GPU batch) of a worker: it computes one while it stores
+/// the files of the previous. A fit is claimed beside them.
 const CLAIMS: usize = 2;
 /// Number of heartbeat intervals between two reports of a worker in the same state.
 const SEEN_EVERY: u32 = 5;
@@ -65,12 +65,19 @@ struct Slot {
     stopped: tokio::sync::Mutex<bool>,
 }
 
+/// Jobs that a loop of a worker claims. A CPU worker has a loop for each.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Work {
+    Models,
+    Fits,
+}
+
 /// The rights that a worker needs to run a claim.
 struct RunPermit {
     /// Right to use the CPU threads or the device; `None` if the threads will be free soon.
     compute: Option<OwnedSemaphorePermit>,
-    /// Right to hold one more claim.
-    claim: OwnedSemaphorePermit,
+    /// Right to hold one more claim of models.
+    _claim: Option<OwnedSemaphorePermit>,
 }
 
 /// Part of a worker's state that its heartbeat publishes.
@@ -178,17 +185,31 @@ impl Drop for Opening {
     }
 }
 
-/// Claims jobs and runs them until the pool drains. Continues after a panic: a worker that claims
-/// nothing would look alive.
+/// Claims jobs and runs them until the pool drains.
 async fn run_slot(slot: Arc<Slot>, opening: Arc<Opening>) {
-    let (mut attempts, mut opening) = (JoinSet::new(), Some(opening));
-    while let Err(panic) = AssertUnwindSafe(claim_jobs(&slot, &mut opening, &mut attempts)).catch_unwind().await {
+    if let Some(gpu) = &slot.gpu {
+        slot.open(gpu).await;
+    }
+    drop(opening);
+    let fits = async {
+        if slot.gpu.is_none() {
+            claim_until_drained(&slot, Work::Fits).await;
+        }
+    };
+    tokio::join!(claim_until_drained(&slot, Work::Models), fits);
+    slot.stop().await;
+}
+
+/// Claims jobs and runs them until the pool drains and all have ended. Continues after a panic: a
+/// worker that claims nothing would look alive.
+async fn claim_until_drained(slot: &Arc<Slot>, work: Work) {
+    let mut attempts = JoinSet::new();
+    while let Err(panic) = AssertUnwindSafe(claim_jobs(slot, work, &mut attempts)).catch_unwind().await {
         note_panic(&slot.context, "claims", panic).await;
     }
     while let Some(ended) = attempts.join_next().await {
         log_panic(ended);
     }
-    slot.stop().await;
 }
 
 /// Reports a panic of a task of the pool, and waits until the task may start again.
@@ -204,23 +225,19 @@ async fn note_panic(context: &Context, task: &'static str, panic: Box<dyn Any + 
 /// The worker claims the next job when its device is free, or once for each generation shortly
 /// before its threads are free, so that they do not wait for the stores. The upload of the previous
 /// job may still be in progress.
-async fn claim_jobs(slot: &Arc<Slot>, opening: &mut Option<Arc<Opening>>, attempts: &mut JoinSet<()>) {
+async fn claim_jobs(slot: &Arc<Slot>, work: Work, attempts: &mut JoinSet<()>) {
     let context = &slot.context;
     let mut phase = context.phase.clone();
     let mut wait = context.options.poll;
-    if let Some(gpu) = &slot.gpu {
-        slot.open(gpu).await;
-    }
-    *opening = None;
     loop {
         let permit = tokio::select! {
             biased;
             _ = phase.wait_for(|phase| *phase != Phase::Run) => break,
-            permit = slot.permit() => permit,
+            permit = slot.permit(work) => permit,
         };
         // Subscribes before the claim, so that no job is missed that is queued in between.
         let mut changes = context.store.changes();
-        let unavailable = match slot.claim().await {
+        let unavailable = match slot.claim(work).await {
             Ok((claimed, fallback)) => {
                 wait = context.options.poll;
                 if !claimed.is_empty() {
@@ -242,7 +259,8 @@ async fn claim_jobs(slot: &Arc<Slot>, opening: &mut Option<Arc<Opening>>, attemp
         tokio::select! {
             _ = phase.changed() => {}
             () = sleep(wait) => {}
-            () = new_job(&mut changes), if !unavailable => {}
+            // A fit can wait for the next poll.
+            () = new_job(&mut changes), if !unavailable && work == Work::Models => {}
         }
     }
 }
@@ -305,14 +323,18 @@ impl Slot {
     }
 
     /// Waits until the worker can run one more claim and store its files.
-    async fn permit(&self) -> RunPermit {
-        let claim = self.claim_permit().await;
-        let compute = match &self.gpu {
-            Some(gpu) => Some(gpu.free().await),
-            None => self.cpu.free_soon().await,
+    async fn permit(&self, work: Work) -> RunPermit {
+        let claim = if work == Work::Models { Some(self.claim_permit().await) } else { None };
+        let compute = match (&self.gpu, work) {
+            (Some(gpu), _) => Some(gpu.free().await),
+            (None, Work::Models) => self.cpu.free_soon().await,
+            (None, Work::Fits) => Some(self.cpu.free_for_fit().await),
         };
         self.context.storage.wait_until_available(&self.context.artifacts, &self.context.scratch).await;
-        RunPermit { compute, claim }
+        if work == Work::Models {
+            self.cpu.give_turn_to_fit().await;
+        }
+        RunPermit { compute, _claim: claim }
     }
 
     /// Waits until the worker can hold one more claim. Notes whether the device of a GPU worker is
@@ -340,9 +362,10 @@ impl Slot {
 
     /// Claims jobs that this worker may run. A GPU worker whose device cannot be opened claims one
     /// job at a time, because jobs of `gpu` must end too, with the reason.
-    async fn claim(&self) -> Result<(Vec<ClaimedJob>, Option<CpuFallback>), StoreError> {
+    async fn claim(&self, work: Work) -> Result<(Vec<ClaimedJob>, Option<CpuFallback>), StoreError> {
         let Context { store, options, .. } = &*self.context;
         let (fallback, scope, limit) = match &self.gpu {
+            None if work == Work::Fits => (None, ClaimScope::Fits, 1),
             Some(gpu) => {
                 let limit = if self.open(gpu).await { options.batch.max(1) } else { 1 };
                 (None, ClaimScope::Gpu, limit)
@@ -378,14 +401,13 @@ impl Slot {
     }
 
     async fn run(self: Arc<Self>, claimed: Vec<ClaimedJob>, fallback: Option<CpuFallback>, permit: RunPermit) {
-        let RunPermit { compute, claim } = permit;
+        let RunPermit { compute, _claim } = permit;
         let _running = self.busy.begin();
         let ended = match &self.gpu {
             Some(gpu) => self.run_batch(gpu, claimed, compute).await,
             None => self.run_one(claimed, fallback, compute).await,
         };
         self.state.lock().jobs_done += ended;
-        drop(claim);
     }
 
     /// Runs a job on the CPU. Returns the number of jobs that have ended.

@@ -21,6 +21,8 @@ use tracing::Span;
 const ESTIMATED_AFTER: f64 = 0.9;
 /// Estimated time to the end of a generation from which its worker claims the next job.
 const NEARLY_FREE: f64 = 0.5;
+/// Stage of a fit whose checkpoints contain all that was computed.
+const SEARCH: &str = "search";
 /// Maximum number of points of a thinned contour.
 const MAX_POINTS: usize = 512;
 
@@ -180,6 +182,13 @@ impl AttemptSink {
         self.run.lock().nearly_free = Some(nearly_free);
     }
 
+    /// True if the next attempt of a fit would resume with all that was computed, except for a few
+    /// candidates.
+    pub(super) fn may_release(&self) -> bool {
+        let is_searching = self.run.lock().stage.as_ref().is_some_and(|(stage, _)| *stage == SEARCH);
+        is_searching && self.checkpoints.has_taken()
+    }
+
     /// The fault that was injected into the generation.
     pub(super) fn injected(&self) -> Option<Injected> {
         self.run.lock().injected
@@ -237,7 +246,7 @@ impl Sink for AttemptSink {
 impl FitSink for AttemptSink {
     fn progress(&self, progress: &FitProgress) {
         let stage = match progress.stage {
-            FitStage::Search => "search",
+            FitStage::Search => SEARCH,
             FitStage::Verify => "verify",
         };
         self.advance(stage, JobProgress::Fit(*progress));

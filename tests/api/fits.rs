@@ -4,10 +4,12 @@ use super::app::App;
 use axum::body::Body;
 use axum::http::{Method, header};
 use http_body_util::BodyExt;
-use oviduct::fit::{FitProgress, FitStage};
-use oviduct::jobs::keys::Scope;
-use oviduct::jobs::{ClaimScope, Finished, JobProgress};
+use oviduct::fit::{FitProgress, FitSpec, FitStage};
+use oviduct::http::Limits;
+use oviduct::jobs::keys::{KeyLimits, Scope};
+use oviduct::jobs::{ClaimScope, Finished, JobProgress, Quota};
 use serde_json::{Value, json};
+use std::time::Duration;
 
 fn target() -> Value {
     json!({ "region": "ampulla", "quantity": "folds_on_ring", "value": 30 })
@@ -167,6 +169,35 @@ async fn invalid_requests_name_their_members() {
 }
 
 #[tokio::test]
+async fn a_fit_has_a_limit_of_predicted_time() {
+    let limits = Limits { fit_time: Duration::from_secs(3600), ..Limits::default() };
+    let app = App::with(limits, 100).await;
+    let long = json!({ "targets": [target()], "evaluations": 2000, "seeds": 16 });
+    let refused = app.post("/fits", &long).await;
+    assert_eq!((refused.slug().as_str(), refused.places()), ("cost-limit", vec!["/evaluations".to_owned()]));
+    assert!(refused.json()["detail"].as_str().unwrap().contains("the limit is 3600"), "{refused:?}");
+}
+
+#[tokio::test]
+async fn a_fit_counts_by_its_predicted_time() {
+    let app = App::new().await;
+    let checked = FitSpec::read(&request(), Vec::new(), &["labels", "priority"]).unwrap();
+    let counts_as = (checked.predicted_seconds() / 60.0).ceil() as u64;
+    assert!(counts_as > 1);
+    let limits = KeyLimits { rate: None, quota: Quota { unfinished: Some(counts_as), bytes: None } };
+    let key = app.key_with("lab", &[Scope::Read, Scope::Submit], limits, None).await;
+    let post = async |path: &str, body: &Value| app.post_with(path, &[("authorization", &key)], body).await;
+    assert_eq!(post("/fits/validate", &request()).await.json()["counts_as"], counts_as);
+    assert_eq!(post("/fits", &request()).await.status, 202);
+    let full = post("/models", &json!({ "seed": 1 })).await;
+    assert_eq!((full.status.as_u16(), full.slug().as_str()), (429, "quota-exceeded"));
+    let other = post("/fits", &json!({ "targets": [target()] })).await.json();
+    let expected =
+        format!("You have {counts_as} queued and running models of at most {counts_as}. The request counts as");
+    assert!(other["detail"].as_str().unwrap().starts_with(&expected), "{other}");
+}
+
+#[tokio::test]
 async fn fits_are_visible_only_to_their_owner() {
     let app = App::new().await;
     let lab = app.key("lab", &[Scope::Read, Scope::Submit]).await;
@@ -197,7 +228,7 @@ async fn a_fit_is_followed_to_its_end() {
     let stream = app.start(axum::http::Request::get(format!("{fit}/events")).body(Body::empty()).unwrap()).await;
     let all = app.start(axum::http::Request::get("/events").body(Body::empty()).unwrap()).await;
     let reading = tokio::spawn(async move { stream.into_body().collect().await.unwrap().to_bytes() });
-    let mut claimed = app.store.claim("w", ClaimScope::Cpu, super::app::LEASE, 1).await.unwrap();
+    let mut claimed = app.store.claim("w", ClaimScope::Fits, super::app::LEASE, 1).await.unwrap();
     let job = claimed.pop().unwrap();
     let progress = FitProgress {
         stage: FitStage::Search,

@@ -80,6 +80,7 @@ fn new_job(n: usize) -> NewJob {
         idempotency: Some((format!("key {n}"), String::new())),
         owner: Some("key 3".into()),
         quota: Default::default(),
+        weight: 1,
         trace: None,
         retry_of: None,
     }

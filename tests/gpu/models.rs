@@ -166,6 +166,7 @@ impl Place {
             engine: oviduct::ENGINE_VERSION.into(),
             owner: None,
             quota: Default::default(),
+            weight: 1,
             trace: None,
             retry_of: None,
             reuse: false,

@@ -4,6 +4,7 @@ use crate::scripted::{Place, scripted};
 use oviduct::fit::{FitResult, FitSpec, FitStage};
 use oviduct::generate::Backend;
 use oviduct::jobs::{Job, JobId, JobKind, JobProgress, NewJob, Status};
+use oviduct::spec::{ModelSpec, preset};
 use oviduct::worker::{WorkerPool, generate_on_cpu};
 use serde_json::{Value, json};
 use std::sync::Arc;
@@ -24,7 +25,12 @@ fn request(evaluations: u32) -> FitSpec {
 }
 
 async fn submit(place: &Place, fit: &FitSpec) -> JobId {
+    submit_of(place, fit, None).await
+}
+
+async fn submit_of(place: &Place, fit: &FitSpec, owner: Option<&str>) -> JobId {
     let new = NewJob {
+        owner: owner.map(str::to_owned),
         kind: JobKind::Fit,
         spec: fit.to_json().into(),
         outputs: Vec::new().into(),
@@ -95,5 +101,51 @@ async fn a_fit_continues_on_another_worker() {
     let job = place.until(id, |job| job.status.is_ended()).await;
     assert_eq!((job.status, job.attempts), (Status::Succeeded, 2));
     assert_eq!(result(&job), whole);
+    pool.shutdown(Duration::ZERO).await;
+}
+
+fn is_searching(job: &Job) -> bool {
+    job.progress.and_then(JobProgress::fit).is_some_and(|at| at.stage == FitStage::Search && at.evaluations > 2)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn models_do_not_wait_for_a_fit() {
+    let place = Place::fresh(|_| {}).await;
+    let pool = start(&place);
+    let fit = submit(&place, &request(2000)).await;
+    place.until(fit, is_searching).await;
+    let spec = ModelSpec::resolve(preset("paper").unwrap(), &request(1).to_json()["spec"]).unwrap();
+    for seed in 0..3 {
+        let new = NewJob { spec: spec.to_json().into(), outputs: Vec::new().into(), ..scripted("model", seed) };
+        let model = place.store.submit(new).await.unwrap().job().id;
+        let model = place.until(model, |job| job.status.is_ended()).await;
+        assert_eq!(model.status, Status::Succeeded, "{model:?}");
+    }
+    let running = place.store.get(fit).await.unwrap().unwrap();
+    assert_eq!((running.status, running.attempts), (Status::Running, 1));
+    // The fit goes on after the models.
+    let before = running.progress.and_then(JobProgress::fit).unwrap().evaluations;
+    place.until(fit, |job| job.progress.and_then(JobProgress::fit).unwrap().evaluations > before + 2).await;
+    place.store.cancel(fit).await.unwrap();
+    pool.shutdown(Duration::ZERO).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_fit_does_not_wait_for_the_end_of_a_fit_of_another_owner() {
+    let place = Place::fresh(|_| {}).await;
+    let pool = place.start_with(place.store.clone(), Arc::new(generate_on_cpu), |options| {
+        options.checkpoint_every = Some(Duration::from_millis(50));
+        options.fit_turn = Duration::from_millis(300);
+        options.poll = Duration::from_millis(20);
+    });
+    let long = submit_of(&place, &request(2000), Some("a")).await;
+    place.until(long, is_searching).await;
+    let short = submit_of(&place, &request(16), Some("b")).await;
+    let short = place.until(short, |job| job.status.is_ended()).await;
+    assert_eq!(short.status, Status::Succeeded, "{short:?}");
+    let evaluated = |job: &Job| job.progress.and_then(JobProgress::fit).map_or(0, |at| at.evaluations);
+    let going = place.until(long, |job| job.attempts > 1 && evaluated(job) > 20).await;
+    assert!(!going.status.is_ended(), "{going:?}");
+    place.store.cancel(long).await.unwrap();
     pool.shutdown(Duration::ZERO).await;
 }

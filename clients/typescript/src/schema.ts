@@ -3,7 +3,7 @@
  * Do not make direct changes to the file.
  */
 
-// openapi.yaml: sha256 cb07eeaaaeb6e6dc63c7ed25d7513a89ad41a66129b351f97a0ec521a1057178
+// openapi.yaml: sha256 801d43a599674d878f95f5437ee86dea6aaf6e9800857286a4a52d35957d7736
 
 export interface paths {
     "/batches": {
@@ -224,8 +224,8 @@ export interface paths {
         /**
          * Request a fit.
          * @description A fit searches for parameters whose models have the measures in `targets` and `images`. The
-         *     service queues the fit with the models and runs it on a CPU worker. Follow the fit with
-         *     `GET /fits/{id}` or its events.
+         *     service queues the fit, and a CPU worker runs it beside models, which take precedence. Follow the
+         *     fit with `GET /fits/{id}` or its events.
          *
          *     Needs a key with the scope `submit`.
          */
@@ -2344,6 +2344,8 @@ export interface components {
         };
         /** @description Result of a check: the request as the service would queue it. */
         FitValidation: {
+            /** @description Number of queued and running models as which the fit counts against the quota of its owner. */
+            counts_as: number;
             /** @description Digest of the request. */
             digest: string;
             /**

@@ -22,6 +22,9 @@ pub(in crate::cli) struct LimitArgs {
     /// Refuse a model (422) whose files are predicted to exceed this total size
     #[arg(long, value_name = "SIZE", value_parser = units::positive_bytes, default_value = "4GiB")]
     max_model_size: u64,
+    /// Refuse a fit (422) whose predicted time on one core exceeds this
+    #[arg(long, value_name = "TIME", value_parser = units::positive_duration, default_value = "24h")]
+    pub(in crate::cli) max_fit_time: Duration,
     /// Refuse a request (413) whose body exceeds this size
     #[arg(long, value_name = "SIZE", value_parser = units::positive_bytes, default_value = "1MiB")]
     pub(in crate::cli) max_body: u64,

@@ -22,8 +22,8 @@ pub struct ServeArgs {
     /// Average number of requests per second for API keys without their own limit [0: no limit]
     #[arg(long, value_name = "N", value_parser = units::rate, default_value = "0")]
     pub(in crate::cli) key_rate: f64,
-    /// Maximum number of queued and running models per owner, for API keys without their own limit
-    /// [default: no limit]
+    /// Maximum number of queued and running models per owner, for API keys without their own limit;
+    /// a fit counts as one model per minute of its predicted time [default: no limit]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub(in crate::cli) key_models: Option<u64>,
     /// Maximum total size of an owner's files, such as 50GB, for API keys without their own limit;
@@ -116,7 +116,8 @@ pub(in crate::cli) struct ProcessArgs {
     /// `file:PATH` or a path [default: DATA/artifacts]
     #[arg(long, value_name = "URL")]
     pub(in crate::cli) artifacts: Option<String>,
-    /// Number of CPU workers; each grows one model at a time [0: none]
+    /// Number of CPU workers; each grows one model at a time, and runs one fit beside the models
+    /// [0: none]
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub(in crate::cli) cpu_workers: u32,
     /// Threads per CPU worker. For maximum throughput, run one single-threaded worker per core

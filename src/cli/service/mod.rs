@@ -343,6 +343,7 @@ fn limits(args: &ServeArgs, connections: usize, has_workers: bool) -> Result<Lim
         // much memory for its values, more than once.
         body_memory: defaults.body_memory.max(body_bytes.saturating_mul(8)),
         cost: args.limits.cost(args.process.memory_limit.filter(|_| has_workers)),
+        fit_time: args.limits.max_fit_time,
         batch: args.batch_limit as usize,
         keep: args.keep,
         redirect_downloads: args.redirect_downloads,

@@ -2,6 +2,7 @@
 
 use super::fit::{Fit, FitDetail, FitValidation};
 use super::request::{CheckedFit, FitRequest};
+use crate::fit::FitSpec;
 use crate::generate::{Backend, Cost, Outputs};
 use crate::http::AppState;
 use crate::http::access::Caller;
@@ -22,8 +23,8 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use std::sync::Arc;
 
-/// Maximum predicted time of a fit, in seconds of one core.
-const MAX_SECONDS: f64 = 24.0 * 3600.0;
+/// Predicted time of a fit, in seconds of one core, that counts as one model against the quota.
+const SECONDS_PER_MODEL: f64 = 60.0;
 
 /// Reads and checks a body. Tracing images takes seconds.
 async fn check(state: &AppState, caller: &Caller, body: JsonBody) -> Result<CheckedFit, Problem> {
@@ -37,9 +38,10 @@ async fn check(state: &AppState, caller: &Caller, body: JsonBody) -> Result<Chec
         state.limits.cost.check(&cost).map_err(|over| too_much(&cost, &over))?;
     }
     let seconds = checked.fit.predicted_seconds();
-    if seconds > MAX_SECONDS {
+    let limit = state.limits.fit_time.as_secs_f64();
+    if seconds > limit {
         let detail = format!(
-            "the fit would take about {seconds:.0} seconds of a core; the limit is {MAX_SECONDS}; reduce \
+            "the fit would take about {seconds:.0} seconds of a core; the limit is {limit}; reduce \
                 /evaluations, /seeds or the size of the model"
         );
         let fault = Fault::new("/evaluations", &detail);
@@ -51,8 +53,8 @@ async fn check(state: &AppState, caller: &Caller, body: JsonBody) -> Result<Chec
 /// Request a fit.
 ///
 /// A fit searches for parameters whose models have the measures in `targets` and `images`. The
-/// service queues the fit with the models and runs it on a CPU worker. Follow the fit with
-/// `GET /fits/{id}` or its events.
+/// service queues the fit, and a CPU worker runs it beside models, which take precedence. Follow the
+/// fit with `GET /fits/{id}` or its events.
 #[utoipa::path(
     post, path = "/fits", operation_id = "create_fit", tag = "fits",
     params(
@@ -93,6 +95,12 @@ pub(in crate::http) async fn create(
     Ok(response)
 }
 
+/// Number of models as which a fit counts against the quota of its owner: one for each minute that
+/// it is predicted to take on one core.
+fn weight(fit: &FitSpec) -> u32 {
+    (fit.predicted_seconds() / SECONDS_PER_MODEL).ceil().max(1.0) as u32
+}
+
 /// The job of a checked request.
 fn new_job(caller: &Caller, CheckedFit { fit, labels, priority }: CheckedFit) -> NewJob {
     NewJob {
@@ -112,6 +120,7 @@ fn new_job(caller: &Caller, CheckedFit { fit, labels, priority }: CheckedFit) ->
         idempotency: None,
         owner: caller.owner().map(str::to_owned),
         quota: caller.quota(),
+        weight: weight(&fit),
         trace: trace::current(),
         retry_of: None,
     }
@@ -135,5 +144,5 @@ pub(in crate::http) async fn validate(
 ) -> Result<Json<FitValidation>, Problem> {
     let CheckedFit { fit, .. } = check(&state, &caller, body).await?;
     let (request, digest, seconds) = (fit.to_json(), fit.digest(), fit.predicted_seconds());
-    Ok(Json(FitValidation { request, digest, seconds }))
+    Ok(Json(FitValidation { request, digest, seconds, counts_as: weight(&fit) }))
 }

@@ -153,4 +153,7 @@ pub(in crate::http) struct FitValidation {
     pub(super) digest: String,
     /// Predicted seconds on one core if all evaluations are used.
     pub(super) seconds: f64,
+    /// Number of queued and running models as which the fit counts against the quota of its owner.
+    #[schema(minimum = 1)]
+    pub(super) counts_as: u32,
 }

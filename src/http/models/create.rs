@@ -251,6 +251,7 @@ pub(in crate::http) fn new_job(caller: &Caller, request: ModelRequest, spec: &Mo
         idempotency: None,
         owner: caller.owner().map(str::to_owned),
         quota: caller.quota(),
+        weight: 1,
         trace: trace::current(),
         retry_of: None,
     }

@@ -296,13 +296,14 @@ impl From<crate::jobs::StoreError> for Problem {
                     .with("limit", limit)
                     .with_header(header::RETRY_AFTER, 10)
             }
-            StoreError::QuotaExceeded { what, used, limit } => {
+            StoreError::QuotaExceeded { what, used, more, limit } => {
                 let policy = match what {
                     Quantity::Unfinished => "models",
                     Quantity::Bytes => "bytes",
                 };
-                let problem =
-                    Self::new(Kind::QuotaExceeded, format!("You have {used} {} of at most {limit}.", what.unit()));
+                let counts = if more > 1 { format!(" The request counts as {more}.") } else { String::new() };
+                let detail = format!("You have {used} {} of at most {limit}.{counts}", what.unit());
+                let problem = Self::new(Kind::QuotaExceeded, detail);
                 let fields = [
                     (header::RETRY_AFTER, "10".to_owned()),
                     (RATE_LIMIT, format!("\"{policy}\";r={}", limit.saturating_sub(used).min(INTEGER_MAX))),

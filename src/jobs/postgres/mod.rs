@@ -58,7 +58,7 @@ const PLANS: [(&str, &str); 6] = [
 ];
 
 /// Migrations of the tables, oldest first.
-const MIGRATIONS: [(&str, &str); 12] = migrations![
+const MIGRATIONS: [(&str, &str); 13] = migrations![
     "0001_jobs",
     "0002_priorities",
     "0003_traces",
@@ -71,6 +71,7 @@ const MIGRATIONS: [(&str, &str); 12] = migrations![
     "0010_fits",
     "0011_upkeep_state",
     "0012_worker_conditions",
+    "0013_fit_lane",
 ];
 
 /// The connections to a PostgreSQL database.

@@ -116,12 +116,12 @@ async fn look(tx: &mut Tx<'_>, worker: &str, scope: ClaimScope) -> Result<Look, 
     let lane = |lane| {
         values.push(Value::from(enum_to_sql(lane)));
         format!(
-            "(SELECT 1 FROM {jobs} WHERE status = 'queued' AND NOT shares AND backend_requested = ${} \
+            "(SELECT 1 FROM {jobs} WHERE status = 'queued' AND NOT shares AND lane = ${} \
              AND (available_at <= $1 OR available_at > $2) ORDER BY rank, turn, id LIMIT 1) IS NOT NULL",
             values.len()
         )
     };
-    let lanes: Vec<String> = scope.requested().iter().map(lane).collect();
+    let lanes: Vec<String> = scope.lanes().iter().map(lane).collect();
     let sql = format!(
         "SELECT (SELECT 1 FROM jobs WHERE status = 'running' AND lease_until <= $1 ORDER BY lease_until LIMIT 1) \
          IS NOT NULL OR (SELECT 1 FROM jobs WHERE status = 'running' AND lease_until > $4 \
@@ -252,8 +252,8 @@ impl Claim {
         let lanes: Vec<(&str, &str, String)> = match batch_key {
             Some(key) => vec![("jobs_claimable_by_batch_key", "batch_key", key.to_owned())],
             None => {
-                let lane = |lane| ("jobs_claimable", "backend_requested", enum_to_sql(lane));
-                self.scope.requested().iter().map(lane).collect()
+                let lane = |lane| ("jobs_lanes", "lane", enum_to_sql(lane));
+                self.scope.lanes().iter().map(lane).collect()
             }
         };
         let mut queues = Vec::new();
@@ -301,15 +301,15 @@ impl Claim {
             // each lane and rank so far.
             None => (
                 format!(
-                    "heads AS MATERIALIZED (SELECT lane.name, head.* FROM unnest($1::text[]) AS lane (name) \
+                    "heads AS MATERIALIZED (SELECT lanes.name, head.* FROM unnest($1::text[]) AS lanes (name) \
                      CROSS JOIN LATERAL (SELECT rank, turn, id FROM jobs WHERE status = 'queued' \
-                     AND NOT shares AND backend_requested = lane.name AND (available_at <= $2 OR available_at > $5) AND {unpaused} \
+                     AND NOT shares AND lane = lanes.name AND (available_at <= $2 OR available_at > $5) AND {unpaused} \
                      ORDER BY rank, turn, id LIMIT {limit} FOR NO KEY UPDATE SKIP LOCKED) AS head), \
                      due AS MATERIALIZED (SELECT id, ROW_NUMBER() OVER (ORDER BY rank, last, turn, id) AS place FROM (\
                      SELECT rank, turn, id, MAX(id) OVER (PARTITION BY name, rank ORDER BY turn, id) AS last FROM heads\
                      ) AS merged ORDER BY place LIMIT {limit})"
                 ),
-                Value::from(self.scope.requested().iter().map(enum_to_sql).collect::<Vec<String>>()),
+                Value::from(self.scope.lanes().iter().map(enum_to_sql).collect::<Vec<String>>()),
             ),
         };
         let sql = format!(

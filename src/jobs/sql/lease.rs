@@ -4,7 +4,9 @@
 use super::codec::{enum_from_sql, enum_to_sql, json, until, values};
 use super::error::SqlError;
 use super::operation::{Done, Grouped, LONG_RETRY_LIMIT, Operation, Run, Simple, Uncertain, are_cancelled};
+use super::order;
 use super::read::{self, known_job};
+use super::record::submitter;
 use super::share;
 use super::store::Store;
 use super::submit::insert_files;
@@ -76,6 +78,29 @@ impl Store {
     pub async fn release(&self, claimed: ClaimedJob, problem: Option<Problem>) -> Result<(), StoreError> {
         let effect = problem.map_or(AttemptEffect::None, AttemptEffect::Fault);
         self.end("release", &claimed, AttemptEnd::Released, effect).await.map(drop)
+    }
+
+    /// Returns a fit to the queue, behind the first fit of another submitter; the attempt does not
+    /// count.
+    pub async fn yield_turn(&self, claimed: ClaimedJob) -> Result<(), StoreError> {
+        self.end("yield_turn", &claimed, AttemptEnd::Released, AttemptEffect::Yielded).await.map(drop)
+    }
+
+    /// True if another fit should have the turn of a running one: a queued fit of higher priority,
+    /// or one of another submitter with the same priority.
+    pub async fn fit_waits(&self, running: &ClaimedJob) -> Result<bool, StoreError> {
+        let tx = &mut self.read("fit_waits").await?;
+        let waits = |condition: &str| {
+            format!(
+                "(SELECT 1 FROM jobs{} WHERE status = 'queued' AND NOT shares AND lane = 'fit' AND {condition} LIMIT 1) \
+                 IS NOT NULL",
+                tx.either(" INDEXED BY jobs_queue_by_submitter", "")
+            )
+        };
+        let sql = format!("SELECT {} OR {} AS waits", waits("rank < $1"), waits("rank = $1 AND submitter <> $2"));
+        let job = running.job();
+        let values = values![order::rank(job.priority), submitter(job.owner.as_deref())];
+        Ok(tx.one(sql, values).await?.get("waits")?)
     }
 
     /// Queues the job again after a transient error; the attempt counts. The job is due again after
@@ -221,7 +246,15 @@ pub(super) enum AttemptEffect {
     Failed(BackendReport, Problem),
     /// Problem of the attempt alone.
     Fault(Problem),
+    /// The job goes behind the first job of another submitter in its lane.
+    Yielded,
 }
+
+/// Gives a job the turn after the first queued job of another submitter in its lane, if there is one
+/// and it is later than its own.
+const YIELD: &str = "UPDATE jobs SET turn = CASE WHEN other.turn >= jobs.turn THEN other.turn + 1 ELSE jobs.turn END \
+    FROM (SELECT o.turn FROM jobs j JOIN jobs o ON o.lane = j.lane AND o.rank = j.rank AND o.submitter <> j.submitter \
+    WHERE j.id = $1 AND o.status = 'queued' AND NOT o.shares ORDER BY o.turn, o.id LIMIT 1) AS other WHERE jobs.id = $1";
 
 /// Ends the attempt of a claimed job.
 pub(super) struct End {
@@ -243,7 +276,7 @@ impl Operation for End {
         let next = next.map_err(|_| StoreError::Fenced)?;
         let fault = match &self.effect {
             AttemptEffect::Failed(_, problem) | AttemptEffect::Fault(problem) => Some(problem),
-            AttemptEffect::None | AttemptEffect::Finished(_) => None,
+            AttemptEffect::None | AttemptEffect::Finished(_) | AttemptEffect::Yielded => None,
         };
         if let AttemptEffect::Finished(finished) = &self.effect {
             insert_files(tx, id, finished.files.iter()).await?;
@@ -254,6 +287,9 @@ impl Operation for End {
             tx.execute(sql, values![id, state.attempts, detail]).await?;
         }
         let changes = write(tx, id, &next, &self.effect, None).await?;
+        if matches!(self.effect, AttemptEffect::Yielded) && next.state.status == Status::Queued {
+            tx.execute(YIELD, values![id]).await?;
+        }
         Ok(Done::new(known_job(tx, id).await?, changes))
     }
 
@@ -365,7 +401,7 @@ async fn write(
             backend = Some(&finished.backend);
         }
         AttemptEffect::Failed(report, cause) => (backend, problem) = (Some(report), Some(json(cause))),
-        AttemptEffect::None | AttemptEffect::Fault(_) => {}
+        AttemptEffect::None | AttemptEffect::Fault(_) | AttemptEffect::Yielded => {}
     }
     if next.exhausted {
         problem = Some(json(&Attempt::exhausted(&read::attempts(tx, id).await?)));

@@ -1,7 +1,7 @@
 //! The order of claims, and positions in the queue.
 //!
-//! Each backend that a request may ask for has a lane, so a worker never reads past jobs that it
-//! cannot run. Within a lane, workers claim jobs by (`rank`, `turn`, age). Between lanes, the head
+//! Models of each backend that a request may ask for have a lane, and so have fits; a worker never
+//! reads past jobs that it cannot run. Within a lane, workers claim jobs by (`rank`, `turn`, age). Between lanes, the head
 //! of higher priority goes first, then the older one.
 //!
 //! The rank is the negated priority, so that one index in one direction has this order. A
@@ -24,7 +24,7 @@ use super::error::SqlError;
 use super::record::Record;
 use super::store::Store;
 use super::tx::{Row, Tx};
-use crate::jobs::{ClaimScope, Job, Priority, Status, StoreError, StoreOptions};
+use crate::jobs::{ClaimScope, Job, Lane, Priority, Status, StoreError, StoreOptions};
 
 /// Position at which counting stops; see [`Job::MAX_QUEUE_POSITION`].
 const POSITIONS: u64 = Job::MAX_QUEUE_POSITION;
@@ -35,10 +35,10 @@ impl Store {
     pub async fn count_claimable_jobs(&self, scope: ClaimScope) -> Result<u64, StoreError> {
         let tx = &mut self.read("count_claimable_jobs").await?;
         let mut jobs = 0;
-        for lane in scope.requested() {
+        for lane in scope.lanes() {
             let sql = format!(
                 "SELECT COUNT(*) AS n FROM (SELECT 1 FROM {} WHERE status = 'queued' AND NOT shares \
-                 AND backend_requested = $1 LIMIT 1000) AS lane",
+                 AND lane = $1 LIMIT 1000) AS lane",
                 lanes(tx)
             );
             jobs += tx.one(sql, values![enum_to_sql(lane)]).await?.count::<u64>("n")?;
@@ -54,20 +54,20 @@ pub(super) fn rank(priority: Priority) -> i64 {
 
 /// The table of jobs, read by the index of claimable jobs.
 pub(super) fn lanes(tx: &Tx<'_>) -> &'static str {
-    tx.either("jobs INDEXED BY jobs_claimable", "jobs")
+    tx.either("jobs INDEXED BY jobs_lanes", "jobs")
 }
 
-/// Columns from which [`turn`] takes the turn of a job to be queued. `$1` is its backend, `$2` its
+/// Columns from which [`turn`] takes the turn of a job to be queued. `$1` is its lane, `$2` its
 /// rank, `$3` its submitter.
 ///
 /// Aggregates over a lane would return the same; ORDER BY with LIMIT makes the planner read the ends
 /// of indexes.
 pub(super) const TURN: &str = "\
-    (SELECT turn FROM jobs WHERE status = 'running' AND backend_requested = $1 AND rank = $2 \
+    (SELECT turn FROM jobs WHERE status = 'running' AND lane = $1 AND rank = $2 \
     ORDER BY turn DESC LIMIT 1) AS running_turn, \
-    (SELECT turn FROM jobs WHERE status = 'queued' AND NOT shares AND backend_requested = $1 AND rank = $2 \
+    (SELECT turn FROM jobs WHERE status = 'queued' AND NOT shares AND lane = $1 AND rank = $2 \
     ORDER BY turn, id LIMIT 1) AS head_turn, \
-    (SELECT turn FROM jobs WHERE status = 'queued' AND NOT shares AND backend_requested = $1 AND rank = $2 \
+    (SELECT turn FROM jobs WHERE status = 'queued' AND NOT shares AND lane = $1 AND rank = $2 \
     AND submitter = $3 ORDER BY turn DESC LIMIT 1) AS own_turn";
 
 /// The turn of a job to be queued, from the columns of [`TURN`].
@@ -80,11 +80,11 @@ pub(super) fn turn(row: &Row) -> Result<i64, SqlError> {
 /// [`POSITIONS`]. Parameters are those of the insertion.
 pub(super) fn ahead(tx: &Tx<'_>) -> &'static str {
     tx.either(
-        "SELECT COUNT(*) FROM (SELECT 1 FROM jobs AS a INDEXED BY jobs_claimable WHERE a.status = 'queued' \
-         AND NOT a.shares AND a.backend_requested = $7 AND (a.rank, a.turn, a.id) < ($23, $22, $1) \
+        "SELECT COUNT(*) FROM (SELECT 1 FROM jobs AS a INDEXED BY jobs_lanes WHERE a.status = 'queued' \
+         AND NOT a.shares AND a.lane = CASE WHEN $29 = 'fit' THEN 'fit' ELSE $7 END AND (a.rank, a.turn, a.id) < ($23, $22, $1) \
          ORDER BY a.rank, a.turn, a.id LIMIT 1000) AS ahead",
         "SELECT COUNT(*) FROM (SELECT 1 FROM jobs AS a WHERE a.status = 'queued' \
-         AND NOT a.shares AND a.backend_requested = $7 AND (a.rank, a.turn, a.id) < ($23, $22, $1) \
+         AND NOT a.shares AND a.lane = CASE WHEN $29 = 'fit' THEN 'fit' ELSE $7 END AND (a.rank, a.turn, a.id) < ($23, $22, $1) \
          ORDER BY a.rank, a.turn, a.id LIMIT 1000) AS ahead",
     )
 }
@@ -104,18 +104,20 @@ pub(super) async fn set_positions(tx: &mut Tx<'_>, records: &mut [Record]) -> Re
     let mut queued: Vec<(String, Place, &mut Job)> = records
         .iter_mut()
         .filter(|record| record.job.status == Status::Queued)
-        .map(|record| (enum_to_sql(record.job.backend.requested), place(record), &mut record.job))
+        .map(|record| {
+            (enum_to_sql(Lane::of(record.job.kind, record.job.backend.requested)), place(record), &mut record.job)
+        })
         .collect();
     queued.sort_unstable_by(|(a, here, _), (b, there, _)| (a, here).cmp(&(b, there)));
     let (mut lane, mut from, mut before) = (String::new(), FIRST, 0);
-    for (backend, here, job) in queued {
-        if backend != lane {
-            (lane, from, before) = (backend, FIRST, 0);
+    for (own, here, job) in queued {
+        if own != lane {
+            (lane, from, before) = (own, FIRST, 0);
         }
         if before < POSITIONS {
             let sql = format!(
                 "SELECT COUNT(*) AS n FROM (SELECT 1 FROM {} WHERE status = 'queued' AND NOT shares \
-                 AND backend_requested = $1 AND (rank, turn, id) >= ($2, $3, $4) AND (rank, turn, id) < ($5, $6, $7) \
+                 AND lane = $1 AND (rank, turn, id) >= ($2, $3, $4) AND (rank, turn, id) < ($5, $6, $7) \
                  ORDER BY rank, turn, id LIMIT 1000) AS ahead",
                 lanes(tx)
             );

@@ -28,15 +28,15 @@ pub(super) async fn lock_owner(tx: &mut Tx<'_>, owner: Option<&str>, quota: Quot
 pub(super) async fn check(tx: &mut Tx<'_>, owner: Option<&str>, quota: Quota, more: u64) -> Result<(), SqlError> {
     let Some(owner) = owner else { return Ok(()) };
     if let Some(limit) = quota.unfinished {
-        let used = unfinished(tx, owner, limit).await?;
+        let used = unfinished(tx, owner, limit).await? + extra_weight(tx, owner).await?;
         if used + more > limit {
-            return Err(StoreError::QuotaExceeded { what: Quantity::Unfinished, used, limit }.into());
+            return Err(StoreError::QuotaExceeded { what: Quantity::Unfinished, used, more, limit }.into());
         }
     }
     if let Some(limit) = quota.bytes {
         let used = bytes(tx, owner).await?;
         if used >= limit {
-            return Err(StoreError::QuotaExceeded { what: Quantity::Bytes, used, limit }.into());
+            return Err(StoreError::QuotaExceeded { what: Quantity::Bytes, used, more: 0, limit }.into());
         }
     }
     Ok(())
@@ -54,6 +54,16 @@ async fn unfinished(tx: &mut Tx<'_>, owner: &str, limit: u64) -> Result<u64, Sql
         used += tx.one(sql, values![owner]).await?.count::<u64>("n")?;
     }
     Ok(used)
+}
+
+/// What the unfinished fits of an owner count in addition to their number.
+async fn extra_weight(tx: &mut Tx<'_>, owner: &str) -> Result<u64, SqlError> {
+    let sql = format!(
+        "SELECT CAST(COALESCE(SUM(weight - 1), 0) AS BIGINT) AS n FROM jobs{} \
+         WHERE submitter = $1 AND kind = 'fit' AND finished_at IS NULL",
+        tx.either(" INDEXED BY jobs_unfinished_fits", ""),
+    );
+    tx.one(sql, values![owner]).await?.count("n")
 }
 
 /// Bytes of files that the jobs of an owner name. Triggers keep them, as rows to be summed.

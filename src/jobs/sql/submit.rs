@@ -11,7 +11,7 @@ use super::share;
 use super::store::Store;
 use super::tx::{Row, Tx};
 use crate::jobs::job::IdGenerator;
-use crate::jobs::state::{self, ClaimScope};
+use crate::jobs::state::{self, ClaimScope, Lane};
 use crate::jobs::{
     BackendReport, BatchId, Change, File, Job, JobId, NewJob, Status, StoreError, StoreOptions, Submitted,
 };
@@ -93,7 +93,7 @@ impl Operation for Submit {
         // at the primary key.
         let now = tx.now().await?;
         let id = *self.tried.lock().get_or_insert_with(|| JobId(self.ids.next(now)));
-        quota::check(tx, new.owner.as_deref(), new.quota, 1).await?;
+        quota::check(tx, new.owner.as_deref(), new.quota, new.weight.into()).await?;
         let batch = batch_of(tx, new.retry_of).await?;
         let mut room = options.queue_limit.saturating_sub(found.queued);
         let job = place(tx, options, id, new, batch, &found, &mut room).await?;
@@ -161,8 +161,8 @@ pub(super) async fn look(tx: &mut Tx<'_>, new: &NewJob) -> Result<Found, SqlErro
         tx.either("NULL", Tx::NOW),
     );
     let key = new.idempotency.as_ref().map(|(key, _)| scoped(new.owner.as_deref(), key));
-    let values =
-        values![enum_to_sql(new.backend), rank(new.priority), submitter(new.owner.as_deref()), key, &new.digest,];
+    let lane = enum_to_sql(Lane::of(new.kind, new.backend));
+    let values = values![lane, rank(new.priority), submitter(new.owner.as_deref()), key, &new.digest];
     let row = tx.one(sql, values).await?;
     tx.set_now(row.optional_time("now")?);
     let same_key = row.optional_id("same_key")?.map(JobId).zip(row.get("same_body")?);
@@ -285,9 +285,9 @@ async fn insert(
     let sql = format!(
         "INSERT INTO jobs (id, status, preset, seed, digest, outputs, backend_requested, backend_used, device, \
          fallback, available_at, created_at, finished_at, reused_from, idempotency_key, idempotency_body, summary, \
-         spec, engine, engine_used, batch, submitter, turn, rank, trace, batch_key, batch_index, retry_of, shares, kind) \
+         spec, engine, engine_used, batch, submitter, turn, rank, trace, batch_key, batch_index, retry_of, shares, kind, weight) \
          VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, 0, $11, $12, $13, $14, $15, $16, $17, $18, $19, $20, $21, \
-         $22, $23, $24, $25, $26, $27, $28, $29) RETURNING ({}) AS ahead",
+         $22, $23, $24, $25, $26, $27, $28, $29, $30) RETURNING ({}) AS ahead",
         // The jobs of a batch are counted when the batch is read.
         if batch.is_none() && source.is_none() { order::ahead(tx) } else { "CAST(0 AS BIGINT)" },
     );
@@ -319,11 +319,12 @@ async fn insert(
                 turn,
                 rank(new.priority),
                 job.trace.clone(),
-                new.batch_key.clone().filter(|_| ClaimScope::Gpu.requested().contains(&new.backend)),
+                new.batch_key.clone().filter(|_| ClaimScope::Gpu.lanes().contains(&Lane::of(new.kind, new.backend))),
                 batch.and_then(|(_, index)| index),
                 new.retry_of.map(|id| id.to_string()),
                 shares,
                 enum_to_sql(new.kind),
+                new.weight,
             ],
         )
         .await?;

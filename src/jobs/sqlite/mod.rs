@@ -32,7 +32,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Migrations of the tables, oldest first.
-const MIGRATIONS: [(&str, &str); 14] = migrations![
+const MIGRATIONS: [(&str, &str); 15] = migrations![
     "0001_jobs",
     "0002_operations",
     "0003_fair_share",
@@ -47,6 +47,7 @@ const MIGRATIONS: [(&str, &str); 14] = migrations![
     "0012_fits",
     "0013_upkeep_state",
     "0014_worker_conditions",
+    "0015_fit_lane",
 ];
 
 /// Maximum wait of a connection for a lock of another process.

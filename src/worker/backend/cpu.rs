@@ -1,10 +1,12 @@
-//! Generations on the CPU of a worker, one at a time.
+//! Work on the CPU of a worker: one model at a time, and one fit beside the models.
 
 use super::{GenerateFailure, Generation, GenerationOutput, Task, fit_of, request};
-use crate::fit::{FitSink, fit};
+use crate::fit::{FitError, FitProgress, FitSink, fit};
 use crate::generate::{Backend, CancelToken, Checkpoint, Outcome, Sink, UsedBackend, generate, resume};
 use crate::jobs::{BackendReport, JobKind};
+use crate::worker::gate::Gate;
 use crate::worker::generator::{GenerationInput, Generator, WorkError};
+use crate::worker::progress::AttemptSink;
 use crate::worker::verdict;
 use rayon::ThreadPool;
 use std::io;
@@ -20,6 +22,11 @@ pub(in crate::worker) struct Cpu {
     free: Arc<Semaphore>,
     /// True once the running generation nearly ends.
     nearly_free: watch::Sender<bool>,
+    /// Right to run a fit.
+    fit: Arc<Semaphore>,
+    gate: Arc<Gate>,
+    worker: String,
+    nice: u8,
 }
 
 impl Cpu {
@@ -29,7 +36,16 @@ impl Cpu {
     /// The error of creating threads.
     pub(in crate::worker) fn new(worker: &str, count: usize, nice: u8) -> io::Result<Self> {
         let (all, single) = (threads(worker, count, nice)?, threads(worker, 1, nice)?);
-        Ok(Self { all, single, free: Arc::new(Semaphore::new(1)), nearly_free: watch::Sender::new(false) })
+        Ok(Self {
+            all,
+            single,
+            free: Arc::new(Semaphore::new(1)),
+            nearly_free: watch::Sender::new(false),
+            fit: Arc::new(Semaphore::new(1)),
+            gate: Gate::new(),
+            worker: worker.to_owned(),
+            nice,
+        })
     }
 
     /// The report of a job that runs here, by its requested backend.
@@ -62,7 +78,17 @@ impl Cpu {
         permit
     }
 
-    /// Starts a generation on a thread that may block and whose panics are caught. It keeps
+    /// Waits until no fit runs.
+    pub(in crate::worker) async fn free_for_fit(&self) -> OwnedSemaphorePermit {
+        Arc::clone(&self.fit).acquire_owned().await.expect("the semaphore is never closed")
+    }
+
+    /// Waits for the turn of a running fit if it is due. To be called before a model is claimed.
+    pub(in crate::worker) async fn give_turn_to_fit(&self) {
+        self.gate.give_turn().await;
+    }
+
+    /// Starts a generation or a fit on a thread that may block and whose panics are caught. It keeps
     /// `permit` until it has stopped.
     pub(in crate::worker) fn generate(
         &self,
@@ -71,18 +97,29 @@ impl Cpu {
         task: Task,
         permit: OwnedSemaphorePermit,
     ) -> Generation {
-        let (pool, cancel) = (Arc::clone(self.pool(backend)), task.cancel.clone());
-        task.sink.announce_end(self.nearly_free.clone());
+        let (pool, gate, cancel) = (Arc::clone(self.pool(backend)), Arc::clone(&self.gate), task.cancel.clone());
+        let (worker, count, nice) = (format!("{}/fit", self.worker), pool.current_num_threads(), self.nice);
+        if task.job.kind == JobKind::Model {
+            task.sink.announce_end(self.nearly_free.clone());
+        }
         let thread = tokio::task::spawn_blocking(move || {
             let Task { job, dir, sink, cancel, memory_limit_bytes, checkpoint } = &task;
             let (memory_limit_bytes, checkpoint) = (*memory_limit_bytes, checkpoint.as_deref());
             let input = GenerationInput { job, backend, dir: dir.path(), memory_limit_bytes, checkpoint };
-            pool.install(|| {
-                sink.span.in_scope(|| match job.kind {
-                    JobKind::Model => generator(input, &**sink, cancel).map(GenerationOutput::from),
-                    JobKind::Fit => fit_on_cpu(input, &**sink, cancel),
-                })
-            })
+            match job.kind {
+                JobKind::Model => {
+                    let _computing = gate.model();
+                    let generate = || generator(input, &**sink, cancel).map(GenerationOutput::from);
+                    pool.install(|| sink.span.in_scope(generate))
+                }
+                JobKind::Fit => {
+                    let _present = gate.fit();
+                    let sink = Yielding { sink, gate: &gate };
+                    // The threads of models must stay free while the fit waits on its own.
+                    let pool = threads(&worker, count, nice).map_err(FitError::Io)?;
+                    pool.install(|| sink.sink.span.in_scope(|| fit_on_cpu(input, &sink, cancel)))
+                }
+            }
         });
         let result = async move {
             match thread.await {
@@ -95,6 +132,30 @@ impl Cpu {
 
     fn pool(&self, backend: UsedBackend) -> &Arc<ThreadPool> {
         if backend == UsedBackend::CpuSingle { &self.single } else { &self.all }
+    }
+}
+
+/// Sink of a fit that stops while models compute.
+struct Yielding<'a> {
+    sink: &'a AttemptSink,
+    gate: &'a Gate,
+}
+
+impl FitSink for Yielding<'_> {
+    fn progress(&self, progress: &FitProgress) {
+        FitSink::progress(self.sink, progress);
+    }
+
+    fn wants_checkpoint(&self) -> bool {
+        FitSink::wants_checkpoint(self.sink)
+    }
+
+    fn checkpoint(&self, bytes: Vec<u8>) {
+        FitSink::checkpoint(self.sink, bytes);
+    }
+
+    fn pause(&self, cancel: &CancelToken) {
+        self.gate.wait(cancel);
     }
 }
 

@@ -87,6 +87,9 @@ macro_rules! over {
             a_claim_of_several_takes_due_jobs_of_all_lanes
             a_batch_has_one_priority
             a_released_job_keeps_its_turn
+            fits_and_models_are_claimed_separately
+            fits_of_different_owners_take_turns
+            a_fit_counts_by_its_weight
             claims_keep_to_their_backend
             a_gpu_claims_due_jobs_of_one_batch_key
             a_gpu_claim_passes_over_jobs_that_are_not_due
@@ -156,6 +159,7 @@ pub fn new_job(digest: &str) -> NewJob {
         idempotency: None,
         owner: None,
         quota: Default::default(),
+        weight: 1,
         trace: Some("00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01".into()),
         retry_of: None,
     }

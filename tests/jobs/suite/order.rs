@@ -1,6 +1,7 @@
 //! Order of claims: priorities, turns of submitters, lanes.
 
 use super::*;
+use oviduct::jobs::Quota;
 
 pub async fn submitters_take_turns(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
@@ -236,4 +237,83 @@ pub async fn a_gpu_claim_passes_over_jobs_that_are_not_due(factory: Factory) {
     assert_eq!(digests().await, ["a", "c"]);
     bench.clock.advance(Duration::from_secs(1));
     assert_eq!(digests().await, ["b"]);
+}
+
+fn fit_of(owner: &str, digest: &str) -> NewJob {
+    NewJob { kind: JobKind::Fit, backend: Backend::Cpu, owner: Some(owner.into()), reuse: false, ..new_job(digest) }
+}
+
+impl Bench {
+    async fn claim_fit(&self) -> Option<ClaimedJob> {
+        self.store.claim("w", ClaimScope::Fits, LEASE, 1).await.unwrap().pop()
+    }
+}
+
+pub async fn fits_and_models_are_claimed_separately(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let fit = bench.submit(fit_of("a", "fit")).await;
+    let model = bench.submit(NewJob { backend: Backend::Cpu, owner: Some("a".into()), ..new_job("model") }).await;
+    assert_eq!((fit.queue_position, model.queue_position), (Some(0), Some(0)));
+    assert_eq!(bench.get(model.id).await.queue_position, Some(0));
+    assert_eq!(bench.store.count_claimable_jobs(ClaimScope::Fits).await.unwrap(), 1);
+    assert_eq!(bench.claim("w").await.unwrap().job().id, model.id);
+    assert!(bench.claim("w").await.is_none());
+    let claimed = bench.claim_fit().await.unwrap();
+    assert_eq!((claimed.job().id, claimed.job().backend.requested), (fit.id, Backend::Cpu));
+    assert!(bench.claim_fit().await.is_none());
+}
+
+pub async fn fits_of_different_owners_take_turns(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    for digest in ["a0", "a1"] {
+        bench.submit(fit_of("a", digest)).await;
+    }
+    let running = bench.claim_fit().await.unwrap();
+    assert!(!bench.store.fit_waits(&running).await.unwrap(), "only a fit of the same owner waits");
+    for (owner, digest) in [("b", "b0"), ("c", "c0")] {
+        bench.submit(fit_of(owner, digest)).await;
+    }
+    let (mut running, mut order) = (running, Vec::new());
+    for _ in 0..6 {
+        assert!(bench.store.fit_waits(&running).await.unwrap());
+        bench.store.yield_turn(running).await.unwrap();
+        running = bench.claim_fit().await.unwrap();
+        order.push(running.job().digest.clone());
+    }
+    assert_eq!(order, ["a1", "b0", "c0", "a0", "a1", "b0"]);
+    assert_eq!(bench.get(running.job().id).await.attempts, 2);
+    // A fit that was cancelled in the meantime ends.
+    let id = running.job().id;
+    bench.store.cancel(id).await.unwrap();
+    bench.store.yield_turn(running).await.unwrap();
+    assert_eq!(bench.get(id).await.status, Status::Cancelled);
+    // A fit of higher priority goes first, also if it is of the same owner.
+    let running = bench.claim_fit().await.unwrap();
+    assert_eq!(running.job().digest, "a0");
+    bench.submit(NewJob { priority: 1.try_into().unwrap(), ..fit_of("a", "urgent") }).await;
+    bench.store.yield_turn(running).await.unwrap();
+    let urgent = bench.claim_fit().await.unwrap();
+    assert_eq!(urgent.job().digest, "urgent");
+    assert!(!bench.store.fit_waits(&urgent).await.unwrap(), "less urgent ones do not count");
+}
+
+pub async fn a_fit_counts_by_its_weight(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let quota = Quota { unfinished: Some(10), bytes: None };
+    let fit = |digest: &str, weight| NewJob { quota, weight, ..fit_of("a", digest) };
+    let model = |digest: &str| NewJob { quota, owner: Some("a".into()), ..new_job(digest) };
+    bench.submit(fit("1", 6)).await;
+    bench.submit(model("2")).await;
+    let refused = bench.store.submit(fit("3", 4)).await.unwrap_err();
+    assert!(matches!(refused, StoreError::QuotaExceeded { used: 7, more: 4, limit: 10, .. }), "{refused:?}");
+    let running = bench.claim_fit().await.unwrap();
+    assert!(bench.store.submit(fit("3", 4)).await.is_err(), "a running fit counts");
+    bench.submit(fit("3", 3)).await;
+    assert!(bench.store.submit(model("4")).await.is_err());
+    let done = finished(&running);
+    bench.store.finish(running, done).await.unwrap();
+    for digest in ["4", "5", "6", "7", "8", "9"] {
+        bench.submit(model(digest)).await;
+    }
+    assert!(bench.store.submit(model("10")).await.is_err(), "4 models and 3 for the fit, and 3 more");
 }

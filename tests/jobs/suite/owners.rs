@@ -74,7 +74,7 @@ pub async fn an_owner_has_a_quota(factory: Factory) {
     bench.store.submit(two("a", "1")).await.unwrap();
     bench.store.submit(two("a", "2")).await.unwrap();
     let refused = bench.store.submit(two("a", "3")).await;
-    let full = StoreError::QuotaExceeded { what: Quantity::Unfinished, used: 2, limit: 2 };
+    let full = StoreError::QuotaExceeded { what: Quantity::Unfinished, used: 2, more: 1, limit: 2 };
     assert_eq!(refused.unwrap_err().to_string(), full.to_string());
     bench.store.submit(two("b", "3")).await.unwrap();
     // A running job counts towards the quota; an ended one does not.
@@ -86,7 +86,7 @@ pub async fn an_owner_has_a_quota(factory: Factory) {
     let ended = bench.store.finish(claimed, done).await.unwrap();
     // The stored files of the ended job count: the limit is 1000 bytes.
     let refused = bench.store.submit(two("a", "4")).await;
-    let full = StoreError::QuotaExceeded { what: Quantity::Bytes, used: 1000, limit: 1000 };
+    let full = StoreError::QuotaExceeded { what: Quantity::Bytes, used: 1000, more: 0, limit: 1000 };
     assert_eq!(refused.unwrap_err().to_string(), full.to_string());
     bench.store.delete(ended.id).await.unwrap();
     bench.store.submit(two("a", "4")).await.unwrap();

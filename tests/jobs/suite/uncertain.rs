@@ -104,6 +104,7 @@ const SCENARIOS: &[(&str, Scenario)] = &[
         })
     }),
     ("release", |bench, store| Box::pin(async move { seen(store.release(two_jobs(bench).await.0, None).await) })),
+    ("yield_turn", |bench, store| Box::pin(async move { seen(store.yield_turn(two_jobs(bench).await.0).await) })),
     ("retry", |bench, store| Box::pin(async move { seen(store.retry(two_jobs(bench).await.0, problem("io")).await) })),
     ("cancel", |bench, store| {
         Box::pin(async move {

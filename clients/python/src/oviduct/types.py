@@ -399,6 +399,8 @@ class FitValidation:
     digest: str = ""
     seconds: float = 0.0
     """Predicted seconds on one core if all evaluations are used."""
+    counts_as: int = 1
+    """Number of models as which the fit counts against the quota of its owner."""
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,9 @@
 //! search uses Euler steps; its last candidates use the integrator of the spec.
 
 use super::error::FitError;
-use super::request::{EARLY_SEEDS, FitSpec};
+use super::request::{EARLY_SEEDS, FitSpec, Physics};
 use super::target::{Target, loss};
+use super::watch::FitSink;
 use crate::generate::CancelToken;
 use crate::measure::morphometry::{Morphometry, Regions, morphometry};
 use crate::model::Section;
@@ -12,7 +13,6 @@ use crate::sim::Plan;
 use crate::sim::cpu::CpuSimulation;
 use crate::spec::ModelSpec;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
 /// Number of sections that are measured in a region.
@@ -22,16 +22,6 @@ const SECTIONS: usize = 12;
 /// times steps. Early measures are the mean over [`EARLY_SEEDS`] times the seeds: the isthmus is
 /// simulated first, with few particles, and differs most between seeds.
 const EARLY: f64 = 0.125;
-
-/// Physics of the simulation of a candidate.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub(super) enum Physics {
-    /// Reduced physics, [`FitSpec::reduced`].
-    Reduced,
-    /// Physics of the spec.
-    Whole,
-}
 
 /// A candidate: its place between the bounds of each variable, and the measures of its models.
 #[derive(Clone, Debug, PartialEq)]
@@ -63,6 +53,7 @@ pub(super) fn misfit(targets: &[Target], measures: &[Option<f64>]) -> f64 {
 /// Measures candidates.
 pub(super) struct Evaluator<'a> {
     fit: &'a FitSpec,
+    sink: &'a dyn FitSink,
     cancel: &'a CancelToken,
     /// Seeds, with the targets that are measured with each. They are the same for every candidate,
     /// so differences come from the parameters (common random numbers).
@@ -70,11 +61,16 @@ pub(super) struct Evaluator<'a> {
 }
 
 impl<'a> Evaluator<'a> {
-    pub(super) fn new(fit: &'a FitSpec, cancel: &'a CancelToken) -> Self {
+    pub(super) fn new(fit: &'a FitSpec, sink: &'a dyn FitSink, cancel: &'a CancelToken) -> Self {
         let early: Vec<bool> = fit.targets.iter().map(|target| is_early(&fit.start, target)).collect();
         let of = |k: u32| (0..early.len()).filter(|&t| k < fit.seeds || early[t]).collect();
         let seeds = (0..EARLY_SEEDS * fit.seeds).map(|k| (fit.seed + u64::from(k), of(k)));
-        Self { fit, cancel, seeds: seeds.filter(|(_, targets): &(u64, Vec<usize>)| !targets.is_empty()).collect() }
+        Self {
+            fit,
+            sink,
+            cancel,
+            seeds: seeds.filter(|(_, targets): &(u64, Vec<usize>)| !targets.is_empty()).collect(),
+        }
     }
 
     /// Number of seeds with which a target is measured.
@@ -101,9 +97,34 @@ impl<'a> Evaluator<'a> {
     /// Measures some of the targets with one seed.
     fn one(&self, spec: &ModelSpec, seed: u64, targets: &[usize]) -> Result<Vec<Option<f64>>, FitError> {
         let stations = targets.iter().flat_map(|&t| stations(spec, &self.fit.targets[t])).collect();
-        let morphometry = measured(spec, seed, &stations, self.cancel)?;
+        let morphometry = self.measured(spec, seed, &stations)?;
         let all = self.fit.targets.iter().enumerate();
         Ok(all.map(|(t, target)| target.measured(&morphometry).filter(|_| targets.contains(&t))).collect())
+    }
+
+    /// Grows the sections at these steps and measures them.
+    fn measured(&self, spec: &ModelSpec, seed: u64, stations: &BTreeSet<u32>) -> Result<Morphometry, FitError> {
+        // Candidates are measured in parallel, each on one thread.
+        let mut simulation = CpuSimulation::new(Plan::new(spec, seed), 1);
+        let mut sections: Vec<Section> = Vec::with_capacity(stations.len());
+        let last = stations.last().map_or(0, |&step| i64::from(step));
+        loop {
+            let time = simulation.time();
+            if u32::try_from(time).is_ok_and(|step| stations.contains(&step)) {
+                sections.push(simulation.section());
+            }
+            if time >= last {
+                break;
+            }
+            self.sink.pause(self.cancel);
+            if self.cancel.is_cancelled() {
+                return Err(FitError::Cancelled);
+            }
+            simulation.step().map_err(|error| FitError::Search { detail: error.to_string() })?;
+        }
+        let junction = [spec.regions.junction_from, spec.regions.junction_to];
+        let regions = Regions { length_mm: spec.length_mm, junction, piece: [0.0, 1.0] };
+        Ok(morphometry(&sections, &[], &regions, None))
     }
 }
 
@@ -113,42 +134,6 @@ fn is_early(spec: &ModelSpec, target: &Target) -> bool {
     let particles = |step: u32| spec.particles.total.at(f64::from(step) / f64::from(spec.steps));
     let until = |last: u32| f64::from(spec.burn_in) * particles(0) + (0..last).map(particles).sum::<f64>();
     until(last) <= EARLY * until(spec.steps)
-}
-
-/// Grows the sections at these steps and measures them.
-fn measured(
-    spec: &ModelSpec,
-    seed: u64,
-    stations: &BTreeSet<u32>,
-    cancel: &CancelToken,
-) -> Result<Morphometry, FitError> {
-    // Candidates are measured in parallel, each on one thread.
-    let mut simulation = CpuSimulation::new(Plan::new(spec, seed), 1);
-    let mut sections: Vec<Section> = Vec::with_capacity(stations.len());
-    let last = stations.last().map_or(0, |&step| i64::from(step));
-    loop {
-        let time = simulation.time();
-        if u32::try_from(time).is_ok_and(|step| stations.contains(&step)) {
-            sections.push(simulation.section());
-        }
-        if time >= last {
-            break;
-        }
-        if cancel.is_cancelled() {
-            return Err(FitError::Cancelled);
-        }
-        simulation.step().map_err(|error| FitError::Search { detail: error.to_string() })?;
-    }
-    Ok(morphometry(
-        &sections,
-        &[],
-        &Regions {
-            length_mm: spec.length_mm,
-            junction: [spec.regions.junction_from, spec.regions.junction_to],
-            piece: [0.0, 1.0],
-        },
-        None,
-    ))
 }
 
 /// Steps whose sections are measured for a target.
@@ -207,7 +192,7 @@ mod tests {
             let body = json!({ "targets": [target(region), target("ampulla")], "seeds": 3, "seed": 20 });
             let fit = FitSpec::read(&body, Vec::new(), &[]).unwrap();
             let cancel = CancelToken::default();
-            let evaluator = Evaluator::new(&fit, &cancel);
+            let evaluator = Evaluator::new(&fit, &(), &cancel);
             assert_eq!(evaluator.seeds(1), 3);
             let seeds: Vec<u64> = evaluator.seeds.iter().map(|(seed, _)| *seed).collect();
             assert!(seeds.is_sorted() && seeds[0] == 20 && fit.model_seeds().all(|seed| !seeds.contains(&seed)));

@@ -2,9 +2,9 @@
 //! that prevent it.
 
 use super::error::FitError;
-use super::evaluate::{Candidate, Physics};
+use super::evaluate::Candidate;
 use super::linear::Linear;
-use super::request::FitSpec;
+use super::request::{FitSpec, Physics};
 use super::search::Archive;
 use super::target::Target;
 use crate::spec::End;

@@ -135,6 +135,7 @@ fn models(
 
 fn model(fit: &FitSpec, request: &Request, watch: &Watch<'_>) -> Result<Grown, FitError> {
     let (seed, dir) = (request.seed, &request.dir);
+    watch.sink().pause(watch.cancel());
     std::fs::create_dir_all(dir)?;
     let grown = generate(request, &(), watch.cancel());
     std::fs::remove_dir_all(dir)?;

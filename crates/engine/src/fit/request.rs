@@ -6,6 +6,7 @@ use crate::generate::{Cost, Outputs};
 use crate::spec::{
     DEFAULT_PRESET, End, Fault, Integrator, JsonReader, Lever, ModelSpec, Preset, SEED_MAX, integer_in, preset, presets,
 };
+use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use sha2::{Digest, Sha256};
 use std::fmt::Display;
@@ -32,6 +33,16 @@ pub(super) const EARLY_SEEDS: u32 = 4;
 const LARGEST: f64 = 1e12;
 /// Maximum of `seed`. All seeds that are counted from it are valid.
 const FIRST_SEED_MAX: u64 = SEED_MAX - (EARLY_SEEDS * SEEDS[0] + MODELS[0]) as u64;
+
+/// Physics of the simulation of a candidate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Physics {
+    /// Reduced physics, [`FitSpec::reduced`].
+    Reduced,
+    /// Physics of the spec.
+    Whole,
+}
 
 /// Specification of a fit, valid by construction.
 #[derive(Clone, Debug, PartialEq)]

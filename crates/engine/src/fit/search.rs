@@ -9,9 +9,9 @@
 //! and finds them in the list.
 
 use super::error::FitError;
-use super::evaluate::{Candidate, Evaluator, Physics, misfit};
+use super::evaluate::{Candidate, Evaluator, misfit};
 use super::linear::Linear;
-use super::request::FitSpec;
+use super::request::{FitSpec, Physics};
 use super::watch::Watch;
 use crate::lock::Mutex;
 use cmaes::{CMAESOptions, DVector};
@@ -128,7 +128,7 @@ impl<'a> Archive<'a> {
             .filter(fits)
             .map(|entry| (key(entry.physics, &entry.places), entry))
             .collect();
-        let evaluator = Evaluator::new(fit, watch.cancel());
+        let evaluator = Evaluator::new(fit, watch.sink(), watch.cancel());
         Self { fit, evaluator, watch, known: Mutex::new(known), order: Mutex::default() }
     }
 

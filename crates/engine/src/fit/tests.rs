@@ -25,7 +25,7 @@ fn measures(spec: &Value, names: &[(&str, &str)], seed: u64) -> Vec<f64> {
     let fit = FitSpec::read(&body, Vec::new(), &[]).unwrap();
     let cancel = CancelToken::default();
     let start: Vec<f64> = fit.variables.iter().map(Variable::start).collect();
-    let found = evaluate::Evaluator::new(&fit, &cancel).measure(&start, evaluate::Physics::Whole).unwrap();
+    let found = evaluate::Evaluator::new(&fit, &(), &cancel).measure(&start, request::Physics::Whole).unwrap();
     found.into_iter().map(Option::unwrap).collect()
 }
 

@@ -1,6 +1,6 @@
 //! Progress of a fit, and checkpoints on request.
 
-use super::evaluate::Physics;
+use super::request::Physics;
 use crate::clock::Stopwatch;
 use crate::generate::CancelToken;
 use crate::lock::Mutex;
@@ -45,7 +45,8 @@ pub struct FitProgress {
     pub eta_seconds: Option<f64>,
 }
 
-/// Receiver of progress and checkpoints. Called on the threads of the fit, so it must not block.
+/// Receiver of progress and checkpoints. Called on the threads of the fit, so only
+/// [`FitSink::pause`] may block.
 pub trait FitSink: Sync {
     /// Receives the progress after each candidate and each model.
     fn progress(&self, progress: &FitProgress);
@@ -56,6 +57,9 @@ pub trait FitSink: Sync {
     }
     /// Receives the requested checkpoint.
     fn checkpoint(&self, _: Vec<u8>) {}
+    /// Called before each step of a candidate and before each model. May block while others need
+    /// the cores; must return soon after `cancel`.
+    fn pause(&self, _cancel: &CancelToken) {}
 }
 
 impl FitSink for () {
@@ -102,6 +106,10 @@ impl<'a> Watch<'a> {
 
     pub(super) fn cancel(&self) -> &'a CancelToken {
         self.cancel
+    }
+
+    pub(super) fn sink(&self) -> &'a dyn FitSink {
+        self.sink
     }
 
     /// Reports a measured candidate, and takes a checkpoint if the sink requests one.

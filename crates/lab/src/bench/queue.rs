@@ -91,6 +91,7 @@ fn new_job(spec: &ModelSpec, seed: u64) -> NewJob {
         idempotency: None,
         owner: None,
         quota: Default::default(),
+        weight: 1,
         trace: None,
         retry_of: None,
     }
