@@ -7,6 +7,7 @@
 //! - An event of a worker is refused unless it carries the number and the holder of the current
 //!   attempt.
 //! - Attempt numbers only grow.
+//! - A job that was cancelled while it was running ends as cancelled, by whichever event ends it.
 //! - A job that is not cancelled ends after at most `max_attempts` counted attempts.
 
 use super::job::{JobKind, Status};
@@ -134,6 +135,9 @@ impl JobState {
             Event::Expire => Ok(self.again(AttemptEnd::Vanished, max_attempts)),
             Event::Renew(fence) => self.held_by(fence).map(|()| Next::without_end(self.clone())),
             Event::End(fence, how) => self.held_by(fence).map(|()| match how {
+                AttemptEnd::Succeeded | AttemptEnd::Failed if self.cancel_requested => {
+                    self.ends(Status::Cancelled, AttemptEnd::Cancelled)
+                }
                 AttemptEnd::Succeeded => self.ends(Status::Succeeded, *how),
                 AttemptEnd::Failed => self.ends(Status::Failed, *how),
                 AttemptEnd::Cancelled => self.ends(Status::Cancelled, *how),
@@ -324,6 +328,9 @@ mod tests {
                             before.status == Status::Running && next.state.status != Status::Running
                         );
                         prop_assert!(!next.exhausted || next.state.status == Status::Failed);
+                        if before.cancel_requested && next.ended.is_some() {
+                            prop_assert_eq!(next.state.status, Status::Cancelled);
+                        }
                         if let Event::End(f, _) | Event::Renew(f) = event {
                             prop_assert_eq!(f.attempt, before.attempts);
                             prop_assert_eq!(Some(&f.worker), before.holder.as_ref());

@@ -13,7 +13,7 @@ use crate::clock::Stopwatch;
 use crate::generate::{Backend, CancelToken, UsedBackend};
 use crate::jobs::scratch::{AttemptDir, drop_blocking};
 use crate::jobs::state::AttemptEnd;
-use crate::jobs::{BackendReport, ClaimedJob, File, Finished, JobId, JobKind, StoreError};
+use crate::jobs::{BackendReport, ClaimedJob, File, Finished, Job, JobId, JobKind, Status, StoreError};
 use crate::metrics::Fallback;
 use crate::trace;
 use std::sync::Arc;
@@ -460,7 +460,7 @@ async fn write(
     match ending {
         Ok(finished) => commit(context, claimed, finished).await,
         Err(NoResult::Failed(Verdict::Fail(problem))) => {
-            (AttemptOutcome::Failed, store.fail(claimed, report, problem).await.map(drop))
+            end_of(AttemptOutcome::Failed, store.fail(claimed, report, problem).await)
         }
         Err(NoResult::Failed(Verdict::Retry(problem))) => {
             (AttemptOutcome::Retried, store.retry(claimed, problem).await.map(drop))
@@ -490,16 +490,22 @@ async fn commit(
         upload::remove(context, &files).await;
         return (AttemptOutcome::Retried, context.store.retry(claimed, verdict::injected(injected)).await.map(drop));
     }
-    let result = context.store.finish(claimed, finished).await.map(drop);
+    let (end, result) = end_of(AttemptOutcome::Succeeded, context.store.finish(claimed, finished).await);
     // After another error the outcome of the commit is unknown: the files stay, and if it failed,
     // the orphan sweep removes them.
-    if matches!(result, Err(StoreError::Fenced)) {
+    if end == AttemptOutcome::Cancelled || matches!(result, Err(StoreError::Fenced)) {
         upload::remove(context, &files).await;
     }
     if let (Ok(()), Err(injected)) = (&result, context.options.faults.point("after-commit").await) {
         tracing::warn!(%injected, "a fault was injected after the commit, which it does not affect");
     }
-    (AttemptOutcome::Succeeded, result)
+    (end, result)
+}
+
+/// The end that the store recorded: a job that was cancelled in the meantime is cancelled.
+fn end_of(end: AttemptOutcome, recorded: Result<Job, StoreError>) -> (AttemptOutcome, Result<(), StoreError>) {
+    let is_cancelled = recorded.as_ref().is_ok_and(|job| job.status == Status::Cancelled);
+    (if is_cancelled { AttemptOutcome::Cancelled } else { end }, recorded.map(drop))
 }
 
 #[cfg(test)]

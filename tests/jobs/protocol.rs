@@ -124,6 +124,9 @@ impl System {
         if self.job.status.is_ended() && next.state != self.job {
             self.broken = Some("an ended job changed");
         }
+        if self.job.cancel_requested && matches!(next.state.status, Status::Succeeded | Status::Failed) {
+            self.broken = Some("a cancelled job succeeded or failed");
+        }
         let before = std::mem::replace(&mut self.job, next.state);
         if self.job.status.is_ended() && !before.status.is_ended() && self.follower.waits {
             self.follower = match self.job.status {
@@ -176,7 +179,7 @@ impl System {
 
     fn end(&mut self, worker: usize, attempt: u32, how: AttemptEnd, is_lost: bool) {
         let fence = self.fence(worker, attempt);
-        if self.write(&Event::End(fence.clone(), how)) && how == AttemptEnd::Succeeded {
+        if self.write(&Event::End(fence.clone(), how)) && self.job.status == Status::Succeeded {
             if self.success.is_some() {
                 self.broken = Some("a job succeeded twice");
             }

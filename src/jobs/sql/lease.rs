@@ -57,12 +57,13 @@ impl Store {
         self.apply("set_checkpoint", input, run, NAMES).await
     }
 
-    /// Ends the job as succeeded. Its files and its state become visible together.
+    /// Ends the job as succeeded. Its files and its state become visible together. A job that was
+    /// cancelled in the meantime ends as cancelled, without files.
     pub async fn finish(&self, claimed: ClaimedJob, finished: Finished) -> Result<Job, StoreError> {
         self.end("finish", &claimed, AttemptEnd::Succeeded, AttemptEffect::Finished(finished)).await
     }
 
-    /// Ends the job as failed.
+    /// Ends the job as failed, or as cancelled if it was cancelled in the meantime.
     pub async fn fail(&self, claimed: ClaimedJob, backend: BackendReport, problem: Problem) -> Result<Job, StoreError> {
         self.end("fail", &claimed, AttemptEnd::Failed, AttemptEffect::Failed(backend, problem)).await
     }
@@ -274,11 +275,14 @@ impl Operation for End {
         let (state, _) = load(tx, id).await?.ok_or(StoreError::Fenced)?;
         let next = state.on(&Event::End(self.fence.clone(), self.how), options.max_attempts);
         let next = next.map_err(|_| StoreError::Fenced)?;
+        let is_cancelled = next.ended == Some(AttemptEnd::Cancelled);
         let fault = match &self.effect {
             AttemptEffect::Failed(_, problem) | AttemptEffect::Fault(problem) => Some(problem),
             AttemptEffect::None | AttemptEffect::Finished(_) | AttemptEffect::Yielded => None,
         };
-        if let AttemptEffect::Finished(finished) = &self.effect {
+        if let AttemptEffect::Finished(finished) = &self.effect
+            && !is_cancelled
+        {
             insert_files(tx, id, finished.files.iter()).await?;
         }
         if let Some(problem) = fault {
@@ -286,7 +290,8 @@ impl Operation for End {
             let detail = format!("{}: {}", problem.kind, problem.detail);
             tx.execute(sql, values![id, state.attempts, detail]).await?;
         }
-        let changes = write(tx, id, &next, &self.effect, None).await?;
+        let effect = if is_cancelled { &AttemptEffect::None } else { &self.effect };
+        let changes = write(tx, id, &next, effect, None).await?;
         if matches!(self.effect, AttemptEffect::Yielded) && next.state.status == Status::Queued {
             tx.execute(YIELD, values![id]).await?;
         }
@@ -301,9 +306,10 @@ impl Operation for End {
     async fn was_committed(&self, tx: &mut Tx<'_>, _done: &Done<Job>) -> Result<bool, SqlError> {
         // Waits at the job's row for a commit that is still under way.
         load(tx, self.id).await?;
-        // Only the holder ends its attempt, and only once.
+        // Only the holder ends its attempt, and only once; as cancelled if the job was cancelled.
         let Fence { attempt, worker } = &self.fence;
-        let sql = "SELECT 1 AS done FROM attempts WHERE job_id = $1 AND attempt = $2 AND worker = $3 AND outcome = $4";
+        let sql = "SELECT 1 AS done FROM attempts \
+                   WHERE job_id = $1 AND attempt = $2 AND worker = $3 AND outcome IN ($4, 'cancelled')";
         Ok(tx.optional(sql, values![self.id, *attempt, worker, enum_to_sql(self.how)]).await?.is_some())
     }
 }

@@ -21,6 +21,21 @@ pub async fn cancel_is_idempotent_in_every_state(factory: Factory) {
     assert_eq!(bench.beat(&claimed).await, Directive::Cancel);
     let ended = bench.store.cancelled(claimed).await.unwrap();
     assert_eq!(ended.status, Status::Cancelled);
+    // The worker finishes the job, or fails, before it learns of the cancellation.
+    for digest in ["6", "7"] {
+        let late = bench.queue(digest).await.id;
+        let claimed = bench.claim("w").await.unwrap();
+        bench.store.cancel(late).await.unwrap();
+        let ended = if digest == "6" {
+            let done = finished(&claimed);
+            bench.store.finish(claimed, done).await.unwrap()
+        } else {
+            bench.store.fail(claimed, by_cpu(), problem("panic")).await.unwrap()
+        };
+        let result = (ended.status, ended.files.len(), &ended.summary, &ended.problem);
+        assert_eq!(result, (Status::Cancelled, 0, &None, &None));
+        assert_eq!(bench.store.attempts(late).await.unwrap()[0].outcome, Some(AttemptEnd::Cancelled));
+    }
     // A cancelled job whose worker vanishes is not retried.
     let vanished = bench.queue("3").await.id;
     bench.claim("w").await.unwrap();
