@@ -52,7 +52,7 @@ exit 1
 const PORTS: u32 = 5;
 
 /// A free port below the range of ephemeral ports.
-fn free_port() -> u16 {
+pub fn free_port() -> u16 {
     loop {
         let port = 15_000 + (RandomState::new().hash_one(0) % 15_000) as u16;
         if TcpListener::bind(("127.0.0.1", port)).is_ok() {

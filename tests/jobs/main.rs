@@ -30,6 +30,7 @@ mod protocol;
 mod queue;
 mod random;
 mod redirect;
+#[allow(dead_code, reason = "shared with tests that need more of it")]
 mod relay;
 mod scripted;
 mod scrub;

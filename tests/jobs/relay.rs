@@ -1,6 +1,8 @@
 //! A relay to a PostgreSQL server whose connections can be cut or fall silent.
 
+use oviduct::random::{Stream, below, words};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
@@ -21,12 +23,55 @@ pub enum Line {
     /// Cuts the connection of the next commit before it takes effect; the server commits shortly
     /// afterwards.
     CutBeforeCommit,
+    /// Cuts all connections, and refuses new ones.
+    Cut,
+    /// Loses the response to one commit in `one_in`, drawn by the seed and the number of the commit:
+    /// the connection is cut before or after the commit, or falls silent before or after it.
+    Lossy {
+        seed: u64,
+        one_in: u32,
+    },
+}
+
+/// How the response to a commit is lost.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Loss {
+    CutBefore,
+    CutAfter,
+    SilentBefore,
+    SilentAfter,
+}
+
+const LOSSES: [Loss; 4] = [Loss::CutBefore, Loss::CutAfter, Loss::SilentBefore, Loss::SilentAfter];
+
+impl Line {
+    /// The fate of a commit, of which `number` were before.
+    fn loss(self, number: u32) -> Option<Loss> {
+        match self {
+            Self::CutAfterCommit => Some(Loss::CutAfter),
+            Self::CutBeforeCommit => Some(Loss::CutBefore),
+            Self::Lossy { seed, one_in } => {
+                let [whether, how, ..] = words(seed, Stream::Growth, number, 0);
+                (below(whether, one_in) == 0).then(|| LOSSES[below(how, 4) as usize])
+            }
+            _ => None,
+        }
+    }
+}
+
+/// Numbers of commits that a relay forwarded, and of those whose response it lost.
+#[derive(Debug, Default)]
+pub struct Commits {
+    pub all: AtomicU32,
+    pub lost: AtomicU32,
+    pub silent: AtomicU32,
 }
 
 /// A way to a server through a relay. Connections that have been silent stay so.
 pub struct Way {
     pub url: String,
     pub line: Arc<watch::Sender<Line>>,
+    pub commits: Arc<Commits>,
 }
 
 impl Way {
@@ -36,14 +81,16 @@ impl Way {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let through = url.replace(&server, &listener.local_addr().unwrap().to_string());
         let line = Arc::new(watch::Sender::new(Line::Open));
-        let lines = Arc::clone(&line);
+        let commits = Arc::<Commits>::default();
+        let (lines, counts) = (Arc::clone(&line), Arc::clone(&commits));
         tokio::spawn(async move {
             while let Ok((client, _)) = listener.accept().await {
-                let server = TcpStream::connect(&server).await.unwrap();
-                tokio::spawn(relay(client, server, Arc::clone(&lines)));
+                // Without a server, the client's connection is closed.
+                let Ok(server) = TcpStream::connect(&server).await else { continue };
+                tokio::spawn(relay(client, server, Arc::clone(&lines), Arc::clone(&counts)));
             }
         });
-        Self { url: through, line }
+        Self { url: through, line, commits }
     }
 
     pub fn set(&self, line: Line) {
@@ -52,31 +99,42 @@ impl Way {
 }
 
 /// Relays a connection until it is cut; a silent one is held open.
-async fn relay(client: TcpStream, server: TcpStream, lines: Arc<watch::Sender<Line>>) -> std::io::Result<()> {
+async fn relay(
+    client: TcpStream,
+    server: TcpStream,
+    lines: Arc<watch::Sender<Line>>,
+    commits: Arc<Commits>,
+) -> std::io::Result<()> {
     let ((mut from_client, mut to_client), (mut from_server, mut to_server)) =
         (client.into_split(), server.into_split());
     let (mut asked, mut answered) = (vec![0; 1 << 16], vec![0; 1 << 16]);
-    let (mut is_deaf, mut is_cut) = (false, false);
+    let (mut is_deaf, mut is_dead, mut is_cut) = (false, false, false);
+    let mut cuts = lines.subscribe();
     loop {
         tokio::select! {
             length = from_client.read(&mut asked) => {
                 let bytes = &asked[..length?];
                 if bytes.windows(6).any(|window| window == b"COMMIT") {
                     let line = *lines.borrow();
-                    match line {
-                        Line::DeafAtCommit => drop(lines.send_replace(Line::Deaf)),
-                        Line::CutAfterCommit | Line::CutBeforeCommit => {
-                            lines.send_replace(Line::Open);
-                            is_cut = true;
+                    let loss = line.loss(commits.all.fetch_add(1, Ordering::Relaxed));
+                    commits.lost.fetch_add(u32::from(loss.is_some()), Ordering::Relaxed);
+                    match (line, loss) {
+                        (Line::DeafAtCommit, _) => drop(lines.send_replace(Line::Deaf)),
+                        (Line::CutAfterCommit | Line::CutBeforeCommit, _) => drop(lines.send_replace(Line::Open)),
+                        (_, Some(Loss::SilentBefore | Loss::SilentAfter)) => {
+                            commits.silent.fetch_add(1, Ordering::Relaxed);
                         }
-                        Line::Open | Line::Deaf | Line::Dead => {}
+                        _ => {}
                     }
-                    if line == Line::CutBeforeCommit {
+                    is_cut |= matches!(loss, Some(Loss::CutBefore | Loss::CutAfter));
+                    is_deaf |= matches!(loss, Some(Loss::SilentBefore | Loss::SilentAfter));
+                    is_dead |= loss == Some(Loss::SilentBefore);
+                    if loss == Some(Loss::CutBefore) {
                         to_client.shutdown().await?;
                         tokio::time::sleep(Duration::from_millis(300)).await;
                     }
                 }
-                if *lines.borrow() != Line::Dead {
+                if !is_dead && *lines.borrow() != Line::Dead {
                     to_server.write_all(bytes).await?;
                 }
                 if bytes.is_empty() {
@@ -93,6 +151,14 @@ async fn relay(client: TcpStream, server: TcpStream, lines: Arc<watch::Sender<Li
                     to_client.write_all(bytes).await?;
                 }
             }
+            () = until_cut(&mut cuts) => return Ok(()),
         }
+    }
+}
+
+async fn until_cut(line: &mut watch::Receiver<Line>) {
+    // Without a sender, nobody cuts any more.
+    if line.wait_for(|line| *line == Line::Cut).await.is_err() {
+        std::future::pending::<()>().await;
     }
 }
