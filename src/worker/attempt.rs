@@ -188,7 +188,12 @@ impl<'a> Attempt<'a> {
         }
         let files = upload::files(&self.claim.job, &made.files);
         if let Err(ending) = self.store(&files).await {
-            upload::remove(self.context, &files).await;
+            match ending {
+                NoResult::Interrupted(Interrupt::Lost | Interrupt::Deleted) => {
+                    upload::remove_unused(self.context, &files).await;
+                }
+                _ => upload::remove(self.context, &files).await,
+            }
             return Err(ending);
         }
         let summary = made.summary;
@@ -493,7 +498,9 @@ async fn commit(
     let (end, result) = end_of(AttemptOutcome::Succeeded, context.store.finish(claimed, finished).await);
     // After another error the outcome of the commit is unknown: the files stay, and if it failed,
     // the orphan sweep removes them.
-    if end == AttemptOutcome::Cancelled || matches!(result, Err(StoreError::Fenced)) {
+    if matches!(result, Err(StoreError::Fenced)) {
+        upload::remove_unused(context, &files).await;
+    } else if end == AttemptOutcome::Cancelled {
         upload::remove(context, &files).await;
     }
     if let (Ok(()), Err(injected)) = (&result, context.options.faults.point("after-commit").await) {

@@ -115,7 +115,30 @@ async fn put_with_retries(
 
 /// Removes files that no record will name. The orphan sweep deletes files that cannot be removed.
 pub(super) async fn remove(context: &Context, files: &[File]) {
-    let keys: Vec<String> = files.iter().map(|file| file.key.clone()).collect();
+    remove_keys(context, keys_of(files)).await;
+}
+
+/// Removes files of an attempt that no longer holds its job, except those that are in use. Another
+/// attempt has the same number and keys if the database lost the claim of this one, as in a fail-over
+/// to an asynchronous replica.
+pub(super) async fn remove_unused(context: &Context, files: &[File]) {
+    let mut keys = keys_of(files);
+    match context.store.keys_in_use(&keys).await {
+        Ok(used) => keys.retain(|key| !used.contains(key)),
+        Err(error) => {
+            tracing::warn!(%error, "could not find out whether the files of a lost attempt are in use; \
+                the orphan sweep will delete them if not");
+            return;
+        }
+    }
+    remove_keys(context, keys).await;
+}
+
+fn keys_of(files: &[File]) -> Vec<String> {
+    files.iter().map(|file| file.key.clone()).collect()
+}
+
+async fn remove_keys(context: &Context, keys: Vec<String>) {
     if let Err(error) = context.artifacts.delete(&keys).await {
         tracing::warn!(%error, "could not delete the files of a failed attempt; the orphan sweep will delete them");
     }

@@ -5,13 +5,17 @@ use crate::bounds::{best_of_five, within};
 use crate::cluster::Cluster;
 use crate::kill::start_child_with;
 use crate::relay::{Line, Way};
-use crate::scripted::{Database, Place, scripted};
+use crate::scripted::{Database, NAMES, Place, content, scripted};
 use crate::suite::{Factory, finished, new_job};
 use futures_util::FutureExt;
 use futures_util::future::join_all;
 use oviduct::clock::{Clock, Stopwatch};
+use oviduct::jobs::artifacts;
 use oviduct::jobs::state::AttemptEnd;
-use oviduct::jobs::{ClaimScope, Directive, Job, JobId, NewJob, Status, Store, StoreError, StoreOptions, Submitted};
+use oviduct::jobs::{
+    ClaimScope, Directive, File, Finished, Job, JobId, NewJob, Status, Store, StoreError, StoreOptions, Submitted,
+};
+use sha2::{Digest, Sha256};
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
 use std::sync::{Arc, Mutex};
@@ -475,4 +479,42 @@ async fn a_process_that_has_just_started_expires_no_lease() {
     clock.advance(LEASE);
     let taken = started.claim("new", ClaimScope::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
     assert_eq!((taken.job().id, taken.attempt()), (id, 2));
+}
+
+/// An asynchronous replica that became the primary lost the claim of a job. The next claim gets the
+/// same number of the attempt, so both workers write the same keys.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_worker_whose_claim_was_lost_keeps_the_files_of_the_next_one() {
+    let dir = tempfile::tempdir().unwrap();
+    let url = Database::Postgres.url(dir.path()).await;
+    let place = Place::at(dir.path(), &url).await;
+    let id = place.queue("hold", 1).await;
+    let pool = place.start(|options| {
+        // The worker learns of the loss when it ends its attempt.
+        options.progress = Duration::from_secs(60);
+        options.heartbeat = Duration::from_secs(60);
+        options.lease = Duration::from_secs(240);
+    });
+    place.until(id, |job| job.status == Status::Running).await;
+    let forget = "DELETE FROM attempts; UPDATE jobs SET status = 'queued', attempts = 0, holder = NULL, \
+                  lease_until = NULL, progress = NULL, section = NULL";
+    tokio::task::spawn_blocking(move || Cluster::shared().psql(&url, forget)).await.unwrap();
+
+    let claimed = place.store.claim("other", ClaimScope::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
+    assert_eq!((claimed.job().id, claimed.attempt()), (id, 1));
+    let files = NAMES.map(|name| {
+        let bytes = content(1, name);
+        let (size, sha256) = (bytes.len() as u64, hex::encode(Sha256::digest(&bytes)));
+        let (media_type, key) = ("model/gltf-binary".into(), artifacts::key(id, 1, name));
+        (File { name: name.into(), media_type, bytes: size, sha256, key }, bytes)
+    });
+    for (file, bytes) in &files {
+        place.artifacts.put_bytes(&file.key, bytes.clone().into()).await.unwrap();
+    }
+    let done = Finished { files: files.map(|(file, _)| file).to_vec(), ..finished(&claimed) };
+    let job = place.store.finish(claimed, done).await.unwrap();
+    place.open_gate();
+    pool.shutdown(Duration::from_secs(60)).await;
+    place.check_files(&job).await;
+    place.store.close().await;
 }
