@@ -1,14 +1,19 @@
 """Simulates a deployment on several machines: two API processes and changing workers.
 
 The processes share one PostgreSQL database and one bucket of an S3 server (moto). Every model must
-end once with the same bytes as `oviduct generate`, although processes are killed in the meantime.
-Both API processes must show the same models. Events must arrive through an API process that neither
-accepted the model nor grows it.
+end once with the same bytes as `oviduct generate`, although processes are killed in the meantime,
+and the database fails over to a synchronous replica while clients submit models. Both API processes
+must show the same models. Events must arrive through an API process that neither accepted the model
+nor grows it.
 
-Usage: cluster.py OVIDUCT_BINARY
+Usage: cluster.py OVIDUCT_BINARY [--asynchronous]
+
+With --asynchronous, the replica is not synchronous. Then the test must fail.
 """
 
 import hashlib
+import http.client
+import itertools
 import json
 import os
 import signal
@@ -21,7 +26,7 @@ import urllib.request
 from urllib.parse import urljoin
 
 import boto3
-from postgres import Cluster
+from postgres import Address, Cluster, Replica
 from service import ENDLESS, SMALL, Service, free_port
 
 BUCKET = "organs"
@@ -119,9 +124,69 @@ def spec_of(seed):
     return large if seed == MODELS - 1 else SMALL
 
 
+def body_of(seed):
+    return {"seed": seed, "spec": spec_of(seed), "outputs": ["glb", "lod"], "reuse": False}
+
+
 def submit(service, seed):
-    body = {"seed": seed, "spec": spec_of(seed), "outputs": ["glb", "lod"], "reuse": False}
-    return service.json("POST", "/models", body)["id"]
+    return service.json("POST", "/models", body_of(seed))["id"]
+
+
+class Submitter(threading.Thread):
+    """Submits models one after the other. Repeats each request until it is acknowledged."""
+
+    def __init__(self, apis, first):
+        super().__init__(daemon=True)
+        self.apis, self.first = apis, first
+        self.models, self.over = {}, threading.Event()
+        # Longest time without an acknowledged model, seconds.
+        self.gap = 0
+        self.start()
+
+    def run(self):
+        seed, last = self.first, time.monotonic()
+        for turn in itertools.count():
+            if self.over.is_set():
+                return
+            try:
+                status, _, content = self.apis[turn % 2].call(
+                    "POST", "/models", body_of(seed), {"Idempotency-Key": f"cluster-{seed}"})
+            except (OSError, http.client.HTTPException):
+                status = 503
+            if status in (200, 202):
+                self.models[json.loads(content)["id"]] = seed
+                self.gap, last, seed = max(self.gap, time.monotonic() - last), time.monotonic(), seed + 1
+            else:
+                assert status == 503, content
+            time.sleep(0.3)
+
+    def until_acknowledged(self, count):
+        """Waits for this number of further models."""
+        count, deadline = len(self.models) + count, time.monotonic() + 300
+        while len(self.models) < count:
+            assert time.monotonic() < deadline and self.is_alive(), "no model is accepted"
+            time.sleep(0.02)
+
+    def stop(self):
+        """Returns the acknowledged models."""
+        self.over.set()
+        self.join(900)
+        return self.models
+
+
+def fail_over(primary, replica, address, submitter):
+    """Loses the primary while models are submitted, and promotes the replica."""
+    submitter.until_acknowledged(2)
+    # What is committed from here on does not reach the replica. A primary that acknowledged it
+    # nevertheless, as with an asynchronous replica, would lose it.
+    replica.link.point_at(free_port())
+    time.sleep(3)
+    primary.crash()
+    # Longer than the service retries changes, so that clients see the outage.
+    time.sleep(6)
+    replica.promote()
+    address.point_at(replica.port)
+    submitter.until_acknowledged(3)
 
 
 def until_some_have_ended(service, count):
@@ -148,8 +213,9 @@ def generated(binary, folder, seed):
     return {file["name"]: file["sha256"] for file in made["files"] if file["name"] != "manifest.json"}
 
 
-def main(binary, folder, cluster, bucket):
-    stores = ["--database", cluster.url, "--artifacts", f"s3://{BUCKET}/models-of-a-lab"]
+def main(binary, folder, primary, replica, bucket):
+    address = Address(primary.port)
+    stores = ["--database", address.url, "--artifacts", f"s3://{BUCKET}/models-of-a-lab"]
     apis = []
     for name in "ab":
         data = os.path.join(folder, name)
@@ -168,6 +234,10 @@ def main(binary, folder, cluster, bucket):
     workers.pop(0).stop()
     workers.append(Worker(binary, folder, stores))
     b.start()
+
+    submitter = Submitter(apis, MODELS)
+    fail_over(primary, replica, address, submitter)
+    models.update(submitter.stop())
 
     # The events come through an API process that neither accepted the model nor grows it.
     endless = b.json("POST", "/models", {"spec": ENDLESS})["id"]
@@ -188,10 +258,10 @@ def main(binary, folder, cluster, bucket):
             for file in found["files"]:
                 status, _, content = service.call("GET", urljoin(f"/models/{model}", file["href"]))
                 assert status == 200 and hashlib.sha256(content).hexdigest() == file["sha256"], (file, status)
-        if seed in (0, 1, MODELS - 1):
+        if seed in (0, 1, MODELS - 1, MODELS + 1):
             assert whole == generated(binary, folder, seed), f"the bytes differ from those of the generator, seed {seed}"
         named.update((model, file["name"], file["bytes"]) for file in found["files"])
-    listed = a.json("GET", "/models?limit=50")["models"]
+    listed = a.json("GET", "/models?limit=100")["models"]
     assert sorted(model["id"] for model in listed) == sorted(models), "these are not the accepted models"
 
     there = bucket.keys()
@@ -207,10 +277,12 @@ def main(binary, folder, cluster, bucket):
     for api in apis:
         api.stop()
     attempts = sum(found["attempts"] for found in listed)
-    print(f"cluster: {MODELS} models over 2 APIs, 2 workers at a time (one killed, one stopped), {attempts} attempts: "
-          "each ended once, with the bytes of the generator")
+    print(f"cluster: {len(models)} models over 2 APIs, 2 workers at a time (one killed, one stopped), a fail-over of the "
+          f"database ({submitter.gap:.1f} s without an accepted model), {attempts} attempts: each ended once, with the "
+          "bytes of the generator")
 
 
 if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as place, Cluster() as database, Bucket() as artifacts:
-        main(os.path.abspath(sys.argv[1]), place, database, artifacts)
+    with (tempfile.TemporaryDirectory() as place, Cluster() as first, Bucket() as artifacts,
+          Replica(first, synchronous=sys.argv[2:] != ["--asynchronous"]) as second):
+        main(os.path.abspath(sys.argv[1]), place, first, second, artifacts)

@@ -1,11 +1,14 @@
-"""A temporary PostgreSQL server from Debian's package, on a free loopback port."""
+"""Temporary PostgreSQL servers from Debian's package, on free loopback ports."""
 
 import glob
 import os
 import pwd
 import shutil
+import socket
 import subprocess
 import tempfile
+import threading
+import time
 
 from service import free_port
 
@@ -18,6 +21,10 @@ def programs():
     return max(found, key=lambda path: float(path.split("/")[4]))
 
 
+def url_of(port):
+    return f"postgres://postgres@127.0.0.1:{port}/postgres?sslmode=disable"
+
+
 class Cluster:
     """A running server, stopped and removed at the end of a `with` block.
 
@@ -25,13 +32,20 @@ class Cluster:
     """
 
     def __enter__(self):
+        self.prepare()
+        # PostgreSQL refuses to run as root.
+        self.run("initdb", "-U", "postgres", "-A", "trust", "-E", "UTF8", "--locale=C.UTF-8", "--no-sync")
+        return self.start()
+
+    def prepare(self):
+        """Creates the folder of the server."""
         self.bin = programs()
         self.folder = tempfile.mkdtemp(prefix="oviduct-postgres-", dir="/tmp")
-        # PostgreSQL refuses to run as root.
         self.user = pwd.getpwnam("postgres") if os.getuid() == 0 else None
         if self.user:
             os.chown(self.folder, self.user.pw_uid, self.user.pw_gid)
-        self.run("initdb", "-U", "postgres", "-A", "trust", "-E", "UTF8", "--locale=C.UTF-8", "--no-sync")
+
+    def start(self):
         # Another program may take the port before the server does.
         for _ in range(5):
             self.port = free_port()
@@ -41,12 +55,25 @@ class Cluster:
                 break
         else:
             raise SystemExit(fault)
-        self.url = f"postgres://postgres@127.0.0.1:{self.port}/postgres?sslmode=disable"
+        self.url = url_of(self.port)
         return self
 
     def __exit__(self, *_):
-        self.run("pg_ctl", "-m", "immediate", "stop")
+        self.attempt("pg_ctl", "-m", "immediate", "stop")
         shutil.rmtree(self.folder)
+
+    def crash(self):
+        """Stops the server without a checkpoint, like a loss of its machine."""
+        self.run("pg_ctl", "-m", "immediate", "stop")
+
+    def promote(self):
+        """Makes a replica the primary."""
+        self.run("pg_ctl", "-w", "promote")
+
+    def sql(self, statement):
+        """Runs a statement; returns its output without headings."""
+        line = [f"{self.bin}/psql", "-X", "-A", "-t", "-d", self.url, "-c", statement]
+        return subprocess.run(line, check=True, capture_output=True, text=True).stdout.strip()
 
     def run(self, program, *arguments):
         fault = self.attempt(program, *arguments)
@@ -65,3 +92,70 @@ class Cluster:
             return None
         with open(f"{self.folder}/{program}.out", errors="replace") as said:
             return f"{program} ended with {code}:\n{said.read()}"
+
+
+class Replica(Cluster):
+    """A replica of a running server, by default a synchronous one."""
+
+    def __init__(self, primary, synchronous=True):
+        self.primary, self.synchronous = primary, synchronous
+        # The way of the write-ahead log, which can be cut.
+        self.link = Address(primary.port)
+
+    def __enter__(self):
+        self.prepare()
+        self.run("pg_basebackup", "-R", "-X", "stream", "-c", "fast", "-d", self.link.url)
+        self.start()
+        if not self.synchronous:
+            return self
+        # Set after the copy was made: the promoted server must not wait for a replica of its own.
+        self.primary.sql("ALTER SYSTEM SET synchronous_standby_names = '*'")
+        self.primary.sql("SELECT pg_reload_conf()")
+        deadline = time.monotonic() + 300
+        while self.primary.sql("SELECT sync_state FROM pg_stat_replication") != "sync":
+            assert time.monotonic() < deadline, "the replica did not become synchronous"
+            time.sleep(0.05)
+        return self
+
+
+class Address:
+    """A TCP address whose connections go to one server at a time, like a virtual IP or a proxy."""
+
+    def __init__(self, port):
+        self.target, self.open = port, []
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.url = url_of(self.listener.getsockname()[1])
+        threading.Thread(target=self.accept, daemon=True).start()
+
+    def accept(self):
+        while True:
+            client, _ = self.listener.accept()
+            try:
+                server = socket.create_connection(("127.0.0.1", self.target))
+            except OSError:
+                client.close()
+                continue
+            self.open += [client, server]
+            for pair in ((client, server), (server, client)):
+                threading.Thread(target=self.forward, args=pair, daemon=True).start()
+
+    def forward(self, source, sink):
+        try:
+            while data := source.recv(1 << 16):
+                sink.sendall(data)
+        except OSError:
+            pass
+        self.end([source, sink])
+
+    def point_at(self, port):
+        """Ends all connections; new ones go to this port."""
+        self.target = port
+        self.end(self.open)
+
+    @staticmethod
+    def end(sockets):
+        for end in sockets:
+            try:
+                end.shutdown(socket.SHUT_RDWR)
+            except OSError:
+                pass
