@@ -145,8 +145,13 @@ async fn run(what: &str, plan: &Plan, parts: Parts, services: usize) {
         slots.spawn(use_keys(Arc::clone(&world), plan.seed, slot, over.clone(), Arc::clone(&used)));
     }
     let mut nemesis = Nemesis::new(parts, Dice::new(plan.seed, 0));
+    let mut minutes = 1_u64..;
     while since.elapsed() < plan.time || !nemesis.struck().reaches(&plan.faults) {
         nemesis.strike().await;
+        if since.elapsed() >= Duration::from_secs(60 * minutes.start) {
+            minutes.next();
+            eprintln!("{what}: {:?}", nemesis.struck());
+        }
         while let Some(ended) = slots.try_join_next() {
             ended.unwrap();
         }

@@ -81,10 +81,10 @@ impl Feed {
         self.last.send_if_modified(|number| std::mem::replace(number, last) != last);
     }
 
-    /// Publishes a state of a job, if the job has readers and the state is new.
+    /// Publishes the state with which a new reader of a job begins.
     pub(in crate::http) async fn offer(&self, job: &Job) {
         self.count_workers().await;
-        self.offer_counted(job);
+        self.update(|published| published.offer_to_new_reader(job, self.age.elapsed(), &self.timing));
     }
 
     /// Notes the live workers, from which the states derive why jobs wait.

@@ -193,6 +193,17 @@ impl Published {
 
     /// Publishes a state of a followed job, if it differs from the published one and is not older.
     pub(super) fn offer(&mut self, job: &Job, now: Duration, timing: &FeedTiming) {
+        self.offer_to(job, now, timing, false);
+    }
+
+    /// Publishes the state that a new reader of a followed job read, unless an equal or newer one is
+    /// published. The reader begins with it, so that it shows nothing older than earlier responses.
+    /// Other readers receive no event that is not due.
+    pub(super) fn offer_to_new_reader(&mut self, job: &Job, now: Duration, timing: &FeedTiming) {
+        self.offer_to(job, now, timing, true);
+    }
+
+    fn offer_to(&mut self, job: &Job, now: Duration, timing: &FeedTiming, is_for_new_reader: bool) {
         let entry = self.jobs.get(&job.id);
         let is_outdated = entry.is_some_and(|entry| entry.shown.is_none() || entry.snapshot.version > job.version);
         if is_outdated || !self.is_followed(job.id) {
@@ -215,7 +226,9 @@ impl Published {
             self.due.entry(job.id).or_insert(quiet_until);
             (changes.progress, shown.progress) = (false, last.progress);
         }
-        if !changes.status && !changes.progress {
+        let is_newer = entry.is_none_or(|entry| entry.snapshot.version < job.version);
+        let is_awaited = is_for_new_reader && is_newer;
+        if !changes.status && !changes.progress && !is_awaited {
             return;
         }
         if changes.progress {

@@ -126,6 +126,29 @@ fn models_created_since_the_last_search_are_read() {
 }
 
 #[test]
+fn a_new_reader_begins_with_the_version_that_it_read() {
+    let mut published = published(usize::MAX);
+    let at = |version: u64, step: u32| Job { version, ..running(step) };
+    assert_eq!(names(&mut published, &at(1, 10), Duration::ZERO), ["status", "section"]);
+    assert!(names(&mut published, &at(2, 20), MS).is_empty(), "too early for other readers");
+    // A heartbeat that ran twice raises the version alone.
+    for (version, step) in [(2, 20), (3, 20), (4, 10)] {
+        let before = published.last;
+        published.offer_to_new_reader(&at(version, step), 2 * MS, &timing(250 * MS));
+        let snapshot = published.latest(at(version, step).id).unwrap();
+        assert_eq!(snapshot.version, version);
+        let begin = String::from_utf8(snapshot.events_after(0, "1", Detail::Summary, LinkBase::Root).concat()).unwrap();
+        assert!(begin.contains("event: status\n") && begin.contains(&format!("\"version\":{version},")), "{begin}");
+        let others = snapshot.events_after(before, "1", Detail::Summary, LinkBase::Root).concat();
+        assert!(!String::from_utf8(others).unwrap().contains("event: progress"));
+        published.offer_to_new_reader(&at(1, 30), 2 * MS, &timing(250 * MS));
+        assert_eq!(published.latest(at(version, step).id).unwrap().version, version, "an older state");
+    }
+    // The others receive it when it is due.
+    assert_eq!(names(&mut published, &at(5, 20), 251 * MS), ["progress", "section"]);
+}
+
+#[test]
 fn older_states_and_repeated_ends_are_not_published() {
     let mut published = published(usize::MAX);
     let mut next = |job: &Job| {
