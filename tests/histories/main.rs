@@ -49,6 +49,8 @@ use tokio_util::sync::CancellationToken;
 const KEYS: u32 = 6;
 /// Clients of a key.
 const CLIENTS: u32 = 3;
+/// Number of the client that reads after the faults.
+const LAST_CLIENT: u32 = CLIENTS;
 /// Maximum time for a model to end after the faults.
 const ENDED_WITHIN: Duration = Duration::from_secs(300);
 
@@ -163,7 +165,7 @@ async fn run(what: &str, plan: &Plan, parts: Parts, services: usize) {
     let objects = std::mem::take(&mut *used.lock().unwrap());
     let (mut models, mut longest, mut checked) = (0, Duration::ZERO, Duration::ZERO);
     for object in &objects {
-        models += u32::from(object.ended(u32::MAX >> 20, ENDED_WITHIN).await);
+        models += u32::from(object.ended(LAST_CLIENT, ENDED_WITHIN).await);
         let history: History = object.history.lock().unwrap().clone();
         let time = tokio::task::spawn_blocking(move || history.check()).await.unwrap();
         let time = time.unwrap_or_else(|fault| panic!("key {}: {fault}", object.name));

@@ -100,10 +100,11 @@ impl Process {
         state.child.as_ref().is_some_and(|child| kill_process(Pid::from_child(child), signal).is_ok())
     }
 
-    /// Kills the process, unless it is stopped: a stall is to be longer than a lease.
+    /// Kills the process, unless it is stopped: a stall is to be longer than a lease. Returns false if
+    /// it has been killed already.
     pub fn kill(&self) -> bool {
         let mut state = self.running.lock().unwrap();
-        let is_killed = !state.is_stopped && Self::signal(&mut state, Signal::KILL);
+        let is_killed = !state.is_stopped && !state.was_killed && Self::signal(&mut state, Signal::KILL);
         state.was_killed |= is_killed;
         is_killed
     }
@@ -111,7 +112,7 @@ impl Process {
     /// Stops the process, unless it is stopped.
     pub fn stop(&self) -> bool {
         let mut state = self.running.lock().unwrap();
-        let is_stopped_now = !state.is_stopped && Self::signal(&mut state, Signal::STOP);
+        let is_stopped_now = !state.is_stopped && !state.was_killed && Self::signal(&mut state, Signal::STOP);
         state.is_stopped |= is_stopped_now;
         is_stopped_now
     }
