@@ -119,8 +119,8 @@ pub(super) async fn remove(context: &Context, files: &[File]) {
 }
 
 /// Removes files of an attempt that no longer holds its job, except those that are in use. Another
-/// attempt has the same number and keys if the database lost the claim of this one, as in a fail-over
-/// to an asynchronous replica.
+/// attempt has the same number and keys if the database lost the claim of this one, as in a
+/// fail-over to an asynchronous replica.
 pub(super) async fn remove_unused(context: &Context, files: &[File]) {
     let mut keys = keys_of(files);
     match context.store.keys_in_use(&keys).await {

@@ -6,7 +6,7 @@
 //! |---|---|
 //! | `OVIDUCT_TEST_SEED` | seed of the faults and of the operations |
 //! | `OVIDUCT_TEST_SECONDS` | minimum duration of the faults, per database |
-//! | `OVIDUCT_TEST_KILLS`, `OVIDUCT_TEST_DATABASE_KILLS`, `OVIDUCT_TEST_LOST_COMMITS` | minimum numbers of faults |
+//! | `OVIDUCT_TEST_KILLS`, `…_DATABASE_KILLS`, `…_LOST_COMMITS` | minimum numbers of faults |
 //! | `OVIDUCT_TEST_PROGRAM` | the program, instead of the one that was built with these tests |
 #![cfg(unix)]
 #![allow(

@@ -100,8 +100,8 @@ impl Process {
         state.child.as_ref().is_some_and(|child| kill_process(Pid::from_child(child), signal).is_ok())
     }
 
-    /// Kills the process, unless it is stopped: a stall is to be longer than a lease. Returns false if
-    /// it has been killed already.
+    /// Kills the process, unless it is stopped: a stall is to be longer than a lease. Returns false
+    /// if it has been killed already.
     pub fn kill(&self) -> bool {
         let mut state = self.running.lock().unwrap();
         let is_killed = !state.is_stopped && !state.was_killed && Self::signal(&mut state, Signal::KILL);

@@ -25,8 +25,8 @@ pub enum Line {
     CutBeforeCommit,
     /// Cuts all connections, and refuses new ones.
     Cut,
-    /// Loses the response to one commit in `one_in`, drawn by the seed and the number of the commit:
-    /// the connection is cut before or after the commit, or falls silent before or after it.
+    /// Loses the response to one commit in `one_in`, drawn by the seed and the number of the
+    /// commit: the connection is cut before or after the commit, or falls silent before or after it.
     Lossy {
         seed: u64,
         one_in: u32,

@@ -277,8 +277,8 @@ def main(binary, folder, primary, replica, bucket):
     for api in apis:
         api.stop()
     attempts = sum(found["attempts"] for found in listed)
-    print(f"cluster: {len(models)} models over 2 APIs, 2 workers at a time (one killed, one stopped), a fail-over of the "
-          f"database ({submitter.gap:.1f} s without an accepted model), {attempts} attempts: each ended once, with the "
+    print(f"cluster: {len(models)} models over 2 APIs, 2 workers at a time (one killed, one stopped), a fail-over "
+          f"of the database ({submitter.gap:.1f} s without an accepted model), {attempts} attempts: each ended once, with the "
           "bytes of the generator")
 
 

@@ -196,9 +196,9 @@ impl Published {
         self.offer_to(job, now, timing, false);
     }
 
-    /// Publishes the state that a new reader of a followed job read, unless an equal or newer one is
-    /// published. The reader begins with it, so that it shows nothing older than earlier responses.
-    /// Other readers receive no event that is not due.
+    /// Publishes the state that a new reader of a followed job read, unless an equal or newer one
+    /// is published. The reader begins with it, so that it shows nothing older than earlier
+    /// responses. Other readers receive no event that is not due.
     pub(super) fn offer_to_new_reader(&mut self, job: &Job, now: Duration, timing: &FeedTiming) {
         self.offer_to(job, now, timing, true);
     }
