@@ -3,10 +3,10 @@
 use crate::fit::FitProgress;
 use crate::generate::{Backend, Outputs, Progress, UsedBackend};
 use crate::lock::Mutex;
+use crate::spec::SharedJson;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 /// Identity of a job and of its model: a UUIDv7.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -292,7 +292,7 @@ pub struct NewJob {
     /// Seed.
     pub seed: u64,
     /// The resolved spec in canonical form.
-    pub spec: Arc<serde_json::Value>,
+    pub spec: SharedJson,
     /// Files to write.
     pub outputs: Outputs,
     /// Requested backend.
@@ -374,7 +374,7 @@ pub struct Job {
     /// Seed.
     pub seed: u64,
     /// The resolved spec in canonical form.
-    pub spec: Arc<serde_json::Value>,
+    pub spec: SharedJson,
     /// Requested files.
     pub outputs: Outputs,
     /// Labels.

@@ -220,7 +220,7 @@ pub fn retry_delay(spent: u32) -> Duration {
 }
 
 /// Lane of the queue in which a job waits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Lane {
     /// Models for a GPU if one is available, otherwise for a CPU.

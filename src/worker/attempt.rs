@@ -6,7 +6,7 @@ use super::backend::{self, GenerateFailure, Generation, GenerationOutput, Task};
 use super::checkpoint::{Checkpoints, Mailbox};
 use super::context::Context;
 use super::lease::{Claim, Interrupt, Lease};
-use super::progress::AttemptSink;
+use super::progress::{AttemptSink, NEARLY_FREE};
 use super::upload::{self, UploadError};
 use super::verdict::{self, Verdict};
 use crate::clock::Stopwatch;
@@ -49,6 +49,9 @@ pub(super) struct Attempt<'a> {
     sink: Arc<AttemptSink>,
     checkpoints: Checkpoints<'a>,
     cancel: CancelToken,
+    /// True if the generation is predicted to take so little time that its worker claims the next
+    /// job at once.
+    is_short: bool,
     /// A generation that was told to stop and still runs.
     stopping: Option<Generation>,
 }
@@ -138,7 +141,18 @@ impl<'a> Attempt<'a> {
                 let sink = AttemptSink::new(mailbox, span, options.faults.clone(), cancel.clone());
                 let (lease, checkpoints) = (Lease::new(context), Checkpoints::new(context, &claim.job));
                 let (dir, sink) = (Arc::new(dir), Arc::new(sink));
-                Some(Self { context, worker, claim, lease, dir, sink, checkpoints, cancel, stopping: None })
+                Some(Self {
+                    context,
+                    worker,
+                    claim,
+                    lease,
+                    dir,
+                    sink,
+                    checkpoints,
+                    cancel,
+                    is_short: false,
+                    stopping: None,
+                })
             }
             Err(verdict) => {
                 record(context, claim, Err(verdict.into())).instrument(span).await;
@@ -206,7 +220,9 @@ impl<'a> Attempt<'a> {
     /// Waits for the output of the generation. Its threads are then free, unless it was told to
     /// stop and still runs.
     async fn follow(&mut self, start: Start, cpu: &Cpu) -> Result<GenerationOutput, NoResult> {
-        let mut time = self.time_limit();
+        let predicted = backend::predict(self.claim.job.job()).map(|predicted| predicted.seconds);
+        self.is_short = predicted.is_some_and(|seconds| seconds < NEARLY_FREE);
+        let mut time = self.time_limit(predicted);
         let mut generation = match start {
             Start::Running(generation) => generation,
             Start::Cpu(Some(permit)) => self.generate_on(cpu, permit).await?,
@@ -252,17 +268,16 @@ impl<'a> Attempt<'a> {
         let checkpoint = self.lease.hold(&self.claim, &self.sink.progress, checkpoint).await?;
         let backend = self.claim.report.used.unwrap_or(UsedBackend::Cpu);
         let task = Task { checkpoint, ..self.task() };
-        Ok(cpu.generate(Arc::clone(&self.context.generator), backend, task, permit))
+        Ok(cpu.generate(Arc::clone(&self.context.generator), backend, task, self.is_short, permit))
     }
 
     /// Time limit of all generations of this attempt together. `None`, for no limit, if the spec is
     /// not valid; the generation then fails immediately.
-    fn time_limit(&self) -> Option<Duration> {
+    fn time_limit(&self, predicted_seconds: Option<f64>) -> Option<Duration> {
         self.context.options.job_timeout.or_else(|| {
-            let job = self.claim.job.job();
-            let limit = default_time_limit(backend::predict(job)?.seconds);
+            let limit = default_time_limit(predicted_seconds?);
             // Models may take three quarters of the time of a fit.
-            Some(if job.kind == JobKind::Fit { 4 * limit } else { limit })
+            Some(if self.claim.job.job().kind == JobKind::Fit { 4 * limit } else { limit })
         })
     }
 

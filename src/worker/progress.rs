@@ -20,7 +20,7 @@ use tracing::Span;
 /// such as levels of detail, report only their start and their end.
 const ESTIMATED_AFTER: f64 = 0.9;
 /// Estimated time to the end of a generation from which its worker claims the next job.
-const NEARLY_FREE: f64 = 0.5;
+pub(super) const NEARLY_FREE: f64 = 0.5;
 /// Stage of a fit whose checkpoints contain all that was computed.
 const SEARCH: &str = "search";
 /// Maximum number of points of a thinned contour.

@@ -46,7 +46,12 @@ pub(super) async fn check_body(state: &AppState, body: &Value, turn: &Turn) -> R
     if json_bytes(&spec).saturating_mul(seeds.len()) > MAX_SPEC_BYTES {
         return Err(Problem::invalid([too_large("/spec")]));
     }
-    Ok(CheckedBatch { points: vec![CheckedPoint { spec, cost }], request, seeds, study: None })
+    Ok(CheckedBatch {
+        points: vec![CheckedPoint { spec, cost: Arc::unwrap_or_clone(cost) }],
+        request,
+        seeds,
+        study: None,
+    })
 }
 
 /// Size of a spec as JSON, in bytes.

@@ -21,7 +21,6 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use std::sync::Arc;
 
 /// Predicted time of a fit, in seconds of one core, that counts as one model against the quota.
 const SECONDS_PER_MODEL: f64 = 60.0;
@@ -107,7 +106,7 @@ fn new_job(caller: &Caller, CheckedFit { fit, labels, priority }: CheckedFit) ->
         kind: JobKind::Fit,
         preset: fit.preset().name.clone(),
         seed: fit.seed(),
-        spec: Arc::new(fit.to_json()),
+        spec: fit.to_json().into(),
         outputs: Vec::new().into(),
         backend: Backend::Cpu,
         labels,

@@ -5,11 +5,11 @@ use crate::fit::{FitProgress, FitResult, FitStage};
 use crate::http::models::model::{ModelProblem, Queue, expires_at};
 use crate::http::workforce::JobContext;
 use crate::jobs::{Job, JobProgress, Priority, Status};
+use crate::spec::SharedJson;
 use jiff::Timestamp;
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
-use std::sync::Arc;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
@@ -63,7 +63,7 @@ pub(in crate::http) struct Fit {
     /// The complete request, including defaults. Absent in lists and events.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = FitRequest, required = false, nullable = false)]
-    pub request: Option<Arc<Value>>,
+    pub request: Option<SharedJson>,
     /// Result; null until the fit has succeeded. Absent in lists.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<FitResult>, required = false)]
@@ -102,7 +102,7 @@ impl Fit {
             expires_at: expires_at(job, context.keep),
             problem: job.problem.as_ref().map(ModelProblem::of),
             digest: job.digest.clone(),
-            request: (detail == FitDetail::Full).then(|| Arc::clone(&job.spec)),
+            request: (detail == FitDetail::Full).then(|| job.spec.clone()),
             result: (detail != FitDetail::Summary).then(|| job.summary.clone()),
         }
     }

@@ -5,6 +5,7 @@
 use super::model::{Detail, LinkBase, Model};
 use super::read::{answer, retry_after};
 use super::request::ModelRequest;
+use super::specs::Resolved;
 use crate::generate::{Backend, Cost, Output, OverLimit};
 use crate::http::AppState;
 use crate::http::access::{Caller, audit, run_to_completion};
@@ -17,7 +18,9 @@ use crate::http::wire::problem::{Kind, Problem};
 use crate::http::wire::responses::{BodyProblems, BodyUnavailable, QueueFull};
 use crate::jobs::reuse::exclude_missing_files;
 use crate::jobs::{Job, JobKind, NewJob, StoreError, Submitted, WorkerKind};
-use crate::spec::{Fault, JsonReader, ModelSpec, Preset, SEED_MAX, batch_key, canonical_json, preset, presets};
+use crate::spec::{
+    Fault, JsonReader, ModelSpec, Preset, SEED_MAX, SharedJson, batch_key, canonical_json, preset, presets,
+};
 use crate::status::Condition;
 use crate::trace;
 use axum::Json;
@@ -35,7 +38,7 @@ use utoipa::ToSchema;
 pub(in crate::http) struct CheckedModel {
     pub(in crate::http) request: ModelRequest,
     pub(in crate::http) spec: Arc<ModelSpec>,
-    pub(in crate::http) cost: Cost,
+    pub(in crate::http) cost: Arc<Cost>,
 }
 
 /// Reads and checks a body.
@@ -55,7 +58,7 @@ pub(in crate::http) async fn check(
         state.specs.resolve(preset, &request.spec).map_err(|faults| reader.extend("/spec", faults)).ok()
     });
     match spec.filter(|_| reader.count() == 0) {
-        Some(spec) => check_limits(state, request, spec).await,
+        Some(resolved) => check_limits(state, request, &resolved).await,
         None => Err(Problem::invalid(reader)),
     }
 }
@@ -64,12 +67,12 @@ pub(in crate::http) async fn check(
 pub(super) async fn check_limits(
     state: &AppState,
     request: ModelRequest,
-    spec: Arc<ModelSpec>,
+    resolved: &Resolved,
 ) -> Result<CheckedModel, Problem> {
-    let cost = Cost::new(&spec, &request.outputs);
+    let cost = resolved.cost(&request.outputs);
     state.limits.cost.check(&cost).map_err(|over| too_much(&cost, &over))?;
     check_backend(state, &request).await?;
-    Ok(CheckedModel { request, spec, cost })
+    Ok(CheckedModel { request, spec: Arc::clone(&resolved.spec), cost })
 }
 
 /// Returns the preset of a request, or records a fault.
@@ -324,7 +327,7 @@ pub(super) struct Validation {
     seed: Option<u64>,
     /// The complete resolved spec.
     #[schema(value_type = ModelSpec)]
-    spec: Arc<Value>,
+    spec: SharedJson,
     /// Digest of the model; null if the seed will be drawn.
     digest: Option<String>,
     /// Predicted cost.
@@ -346,5 +349,12 @@ pub(super) struct Validation {
 pub(in crate::http) async fn validate(State(state): State<AppState>, body: JsonBody) -> Result<Response, Problem> {
     let CheckedModel { request, spec, cost } = check_body(&state, &body).await?;
     let digest = request.seed.map(|seed| spec.digest(seed));
-    Ok(Json(Validation { preset: request.preset, seed: request.seed, spec: spec.json(), digest, cost }).into_response())
+    Ok(Json(Validation {
+        preset: request.preset,
+        seed: request.seed,
+        spec: spec.json(),
+        digest,
+        cost: Arc::unwrap_or_clone(cost),
+    })
+    .into_response())
 }

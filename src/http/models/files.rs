@@ -226,7 +226,7 @@ fn manifest_of(job: &Job) -> Manifest {
         preset: &job.preset,
         seed: job.seed,
         digest: &job.digest,
-        spec: Value::clone(&job.spec),
+        spec: job.spec.value().clone(),
     };
     Manifest::new(origin, &job.outputs, &job.files.iter().map(file).collect::<Vec<_>>())
 }

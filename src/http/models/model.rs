@@ -8,13 +8,12 @@ use crate::http::wire::problem::TYPE_PREFIX;
 use crate::http::workforce::JobContext;
 use crate::jobs::{BackendReport, Job, JobProgress, LiveSection, Priority, QueueReason, Status};
 use crate::model::{BodyKind, LengthUnit};
-use crate::spec::ModelSpec;
+use crate::spec::{ModelSpec, SharedJson};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fmt::Display;
-use std::sync::Arc;
 use std::time::Duration;
 use utoipa::ToSchema;
 use uuid::Uuid;
@@ -97,7 +96,7 @@ pub struct Model {
     /// with `view=summary`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = ModelSpec, required = false, nullable = false)]
-    pub spec: Option<Arc<Value>>,
+    pub spec: Option<SharedJson>,
 }
 
 /// Place of a model in the queue: position, waiting time, and the reason if no worker claims it.
@@ -188,7 +187,7 @@ impl Model {
             digest: job.digest.clone(),
             reused_from: job.reused_from.map(|id| id.0),
             retry_of: job.retry_of.map(|id| id.0),
-            spec: (detail == Detail::Full).then(|| Arc::clone(&job.spec)),
+            spec: (detail == Detail::Full).then(|| job.spec.clone()),
         }
     }
 }

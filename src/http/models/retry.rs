@@ -4,6 +4,7 @@ use super::create::{CheckedModel, check_limits, created, earlier, key_of, new_jo
 use super::files::find_model;
 use super::model::{LinkBase, Model};
 use super::request::ModelRequest;
+use super::specs::Resolved;
 use crate::http::AppState;
 use crate::http::access::Caller;
 use crate::http::health::check_storage;
@@ -16,7 +17,6 @@ use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use serde_json::json;
-use std::sync::Arc;
 
 /// Grow a failed model again, as a new model with the same request.
 ///
@@ -89,12 +89,12 @@ async fn check_again(state: &AppState, failed: &Job) -> Result<CheckedModel, Pro
     let request = ModelRequest {
         preset: failed.preset.clone(),
         seed: Some(failed.seed),
-        spec: serde_json::Value::clone(&failed.spec),
+        spec: failed.spec.value().clone(),
         outputs: failed.outputs.clone(),
         backend: failed.backend.requested,
         labels: failed.labels.clone(),
         priority: failed.priority,
         reuse: true,
     };
-    check_limits(state, request, Arc::new(spec)).await
+    check_limits(state, request, &Resolved::new(spec)).await
 }

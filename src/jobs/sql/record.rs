@@ -7,9 +7,9 @@ use super::tx::{Row, Tx};
 use crate::generate::{Backend, Outputs};
 use crate::jobs::{BackendReport, BatchId, Job, JobId, Priority};
 use crate::model::BodyKind;
+use crate::spec::SharedJson;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
-use std::sync::Arc;
 
 /// A job with columns that only the queue needs.
 #[derive(Debug)]
@@ -129,7 +129,7 @@ pub(super) fn to_record(row: &Row) -> Result<Record, SqlError> {
         version: row.count("version")?,
         preset: row.get("preset")?,
         seed: row.count("seed")?,
-        spec: Arc::new(spec),
+        spec: SharedJson::from(spec),
         outputs,
         labels: parse(row.get("labels")?)?,
         priority: priority(row.get::<i64>("rank")?.saturating_neg()),

@@ -9,7 +9,7 @@ use super::read::{self, known_job};
 use super::record::{outputs_to_sql, submitter};
 use super::share;
 use super::store::Store;
-use super::tx::{Row, Tx};
+use super::tx::{Place, Row, Tx};
 use crate::jobs::job::IdGenerator;
 use crate::jobs::state::{self, ClaimScope, Lane};
 use crate::jobs::{
@@ -282,14 +282,17 @@ async fn insert(
         reused_from: source.map(|job| job.id),
         retry_of: new.retry_of,
     };
+    let place = Place { lane: Lane::of(new.kind, new.backend), rank: rank(new.priority), turn, id };
+    // The jobs of a batch are counted when the batch is read.
+    let is_counted = batch.is_none() && source.is_none();
+    let is_far = is_counted && tx.is_far(&place);
     let sql = format!(
         "INSERT INTO jobs (id, status, preset, seed, digest, outputs, backend_requested, backend_used, device, \
          fallback, available_at, created_at, finished_at, reused_from, idempotency_key, idempotency_body, summary, \
          spec, engine, engine_used, batch, submitter, turn, rank, trace, batch_key, batch_index, retry_of, shares, kind, weight) \
          VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, 0, $11, $12, $13, $14, $15, $16, $17, $18, $19, $20, $21, \
          $22, $23, $24, $25, $26, $27, $28, $29, $30) RETURNING ({}) AS ahead",
-        // The jobs of a batch are counted when the batch is read.
-        if batch.is_none() && source.is_none() { order::ahead(tx) } else { "CAST(0 AS BIGINT)" },
+        if is_counted && !is_far { order::ahead(tx) } else { "CAST(0 AS BIGINT)" },
     );
     let row = tx
         .one(
@@ -311,7 +314,7 @@ async fn insert(
                 new.idempotency.as_ref().map(|(key, _)| scoped(new.owner.as_deref(), key)),
                 new.idempotency.as_ref().map(|(_, body)| body.clone()),
                 job.summary.as_ref().map(json),
-                json(&job.spec),
+                job.spec.text(),
                 &job.engine,
                 source.map(|job| job.engine.clone()),
                 job.batch.map(|batch| batch.to_string()),
@@ -329,7 +332,12 @@ async fn insert(
         )
         .await?;
     if source.is_none() {
-        job.queue_position = Some(row.count("ahead")?);
+        let ahead = if is_far { Job::MAX_QUEUE_POSITION } else { row.count("ahead")? };
+        job.queue_position = Some(ahead);
+        // Jobs that the transaction adds behind this one need no count.
+        if is_counted && ahead >= Job::MAX_QUEUE_POSITION {
+            tx.note_far(place);
+        }
     }
     let labels = new.labels.iter().map(|(name, value)| values![id, name, value]);
     insert_rows(tx, "INSERT INTO labels (job_id, name, value) VALUES ", labels.collect()).await?;

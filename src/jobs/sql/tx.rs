@@ -3,8 +3,10 @@
 use super::codec::{Value, json, until};
 use super::error::{SqlError, broken};
 use crate::clock::{Clock, Stopwatch};
+use crate::jobs::JobId;
 use crate::jobs::postgres::pool as postgres;
 use crate::jobs::sqlite::pool as sqlite;
+use crate::jobs::state::Lane;
 use jiff::Timestamp;
 use sqlx::postgres::{PgArguments, PgRow};
 use sqlx::query::Query;
@@ -54,12 +56,24 @@ impl Time {
     }
 }
 
+/// Place in the queue, in the order of claims within a lane.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(in crate::jobs) struct Place {
+    pub(super) lane: Lane,
+    pub(super) rank: i64,
+    pub(super) turn: i64,
+    pub(super) id: JobId,
+}
+
 /// A connection, in a transaction unless it only reads, with the time.
 #[derive(Debug)]
 pub(in crate::jobs) struct Tx<'c> {
     connection: Connection,
     time: &'c Time,
     now: Option<Timestamp>,
+    /// A place in the queue that this transaction has found to be farther back than positions are
+    /// counted.
+    far: Option<Place>,
 }
 
 /// Text of a query.
@@ -94,7 +108,18 @@ fn for_postgres<'q>(sql: SqlStr, values: Vec<Value>) -> Query<'q, Postgres, PgAr
 
 impl<'c> Tx<'c> {
     pub(in crate::jobs) fn new(connection: Connection, time: &'c Time) -> Self {
-        Self { connection, time, now: None }
+        Self { connection, time, now: None, far: None }
+    }
+
+    /// True if this transaction has found a place before `place` in its lane to be farther back than
+    /// positions are counted.
+    pub(super) fn is_far(&self, place: &Place) -> bool {
+        self.far.as_ref().is_some_and(|far| far.lane == place.lane && far < place)
+    }
+
+    /// Notes that a place is farther back than positions are counted.
+    pub(super) fn note_far(&mut self, place: Place) {
+        self.far = Some(place);
     }
 
     /// Commits the transaction. If this fails, the transaction was rolled back, or the outcome is

@@ -6,7 +6,6 @@ use crate::clock::Clock;
 use crate::generate::{Progress, Stage};
 use crate::jobs::sql::Engine;
 use crate::jobs::{ClaimScope, Directive, Finished, JobProgress, LiveSection, NewJob, Status, Store};
-use std::sync::Arc;
 
 const LEASE: Duration = Duration::from_secs(8);
 
@@ -40,7 +39,7 @@ async fn on_a_full_disk_a_finished_model_waits_and_other_changes_fail_after_five
         let store = store.clone();
         async move { store.finish(claimed, finished).await }
     });
-    let large = NewJob { spec: Arc::new(serde_json::json!("x".repeat(1 << 20))), ..NewJob::sample(2) };
+    let large = NewJob { spec: serde_json::json!("x".repeat(1 << 20)).into(), ..NewJob::sample(2) };
     let since = Stopwatch::start();
     let refused = store.submit(large.clone()).await.unwrap_err();
     assert!(matches!(&refused, StoreError::Database(cause) if cause.to_string().contains("full")), "{refused}");

@@ -89,18 +89,21 @@ impl Cpu {
     }
 
     /// Starts a generation or a fit on a thread that may block and whose panics are caught. It keeps
-    /// `permit` until it has stopped.
+    /// `permit` until it has stopped. The threads count as nearly free at once if it `is_short`.
     pub(in crate::worker) fn generate(
         &self,
         generator: Arc<Generator>,
         backend: UsedBackend,
         task: Task,
+        is_short: bool,
         permit: OwnedSemaphorePermit,
     ) -> Generation {
         let (pool, gate, cancel) = (Arc::clone(self.pool(backend)), Arc::clone(&self.gate), task.cancel.clone());
         let (worker, count, nice) = (format!("{}/fit", self.worker), pool.current_num_threads(), self.nice);
-        if task.job.kind == JobKind::Model {
-            task.sink.announce_end(self.nearly_free.clone());
+        match task.job.kind {
+            JobKind::Model if is_short => drop(self.nearly_free.send_replace(true)),
+            JobKind::Model => task.sink.announce_end(self.nearly_free.clone()),
+            JobKind::Fit => {}
         }
         let thread = tokio::task::spawn_blocking(move || {
             let Task { job, dir, sink, cancel, memory_limit_bytes, checkpoint } = &task;

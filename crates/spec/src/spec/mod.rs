@@ -14,6 +14,7 @@
 //! | `preset`, `preset_details` | data files with sources, and how clients see them |
 //! | `schema`, `openapi` | JSON Schema, OpenAPI components |
 //! | `canonical` | canonical text of a specification, for the digest |
+//! | `shared_json` | a specification as JSON value and text |
 //! | `outline` | outline of the containment region, speed of transverse folds |
 //! | `course` | centre line, and room for the tube along it |
 //! | `layers` | layers of a section, size of a label volume |
@@ -43,6 +44,7 @@ mod read;
 mod reader;
 mod schedule;
 mod schema;
+mod shared_json;
 mod stability;
 pub mod study;
 mod table;
@@ -65,6 +67,7 @@ pub use preset_details::{PresetDetails, PresetParameter, PresetSummary};
 pub use reader::{JsonReader, SEED_MAX, integer_in};
 pub use schedule::{Ease, Fluctuation, Schedule};
 pub use schema::schema;
+pub use shared_json::SharedJson;
 
 use serde_json::Value;
 use sha2::{Digest, Sha256};
@@ -78,7 +81,7 @@ use table::Parameter;
 pub struct ModelSpec {
     parameters: Parameters,
     /// Result of [`ModelSpec::json`], once it was needed.
-    json: OnceLock<Arc<Value>>,
+    json: OnceLock<SharedJson>,
     /// Part of the text of [`ModelSpec::digest`] that does not depend on the seed.
     identity: OnceLock<Arc<str>>,
 }
@@ -181,8 +184,8 @@ impl ModelSpec {
 
     /// The same as [`ModelSpec::to_json`], shared by all callers.
     #[must_use]
-    pub fn json(&self) -> Arc<Value> {
-        Arc::clone(self.json.get_or_init(|| Arc::new(self.to_json())))
+    pub fn json(&self) -> SharedJson {
+        self.json.get_or_init(|| self.to_json().into()).clone()
     }
 
     /// SHA-256, in lower-case hex, of all inputs that determine the bytes of the model: the
