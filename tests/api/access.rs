@@ -21,11 +21,10 @@ fn needs(operation: &str) -> Option<Needs> {
         | "download_file" | "get_report" | "get_section" | "get_course" | "cut_model" | "get_preview"
         | "get_report_page" | "get_manifest" | "list_workers" | "list_fits" | "get_fit" | "validate_fit"
         | "follow_fit" | "create_ticket" | "validate_batch" | "get_batch_table" | "get_batch_archive"
-        | "list_batches" => Needs::Scope(Scope::Read),
+        | "list_batches" | "list_operations" | "get_operation" => Needs::Scope(Scope::Read),
         "retry_model" | "cancel_models" | "delete_models" | "cancel_batch" | "create_model" | "delete_model"
-        | "create_fit" | "cancel_fit" | "delete_fit" | "cancel_model" | "create_batch" | "delete_batch" => {
-            Needs::Scope(Scope::Submit)
-        }
+        | "create_fit" | "cancel_fit" | "delete_fit" | "cancel_model" | "create_batch" | "delete_batch"
+        | "cancel_operation" => Needs::Scope(Scope::Submit),
         "get_metrics" | "pause_workers" | "resume_workers" | "pause_worker" | "resume_worker" | "drain_worker" => {
             Needs::Scope(Scope::Admin)
         }
@@ -83,6 +82,7 @@ struct Things {
     queued: String,
     batch: String,
     fit: String,
+    operation: String,
 }
 
 async fn post(app: &App, path: &str, key: &str, body: &Value) -> Reply {
@@ -97,8 +97,9 @@ async fn things(app: &App, key: &str) -> Things {
     let queued = id(&post(app, "/models", key, &json!({ "seed": 2 })).await);
     app.worker(WorkerKind::Cpu).await;
     let batch = id(&post(app, "/batches", key, &json!({ "seeds": [3, 4] })).await);
-    let fit = id(&post(app, "/fits", key, &fit_request()).await);
-    Things { finished, queued, batch, fit }
+    let fit = post(app, "/fits", key, &fit_request()).await;
+    let operation = app.operation(fit.json()["owner"].as_str()).await;
+    Things { finished, queued, batch, fit: id(&fit), operation }
 }
 
 fn fit_request() -> Value {
@@ -110,6 +111,7 @@ fn request(route: &Route, things: &Things, credential: Option<&str>) -> Request<
     let id = match route.operation.as_str() {
         _ if route.path.starts_with("/batches") => &things.batch,
         _ if route.path.starts_with("/fits") => &things.fit,
+        _ if route.path.starts_with("/operations") => &things.operation,
         _ if route.path.starts_with("/workers") => "w1",
         "cancel_model" | "follow_model" => &things.queued,
         _ => &things.finished,

@@ -14,8 +14,8 @@ use oviduct::http::{AccessOptions, AppState, Limits, REQUEST_ID, WithoutKeys, ex
 use oviduct::jobs::artifacts::{Artifacts, key};
 use oviduct::jobs::keys::{KeyLimits, NewKey, Scope, Secret};
 use oviduct::jobs::{
-    BackendReport, ClaimScope, ClaimedJob, Directive, File, Finished, JobId, JobProgress, LiveSection, Store,
-    StoreOptions, WorkerInfo, WorkerKind,
+    BackendReport, BulkAction, ClaimScope, ClaimedJob, Directive, File, Finished, JobId, JobProgress, ListFilter,
+    LiveSection, NewBulk, Status as JobStatus, Store, StoreOptions, WorkerInfo, WorkerKind,
 };
 use oviduct::status::Status;
 use serde_json::{Value, json};
@@ -88,6 +88,14 @@ impl App {
         let options = StoreOptions { clock: clock.clone(), queue_limit, ..StoreOptions::default() };
         let store = Store::open_in_memory(options).await.unwrap();
         Self::over(store, clock, limits)
+    }
+
+    /// The id of a new operation that changes nothing.
+    pub(super) async fn operation(&self, owner: Option<&str>) -> String {
+        let filter = ListFilter { status: Some(JobStatus::Failed), ..ListFilter::default() };
+        let owner = owner.map(str::to_owned);
+        let new = NewBulk { action: BulkAction::Delete, filter, conditions: Vec::new(), owner };
+        self.store.create_operation(new).await.unwrap().id.to_string()
     }
 
     /// Executes operations in the background.

@@ -9,7 +9,7 @@ use oviduct::export::sections_bin::MEDIA_TYPE;
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
-/// A service with a finished model, a batch and a fit; all described paths with their methods.
+/// A service with a finished model, a batch, a fit and an operation; all described paths with their methods.
 async fn app() -> (App, Vec<(String, BTreeSet<String>)>) {
     let app = App::new().await;
     let gltf = ("model.gltf", "model/gltf+json", vec![7; 1000]);
@@ -24,6 +24,7 @@ async fn app() -> (App, Vec<(String, BTreeSet<String>)>) {
     let batch = app.post("/batches", &json!({ "count": 1 })).await.location();
     let target = json!({ "region": "whole", "quantity": "fill", "value": 0.7 });
     let fit = app.post("/fits", &json!({ "targets": [target] })).await.location();
+    let operation = format!("/operations/{}", app.operation(None).await);
     let document: Value = yaml_serde::from_slice(&app.get("/openapi.yaml").await.body).unwrap();
     let mut addresses = Vec::new();
     for (path, item) in document["paths"].as_object().unwrap() {
@@ -31,6 +32,7 @@ async fn app() -> (App, Vec<(String, BTreeSet<String>)>) {
             .replace("/models/{id}", &model)
             .replace("/batches/{id}", &batch)
             .replace("/fits/{id}", &fit)
+            .replace("/operations/{id}", &operation)
             .replace("/workers/{id}", "/workers/w1");
         let path =
             path.replace("{name}", if path.contains("presets") { "pig" } else { "model.gltf" }).replace("{k}", "1");
