@@ -19,7 +19,7 @@ const MODEL_TIME: Duration = Duration::from_secs(3);
 /// The turn of a fit as a fraction of the time of the models before it.
 const TURN: u32 = 3;
 /// Maximum duration of a turn, which delays a model.
-const MAX_TURN: Duration = Duration::from_secs(5);
+const MAX_TURN: Duration = Duration::from_secs(2);
 /// Time between two looks of a stopped fit.
 const LOOK: Duration = Duration::from_millis(5);
 
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fit_has_a_quarter_of_the_time_in_turns_of_at_most_five_seconds() {
+    fn a_fit_has_a_quarter_of_the_time_in_turns_of_at_most_two_seconds() {
         let gate = Gate::new();
         let computed = |seconds: u64| *gate.model_time.lock() += Duration::from_secs(seconds);
         computed(9);

@@ -61,7 +61,7 @@ mod progress;
 mod upload;
 mod verdict;
 
-pub use backend::cpu::generate_on_cpu;
+pub use backend::cpu::{generate_on_cpu, lower_priority};
 pub use backend::gpu::GpuGenerator;
 pub use generator::{AdmittedPlan, BatchCallbacks, BatchGenerator, BatchMember, GenerationInput, Generator, WorkError};
 pub use options::{ALIVE_HEARTBEATS, PoolOptions};

@@ -124,8 +124,8 @@ pub(in crate::cli) struct ProcessArgs {
     /// [default: all cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(in crate::cli) cpu_threads: Option<u32>,
-    /// Niceness of the worker threads (Linux), so that HTTP requests take precedence [0: no
-    /// precedence]
+    /// Niceness of the threads of workers, pictures and other computations (Linux), so that HTTP
+    /// requests take precedence [0: no precedence]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=19), default_value_t = 10)]
     pub(in crate::cli) worker_nice: u8,
     #[command(flatten)]

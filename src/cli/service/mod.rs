@@ -18,7 +18,7 @@ use crate::jobs::sweep::Retention;
 use crate::jobs::{Database, MAX_LEASE, Quota, Store, StoreOptions};
 use crate::metrics::Metrics;
 use crate::status::{Condition, Status};
-use crate::worker::{ALIVE_HEARTBEATS, BatchGenerator, PoolOptions, WorkerPool, generate_on_cpu};
+use crate::worker::{ALIVE_HEARTBEATS, BatchGenerator, PoolOptions, WorkerPool, generate_on_cpu, lower_priority};
 use anyhow::Context;
 use axum::Router;
 use connections::Connections;
@@ -204,6 +204,10 @@ impl Service {
     /// [`Failure::Usage`] for invalid options; [`Failure::Failed`] if something cannot be opened.
     pub async fn start(args: &ServeArgs, listener: TcpListener, probes: Option<TcpListener>) -> Result<Self, Failure> {
         let address = listener.local_addr().context("the listening socket has no address")?;
+        // Computations for requests take turns with the workers. Fails if the process has used the
+        // pool before, as tests do.
+        let nice = args.process.worker_nice;
+        let _ = rayon::ThreadPoolBuilder::new().start_handler(move |_| lower_priority(nice)).build_global();
         let gpus = find_gpus(&args.process).await?;
         let stores = Stores::open(&args.process, Some(args.queue_limit)).await?;
         let metrics = Metrics::default();

@@ -4,6 +4,7 @@
 use crate::clock::Stopwatch;
 use crate::http::AppState;
 use crate::http::access::Caller;
+use crate::http::wire::blocking::{compute, message};
 use crate::http::wire::conditional::ETag;
 use crate::http::wire::extract::Parameters;
 use crate::http::wire::faults::{Faults, RequestFault};
@@ -69,7 +70,7 @@ pub(super) async fn picture<T: Send + 'static, F: Future<Output = Result<T, Prob
     }
     let input = read(turn.clone()).await?;
     let (pictures, metrics, tag) = (Arc::clone(&state.pictures), state.metrics.clone(), tag.clone());
-    let drawn = tokio::task::spawn_blocking(move || {
+    let drawn = compute(move || {
         // Even if the client disconnects, the turn lasts as long as the thread works, and the
         // picture is kept.
         let _turn = turn;
@@ -79,7 +80,10 @@ pub(super) async fn picture<T: Send + 'static, F: Future<Output = Result<T, Prob
         pictures.keep_picture(tag, png.clone());
         Ok::<_, DrawError>(png)
     });
-    drawn.await.map_err(|error| failed(&error))?.map_err(|error| failed(&error))
+    match drawn.await {
+        Ok(drawn) => drawn.map_err(|error| failed(&error.to_string())),
+        Err(panic) => Err(failed(message(&*panic))),
+    }
 }
 
 /// The response with a picture.
@@ -107,7 +111,7 @@ pub(in crate::http) async fn turn(state: &AppState, caller: &Caller) -> Result<T
     })
 }
 
-fn failed(error: &(dyn std::error::Error + 'static)) -> Problem {
+fn failed(error: &str) -> Problem {
     tracing::error!(error, "a picture could not be drawn");
     Problem::new(Kind::Internal, "The picture could not be drawn.")
 }

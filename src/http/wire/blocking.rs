@@ -1,6 +1,10 @@
-//! Computations on threads outside the async runtime.
+//! Computations on threads outside the async runtime: those of rayon's global pool. `serve` gives
+//! them the niceness of the workers, so that requests for pictures do not starve models.
 
 use super::problem::{Kind, Problem};
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use tokio::sync::oneshot;
 
 /// Runs work that may take seconds. If the work panics, the problem says that `what` failed, for
 /// example "Making the cut".
@@ -18,10 +22,28 @@ pub(in crate::http) async fn blocking<T: Send + 'static>(
         let _held = held;
         span.in_scope(work)
     };
-    tokio::task::spawn_blocking(task).await.map_err(|error| {
-        tracing::error!(%error, what, "work for a request panicked");
+    compute(task).await.map_err(|panic| {
+        tracing::error!(panic = message(&*panic), what, "work for a request panicked");
         Problem::new(Kind::Internal, format!("{what} failed."))
     })
+}
+
+/// Runs work to its end, even if the returned future is dropped.
+///
+/// # Errors
+/// The panic of the work.
+pub(in crate::http) async fn compute<T: Send + 'static>(
+    work: impl FnOnce() -> T + Send + 'static,
+) -> Result<T, Box<dyn Any + Send>> {
+    let (done, result) = oneshot::channel();
+    rayon::spawn(move || drop(done.send(catch_unwind(AssertUnwindSafe(work)))));
+    result.await.unwrap_or_else(|_| unreachable!("the work sends its result"))
+}
+
+/// Message of a panic.
+pub(in crate::http) fn message(panic: &(dyn Any + Send)) -> &str {
+    let text = panic.downcast_ref::<&str>().copied();
+    text.or_else(|| panic.downcast_ref::<String>().map(String::as_str)).unwrap_or("unknown")
 }
 
 #[cfg(test)]

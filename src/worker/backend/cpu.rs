@@ -183,7 +183,7 @@ pub(in crate::worker) fn threads(worker: &str, count: usize, nice: u8) -> io::Re
 }
 
 /// Raises the niceness of this thread, on Linux. On other systems, only processes have a niceness.
-fn lower_priority(nice: u8) {
+pub fn lower_priority(nice: u8) {
     #[cfg(target_os = "linux")]
     {
         use rustix::process::{getpriority_process, setpriority_process};
