@@ -16,6 +16,7 @@ mod health;
 mod metrics;
 mod models;
 mod openapi;
+mod operations;
 mod pictures;
 mod presets;
 mod router;
@@ -27,6 +28,7 @@ pub use access::{AccessOptions, WithoutKeys};
 pub use batches::batch::{Batch, BatchCounts, BatchList};
 pub use batches::study::{BatchStudy, StudyModel};
 pub use models::model::{Model, ModelEvent, ModelFile, ModelList, ModelProblem, ModelWarning, Queue};
+pub use operations::execute_operations;
 pub use router::{openapi_yaml, router, watch_router};
 pub use wire::cors::{NoOrigin, Origin};
 pub use wire::headers::REQUEST_ID;
@@ -43,6 +45,7 @@ use models::specs::Specs;
 use pictures::queue::Pictures;
 use std::sync::Arc;
 use std::time::Duration;
+use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 use wire::shares::{Shares, Turns};
 use workforce::{JobContext, WorkforceCache};
@@ -169,6 +172,8 @@ pub struct AppState {
     pictures: Arc<Pictures>,
     specs: Arc<Specs>,
     batches: Arc<Turns>,
+    /// Wakes [`execute_operations`].
+    operations: Arc<Notify>,
 }
 
 impl AppState {
@@ -207,6 +212,7 @@ impl AppState {
             pictures,
             specs: Arc::default(),
             batches,
+            operations: Arc::default(),
         }
     }
 
@@ -240,17 +246,18 @@ impl AppState {
     /// Deletes artifacts that no record names. Waits at most one second; clients cannot reach the
     /// files, and the orphan sweep deletes the rest.
     async fn forget(&self, keys: Vec<String>) {
-        if keys.is_empty() {
-            return;
+        if !keys.is_empty() {
+            let state = self.clone();
+            let removal = tokio::spawn(async move { state.remove_files(&keys).await });
+            let _ = tokio::time::timeout(Duration::from_secs(1), removal).await;
         }
-        let artifacts = self.artifacts.clone();
-        let removal = tokio::spawn(async move {
-            if let Err(error) = artifacts.delete(&keys).await {
-                tracing::warn!(%error, "could not delete the files of a deleted model; the orphan sweep will delete \
-                    them");
-            }
-        });
-        let _ = tokio::time::timeout(Duration::from_secs(1), removal).await;
+    }
+
+    /// Deletes artifacts that no record names.
+    async fn remove_files(&self, keys: &[String]) {
+        if let Err(error) = self.artifacts.delete(keys).await {
+            tracing::warn!(%error, "could not delete the files of a deleted model; the orphan sweep will delete them");
+        }
     }
 
     /// Number of open event streams.

@@ -2,13 +2,13 @@
 
 use super::access::Rule;
 use super::access::tickets;
-use super::models::{bulk, files, retry};
+use super::models::{files, retry};
 use super::openapi::Description;
 use super::openapi::docs;
 use super::pictures::{course, cut, preview, report_page, sections};
 use super::wire::compress::compress;
 use super::wire::envelope::enclose;
-use super::{AppState, batches, console, events, fits, health, metrics, models, openapi, presets, workers};
+use super::{AppState, batches, console, events, fits, health, metrics, models, openapi, operations, presets, workers};
 use axum::{Extension, Router};
 use serde_json::Value;
 use std::sync::{Arc, LazyLock};
@@ -44,6 +44,8 @@ fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(course::course))
         .routes(routes!(cut::cut))
         .routes(routes!(preview::preview))
+        .routes(routes!(operations::read::list))
+        .routes(routes!(operations::read::get))
         .routes(routes!(fits::read::list))
         .routes(routes!(fits::read::get))
         .routes(routes!(fits::create::validate))
@@ -55,9 +57,10 @@ fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(models::read::delete))
         .routes(routes!(models::read::cancel))
         .routes(routes!(retry::retry))
-        .routes(routes!(bulk::cancel))
-        .routes(routes!(bulk::delete))
-        .routes(routes!(bulk::cancel_batch))
+        .routes(routes!(operations::apply::cancel))
+        .routes(routes!(operations::apply::delete))
+        .routes(routes!(operations::apply::cancel_batch))
+        .routes(routes!(operations::read::cancel))
         .routes(routes!(fits::create::create))
         .routes(routes!(fits::read::cancel))
         .routes(routes!(fits::read::delete))

@@ -12,6 +12,8 @@ pub enum Quantity {
     Unfinished,
     /// Bytes of files.
     Bytes,
+    /// Operations on many jobs that have not ended.
+    Operations,
 }
 
 impl Quantity {
@@ -21,6 +23,7 @@ impl Quantity {
         match self {
             Self::Unfinished => "queued and running models",
             Self::Bytes => "bytes of files",
+            Self::Operations => "unfinished operations",
         }
     }
 }

@@ -1,10 +1,12 @@
-//! Lists and counts of jobs, and changes that touch many of them.
+//! Lists and counts of jobs, and changes of them.
 
 use super::job::{BatchId, Job, JobId, JobKind, Status};
 use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
 
 /// Conditions of a list of jobs, newest first.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct ListFilter {
     /// Only jobs of this kind.
     pub kind: JobKind,
@@ -71,15 +73,6 @@ impl Counts {
     pub fn total(&self) -> u64 {
         self.queued + self.running + self.succeeded + self.failed + self.cancelled
     }
-}
-
-/// Result of cancelling or deleting many jobs.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct BulkResult {
-    /// Number of jobs that changed.
-    pub jobs: u64,
-    /// Keys for removal from the artifact store.
-    pub keys: Vec<String>,
 }
 
 /// A change of a job, as subscribers of [`Store::changes`](super::Store::changes) receive it.

@@ -9,6 +9,7 @@
 pub mod artifacts;
 mod attempt;
 mod batch;
+mod bulk;
 mod error;
 pub mod fault;
 mod folders;
@@ -32,12 +33,13 @@ pub mod sweep;
 
 pub use attempt::{Attempt, ClaimedJob, Directive, Finished};
 pub use batch::{Batch, BatchFilter, BatchPage, NewBatch, SubmittedBatch};
+pub use bulk::{BulkAction, BulkOperation, BulkPage, BulkStep, NewBulk, OperationId};
 pub use error::{Quantity, StoreError, with_causes};
 pub use job::{
     BackendReport, BatchId, File, Job, JobId, JobKind, JobProgress, LiveSection, NewJob, NoPriority, Priority, Problem,
     Quota, Status, Submitted,
 };
-pub use list::{BulkResult, Change, Counts, ListFilter, Page};
+pub use list::{Change, Counts, ListFilter, Page};
 pub use open::{Database, open};
 pub use operators::{
     Instruction, Pause, PoolUse, QueueReason, WorkerCondition, WorkerCounts, WorkerInfo, WorkerKind, WorkerState,

@@ -10,7 +10,7 @@ use http_body_util::BodyExt;
 use jiff::Timestamp;
 use oviduct::clock::Clock;
 use oviduct::generate::{Backend, Progress, Stage, UsedBackend};
-use oviduct::http::{AccessOptions, AppState, Limits, REQUEST_ID, WithoutKeys, router};
+use oviduct::http::{AccessOptions, AppState, Limits, REQUEST_ID, WithoutKeys, execute_operations, router};
 use oviduct::jobs::artifacts::{Artifacts, key};
 use oviduct::jobs::keys::{KeyLimits, NewKey, Scope, Secret};
 use oviduct::jobs::{
@@ -88,6 +88,11 @@ impl App {
         let options = StoreOptions { clock: clock.clone(), queue_limit, ..StoreOptions::default() };
         let store = Store::open_in_memory(options).await.unwrap();
         Self::over(store, clock, limits)
+    }
+
+    /// Executes operations in the background.
+    pub(super) fn execute_operations(&self) -> tokio::task::JoinHandle<()> {
+        tokio::spawn(execute_operations(self.state.clone()))
     }
 
     /// Replaces the artifact store.

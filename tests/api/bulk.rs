@@ -5,6 +5,7 @@ use axum::body::Body;
 use axum::http::Method;
 use futures_util::future::BoxFuture;
 use oviduct::http::Limits;
+use oviduct::jobs::keys::Scope;
 use oviduct::jobs::{Hook, Problem, StoreError};
 use serde_json::{Value, json};
 use std::sync::Arc;
@@ -170,7 +171,7 @@ struct SubmitDuringDeletion(Arc<App>);
 impl Hook for SubmitDuringDeletion {
     fn before<'a>(&'a self, call: &'static str) -> BoxFuture<'a, Result<(), StoreError>> {
         Box::pin(async move {
-            if call == "delete_many" {
+            if call == "step_operation" {
                 labelled(&self.0, 2, "A").await;
             }
             Ok(())
@@ -187,4 +188,87 @@ async fn models_accepted_during_a_bulk_deletion_are_kept() {
     assert_eq!(busy.delete("/models?label=study:A").await.json(), applied(1, false));
     let left = app.get("/models?label=study:A").await.json();
     assert_eq!(left["models"].as_array().unwrap().len(), 1, "{left}");
+}
+
+/// An app with 1,500 queued models of one owner, its key, and the key of another owner.
+async fn crowded() -> (App, String, String) {
+    let app = App::with(Limits::default(), 5000).await;
+    let key = app.key("lab", &[Scope::Read, Scope::Submit]).await;
+    let other = app.key("other", &[Scope::Read, Scope::Submit]).await;
+    for seeds in [0..1000, 1000..1500] {
+        let body = json!({ "seeds": seeds.collect::<Vec<u32>>(), "labels": { "study": "A" } });
+        assert_eq!(app.post_with("/batches", &[("authorization", &key)], &body).await.status, 202);
+    }
+    (app, key, other)
+}
+
+#[tokio::test]
+async fn many_models_are_deleted_by_an_operation_with_progress() {
+    let (app, key, _) = crowded().await;
+    let lab = [("authorization", key.as_str())];
+    let send = async |method: Method, path: &str| app.request(method, path, &lab, Body::empty()).await;
+    let path = "/models?label=study:A&status=queued";
+    let counted = send(Method::DELETE, &format!("{path}&dry_run=true")).await;
+    assert_eq!((counted.status.as_u16(), counted.json()), (200, applied(1500, true)));
+    let accepted = send(Method::DELETE, path).await;
+    assert_eq!((accepted.status.as_u16(), accepted.header("retry-after")), (202, Some("1")));
+    let (address, operation) = (accepted.location(), accepted.json());
+    assert_eq!(address, format!("/operations/{}", operation["id"].as_str().unwrap()));
+    assert_eq!((&operation["status"], &operation["action"]), (&json!("queued"), &json!("delete")));
+    assert_eq!(operation["conditions"], json!({ "label": ["study:A"], "status": ["queued"] }));
+    assert_eq!(operation["progress"], json!({ "changed": 0, "total": 1500, "fraction": 0.0 }));
+    let tag = accepted.header("etag").unwrap().to_owned();
+    let same = app.get_with(&address, &[lab[0], ("if-none-match", &tag)]).await;
+    assert_eq!(same.status, 304);
+    let later = app.post_with("/models", &lab, &json!({ "seed": 9000, "labels": { "study": "A" } })).await.location();
+
+    let executor = app.execute_operations();
+    let mut seen = Vec::new();
+    let ended = loop {
+        let operation = app.get_with(&address, &lab).await;
+        let body = operation.json();
+        seen.push(body["progress"]["changed"].as_u64().unwrap());
+        if operation.header("retry-after").is_none() {
+            break body;
+        }
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    };
+    executor.abort();
+    assert!(seen.is_sorted(), "{seen:?}");
+    assert_eq!((&ended["status"], &ended["progress"]["fraction"]), (&json!("succeeded"), &json!(1.0)));
+    assert_eq!((ended["progress"]["changed"].as_u64(), ended["finished_at"].is_string()), (Some(1500), true));
+    let left = app.get_with("/models", &lab).await.json();
+    assert_eq!(left["models"].as_array().unwrap().len(), 1, "{left}");
+    assert_eq!(app.get_with(&later, &lab).await.json()["status"], "queued");
+    let list = app.get_with("/operations?limit=1", &lab).await.json();
+    assert_eq!((&list["operations"][0]["id"], &list["next"]), (&operation["id"], &Value::Null));
+    let again = send(Method::POST, &format!("{address}/cancel")).await;
+    assert_eq!(again.json(), ended, "an ended operation does not change");
+}
+
+#[tokio::test]
+async fn an_operation_is_cancelled_and_belongs_to_its_owner() {
+    let (app, key, other) = crowded().await;
+    let (lab, other) = ([("authorization", key.as_str())], [("authorization", other.as_str())]);
+    let post = async |path: &str, key| app.request(Method::POST, path, key, Body::empty()).await;
+    let accepted = post("/models/cancel?all=true", &lab).await;
+    assert_eq!(accepted.status, 202);
+    let reference = accepted.header("location").unwrap();
+    let id = accepted.json()["id"].as_str().unwrap().to_owned();
+    assert_eq!(reference, format!("../operations/{id}"));
+    let address = format!("/operations/{id}");
+    for (method, path) in [(Method::GET, address.clone()), (Method::POST, format!("{address}/cancel"))] {
+        let hidden = app.request(method, &path, &other, Body::empty()).await;
+        assert_eq!((hidden.status.as_u16(), hidden.slug().as_str()), (404, "operation-not-found"));
+    }
+    assert_eq!(app.get_with("/operations", &other).await.json()["operations"], json!([]));
+    let step = app.store.step_operation(None).await.unwrap().unwrap();
+    assert_eq!(step.operation.changed, 100);
+    let cancelled = post(&format!("{address}/cancel"), &lab).await.json();
+    assert_eq!((&cancelled["status"], &cancelled["progress"]["changed"]), (&json!("cancelled"), &json!(100)));
+    assert_eq!(app.store.step_operation(None).await.unwrap(), None);
+    let counts = app.store.counts().await.unwrap();
+    assert_eq!((counts.queued, counts.cancelled), (1400, 100));
+    assert_eq!(app.get_with("/operations/nonsense", &lab).await.slug(), "operation-not-found");
+    assert_eq!(app.get_with("/operations?limit=0&status=queued", &lab).await.places(), ["status", "limit"]);
 }

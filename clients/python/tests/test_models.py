@@ -119,6 +119,13 @@ def test_models_are_listed_page_by_page(own_service, monkeypatch):
             client.delete_models(state="cancelled")
         with pytest.raises(WaitTimeout):
             client.wait(ids[2], timeout=0.3)
+        for count in (1000, 100):
+            client.submit_batch(count=count, spec=SMALL, labels={"many": "yes"})
+        assert client.delete_models(labels={"many": "yes"}).count == 1100
+        operation = next(client.operations())
+        assert (operation.action, operation.status) == ("delete", "succeeded")
+        assert operation.conditions == {"label": ["many:yes"]} and operation.progress.total == 1100
+        assert client.cancel_operation(operation.id) == client.operation(operation.id) == operation
         assert client.resume_workers().pause is None
         assert client.wait(ids[2]).seed == 2
 

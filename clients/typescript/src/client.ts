@@ -29,6 +29,8 @@ import type {
   ModelRequest,
   ModelState,
   NamedView,
+  Operation,
+  OperationPage,
   Preset,
   PresetList,
   Report,
@@ -93,6 +95,14 @@ export interface ListOptions extends CallOptions {
 export interface PageOptions extends ListOptions {
   /** `next` of the previous page. */
   cursor?: string | undefined;
+}
+
+/** Options of `cancelAll` and `deleteAll`. */
+export interface BulkOptions extends CallOptions {
+  /** True to only count the models. */
+  dryRun?: boolean | undefined;
+  /** Called with each state of the operation if there is one, for more than 1,000 models. */
+  onProgress?: ((operation: Operation) => void) | undefined;
 }
 
 /** Size of the returned models: without their specs (`summary`) or with them (`full`). */
@@ -179,6 +189,9 @@ export interface ArchiveOptions extends CallOptions {
 
 /** Models that `cancelAll` or `deleteAll` applies to: conditions, or explicitly all. */
 export type Which = ModelFilter & { all?: boolean | undefined };
+
+/** Time between two requests for the state of an operation, milliseconds. */
+const OPERATION_POLL = 1000;
 
 /** An event of a stream with its data. */
 interface StateEvent {
@@ -279,14 +292,50 @@ export class Oviduct {
     return this.#create(`models/${segment(id)}/retry`, undefined, options);
   }
 
-  /** Cancels all matching models; with `dryRun`, only counts them. */
-  cancelAll(which: Which, options: CallOptions & { dryRun?: boolean | undefined } = {}): Promise<Applied> {
-    return this.#post("models/cancel", options, undefined, { ...conditions(which), dry_run: options.dryRun });
+  /**
+   * Cancels all matching models; with `dryRun`, only counts them.
+   *
+   * The service changes many models in the background, as an operation. This method waits for its
+   * end; the operation continues after an abort.
+   */
+  cancelAll(which: Which, options: BulkOptions = {}): Promise<Applied> {
+    return this.#bulk("POST", "models/cancel", which, options);
   }
 
-  /** Deletes all matching models and their files; with `dryRun`, only counts them. */
-  deleteAll(which: Which, options: CallOptions & { dryRun?: boolean | undefined } = {}): Promise<Applied> {
-    return this.#delete("models", options, { ...conditions(which), dry_run: options.dryRun });
+  /** Deletes all matching models and their files, with the options of `cancelAll`. */
+  deleteAll(which: Which, options: BulkOptions = {}): Promise<Applied> {
+    return this.#bulk("DELETE", "models", which, options);
+  }
+
+  async #bulk(method: "POST" | "DELETE", path: string, which: Which, options: BulkOptions): Promise<Applied> {
+    const { dryRun, onProgress } = options;
+    const call = this.#call(method, path, options, { ...conditions(which), dry_run: dryRun });
+    let answer: Applied | Operation = await this.#transport.json(call);
+    while (!("count" in answer)) {
+      const { id, finished_at: end, progress }: Operation = answer;
+      onProgress?.(answer);
+      if (end !== null) return { count: progress.changed, dry_run: false };
+      await sleep(OPERATION_POLL, options.signal);
+      answer = await this.getOperation(id, options);
+    }
+    return answer;
+  }
+
+  /** Returns an operation on many models. The service keeps it for a week after its end. */
+  getOperation(id: string, options: CallOptions = {}): Promise<Operation> {
+    return this.#get(`operations/${segment(id)}`, options);
+  }
+
+  /** Iterates over operations on many models, newest first. */
+  listOperations(options: ListOptions = {}): AsyncGenerator<Operation, void> {
+    const page = ({ cursor, pageSize: limit }: PageOptions): Promise<OperationPage> =>
+      this.#get("operations", options, { limit, cursor });
+    return items((cursor) => page({ ...options, cursor }), ({ operations }) => operations);
+  }
+
+  /** Cancels an operation on many models; models that it has changed stay so. */
+  cancelOperation(id: string, options: CallOptions = {}): Promise<Operation> {
+    return this.#post(`operations/${segment(id)}/cancel`, options);
   }
 
   // Batches and studies.

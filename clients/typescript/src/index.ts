@@ -1,6 +1,7 @@
 export { Oviduct } from "./client.js";
 export type {
   ArchiveOptions,
+  BulkOptions,
   BytesOptions,
   FileOptions,
   FollowFitOptions,

@@ -3,7 +3,7 @@
  * Do not make direct changes to the file.
  */
 
-// openapi.yaml: sha256 801d43a599674d878f95f5437ee86dea6aaf6e9800857286a4a52d35957d7736
+// openapi.yaml: sha256 f384d9f724af07c45e705315d7dde30b5bb03fc955bbeb652ff310fd814d9012
 
 export interface paths {
     "/batches": {
@@ -401,7 +401,8 @@ export interface paths {
         /**
          * Delete all models that match, and their files.
          * @description Models that have not ended are cancelled first. Files that another model shares are kept. The
-         *     conditions are those of `GET /models`; without a condition, `all=true` is required.
+         *     conditions are those of `GET /models`; without a condition, `all=true` is required. The request
+         *     does not affect models that are accepted after it.
          *
          *     Needs a key with the scope `submit`.
          */
@@ -423,7 +424,8 @@ export interface paths {
         /**
          * Cancel all models that match.
          * @description Queued models end immediately, running models within a second. Ended models do not change. The
-         *     conditions are those of `GET /models`; without a condition, `all=true` is required.
+         *     conditions are those of `GET /models`; without a condition, `all=true` is required. The request
+         *     does not affect models that are accepted after it.
          *
          *     Needs a key with the scope `submit`.
          */
@@ -784,6 +786,72 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/operations": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List operations on many models, newest first.
+         * @description Operations that ended more than a week ago are not listed.
+         *
+         *     Needs a key with the scope `read`.
+         */
+        get: operations["list_operations"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/operations/{id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Read an operation on many models.
+         * @description An ended operation never changes.
+         *
+         *     Needs a key with the scope `read`.
+         */
+        get: operations["get_operation"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/operations/{id}/cancel": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Cancel an operation on many models.
+         * @description Models that it has changed stay so. An ended operation does not change.
+         *
+         *     Needs a key with the scope `submit`.
+         */
+        post: operations["cancel_operation"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/presets": {
         parameters: {
             query?: never;
@@ -1085,7 +1153,10 @@ export interface components {
         };
         /** @description Result of a request that cancels or deletes many models. */
         Applied: {
-            /** @description Number of models that were cancelled or deleted; with `dry_run`, the number that would be. */
+            /**
+             * @description Number of models that were cancelled or deleted; with `dry_run`, the number that would be,
+             *     counted up to a million for each status.
+             */
             count: number;
             /** @description True if the request only counted the models (`dry_run=true`) and changed nothing. */
             dry_run: boolean;
@@ -1263,6 +1334,11 @@ export interface components {
          * @enum {string}
          */
         BoundOrigin: "published" | "order" | "proposal";
+        /**
+         * @description Change of many models.
+         * @enum {string}
+         */
+        BulkAction: "cancel" | "delete";
         /** @description Certificate of a surface. For the tissue of a generated model, it also covers the sections. */
         Certificate: {
             /**
@@ -3055,6 +3131,66 @@ export interface components {
             /** @description Standard deviation before truncation. */
             sd: number;
         };
+        /**
+         * @description An operation on many models. It continues if the client disconnects or the service restarts, and
+         *     is kept for a week after its end.
+         */
+        Operation: {
+            /** @description Change of each model. */
+            action: components["schemas"]["BulkAction"];
+            /** @description Conditions of the request: names of parameters and their values. */
+            conditions: {
+                [key: string]: string[];
+            };
+            /**
+             * Format: date-time
+             * @description Time at which the request was accepted.
+             */
+            created_at: string;
+            /**
+             * Format: date-time
+             * @description Time of the end; null before.
+             */
+            finished_at?: string | null;
+            /**
+             * Format: uuid
+             * @description Identifier, a UUIDv7.
+             */
+            id: string;
+            /**
+             * @description Owner of the key with which the request was submitted; null if it was submitted without a
+             *     key.
+             */
+            owner?: string | null;
+            /** @description Progress. */
+            progress: components["schemas"]["OperationProgress"];
+            /** @description Status. `succeeded` if all models that matched have been considered. */
+            status: components["schemas"]["Status"];
+            /** @description Increases with every change. */
+            version: number;
+        };
+        /** @description A page of operations, newest first. */
+        OperationList: {
+            /** @description Value of `cursor` for the next page; null on the last page. */
+            next?: string | null;
+            /** @description The operations. */
+            operations: components["schemas"]["Operation"][];
+        };
+        /** @description Progress of an operation. */
+        OperationProgress: {
+            /** @description Number of models that have changed. */
+            changed: number;
+            /**
+             * Format: double
+             * @description Fraction of the whole, 0 to 1; 1 if the operation has succeeded.
+             */
+            fraction: number;
+            /**
+             * @description Number of models that matched when the request was accepted; at most a million is counted
+             *     for each status. Models that change otherwise in the meantime are not in `changed`.
+             */
+            total: number;
+        };
         /** @description Certificate of one body, or of both bodies together. */
         OtherCertificate: components["schemas"]["Certificate"] | components["schemas"]["RegionsCertificate"];
         /**
@@ -3356,7 +3492,7 @@ export interface components {
              * @description `urn:oviduct:problem:` and a stable slug.
              * @enum {string}
              */
-            type: "urn:oviduct:problem:bad-request" | "urn:oviduct:problem:invalid-json" | "urn:oviduct:problem:unauthorized" | "urn:oviduct:problem:forbidden" | "urn:oviduct:problem:forbidden-origin" | "urn:oviduct:problem:unknown-host" | "urn:oviduct:problem:not-found" | "urn:oviduct:problem:model-not-found" | "urn:oviduct:problem:batch-not-found" | "urn:oviduct:problem:fit-not-found" | "urn:oviduct:problem:file-not-found" | "urn:oviduct:problem:section-not-found" | "urn:oviduct:problem:cut-not-found" | "urn:oviduct:problem:preset-not-found" | "urn:oviduct:problem:worker-not-found" | "urn:oviduct:problem:method-not-allowed" | "urn:oviduct:problem:not-acceptable" | "urn:oviduct:problem:not-failed" | "urn:oviduct:problem:request-timeout" | "urn:oviduct:problem:payload-too-large" | "urn:oviduct:problem:unsupported-media-type" | "urn:oviduct:problem:range-not-satisfiable" | "urn:oviduct:problem:invalid-request" | "urn:oviduct:problem:cost-limit" | "urn:oviduct:problem:surface-too-large" | "urn:oviduct:problem:gpu-unavailable" | "urn:oviduct:problem:idempotency-key-reused" | "urn:oviduct:problem:queue-full" | "urn:oviduct:problem:quota-exceeded" | "urn:oviduct:problem:rate-limited" | "urn:oviduct:problem:internal" | "urn:oviduct:problem:transfer-coding-unsupported" | "urn:oviduct:problem:store-unavailable" | "urn:oviduct:problem:storage-unavailable" | "urn:oviduct:problem:too-many-bodies" | "urn:oviduct:problem:too-many-streams" | "urn:oviduct:problem:too-many-downloads" | "urn:oviduct:problem:too-many-pictures" | "urn:oviduct:problem:not-ready" | "urn:oviduct:problem:workers-stuck";
+            type: "urn:oviduct:problem:bad-request" | "urn:oviduct:problem:invalid-json" | "urn:oviduct:problem:unauthorized" | "urn:oviduct:problem:forbidden" | "urn:oviduct:problem:forbidden-origin" | "urn:oviduct:problem:unknown-host" | "urn:oviduct:problem:not-found" | "urn:oviduct:problem:model-not-found" | "urn:oviduct:problem:batch-not-found" | "urn:oviduct:problem:fit-not-found" | "urn:oviduct:problem:operation-not-found" | "urn:oviduct:problem:file-not-found" | "urn:oviduct:problem:section-not-found" | "urn:oviduct:problem:cut-not-found" | "urn:oviduct:problem:preset-not-found" | "urn:oviduct:problem:worker-not-found" | "urn:oviduct:problem:method-not-allowed" | "urn:oviduct:problem:not-acceptable" | "urn:oviduct:problem:not-failed" | "urn:oviduct:problem:request-timeout" | "urn:oviduct:problem:payload-too-large" | "urn:oviduct:problem:unsupported-media-type" | "urn:oviduct:problem:range-not-satisfiable" | "urn:oviduct:problem:invalid-request" | "urn:oviduct:problem:cost-limit" | "urn:oviduct:problem:surface-too-large" | "urn:oviduct:problem:gpu-unavailable" | "urn:oviduct:problem:idempotency-key-reused" | "urn:oviduct:problem:queue-full" | "urn:oviduct:problem:quota-exceeded" | "urn:oviduct:problem:rate-limited" | "urn:oviduct:problem:internal" | "urn:oviduct:problem:transfer-coding-unsupported" | "urn:oviduct:problem:store-unavailable" | "urn:oviduct:problem:storage-unavailable" | "urn:oviduct:problem:too-many-bodies" | "urn:oviduct:problem:too-many-streams" | "urn:oviduct:problem:too-many-downloads" | "urn:oviduct:problem:too-many-pictures" | "urn:oviduct:problem:not-ready" | "urn:oviduct:problem:workers-stuck";
             /** @description workers-stuck: a sentence about each worker */
             workers?: string[];
         };
@@ -5307,7 +5443,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests (`rate-limited`) */
+            /** @description The quota is used up (`quota-exceeded`); Too many requests (`rate-limited`) */
             429: {
                 headers: {
                     /** @description Remaining part of the limit. Absent if the queue is full */
@@ -6942,6 +7078,21 @@ export interface operations {
                     "application/json": components["schemas"]["Applied"];
                 };
             };
+            /** @description More than 1,000 models match. The service changes them in the background */
+            202: {
+                headers: {
+                    /** @description The version of the operation */
+                    etag?: string;
+                    /** @description The operation, relative to this URL */
+                    location?: string;
+                    /** @description Seconds to wait before the next request */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Operation"];
+                };
+            };
             /** @description The request is malformed (`bad-request`) */
             400: {
                 headers: {
@@ -6991,7 +7142,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests (`rate-limited`) */
+            /** @description The quota is used up (`quota-exceeded`); Too many requests (`rate-limited`) */
             429: {
                 headers: {
                     /** @description Remaining part of the limit. Absent if the queue is full */
@@ -7065,6 +7216,21 @@ export interface operations {
                     "application/json": components["schemas"]["Applied"];
                 };
             };
+            /** @description More than 1,000 models match. The service changes them in the background */
+            202: {
+                headers: {
+                    /** @description The version of the operation */
+                    etag?: string;
+                    /** @description The operation, relative to this URL */
+                    location?: string;
+                    /** @description Seconds to wait before the next request */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Operation"];
+                };
+            };
             /** @description The request is malformed (`bad-request`) */
             400: {
                 headers: {
@@ -7114,7 +7280,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests (`rate-limited`) */
+            /** @description The quota is used up (`quota-exceeded`); Too many requests (`rate-limited`) */
             429: {
                 headers: {
                     /** @description Remaining part of the limit. Absent if the queue is full */
@@ -8999,6 +9165,345 @@ export interface operations {
                 };
             };
             /** @description The job store is unavailable (`store-unavailable`) */
+            503: {
+                headers: {
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    list_operations: {
+        parameters: {
+            query?: {
+                /** @description Only operations of this owner; without the scope `admin`, only the caller's own name is allowed */
+                owner?: string;
+                /** @description Maximum number of operations on the page; 20 by default */
+                limit?: number;
+                /** @description `next` of the previous page */
+                cursor?: string;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description A page of operations */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["OperationList"];
+                };
+            };
+            /** @description The request is malformed (`bad-request`) */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A key is required (`unauthorized`) */
+            401: {
+                headers: {
+                    /** @description `Bearer`, and the reason why the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key does not allow this (`forbidden`) */
+            403: {
+                headers: {
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is not valid (`invalid-request`) */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests (`rate-limited`) */
+            429: {
+                headers: {
+                    /** @description Remaining part of the limit. Absent if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit. Absent if the queue is full */
+                    "ratelimit-policy"?: string;
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service failed (`internal`) */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`) */
+            503: {
+                headers: {
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    get_operation: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Entity tags that the client has */
+                "if-none-match"?: string;
+            };
+            path: {
+                /** @description Id of the operation */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The operation */
+            200: {
+                headers: {
+                    /** @description The version */
+                    etag?: string;
+                    /** @description Seconds to wait before the next request. Absent after the end */
+                    "retry-after"?: number | null;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Operation"];
+                };
+            };
+            /** @description The operation has not changed */
+            304: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description The request is malformed (`bad-request`) */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A key is required (`unauthorized`) */
+            401: {
+                headers: {
+                    /** @description `Bearer`, and the reason why the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key does not allow this (`forbidden`) */
+            403: {
+                headers: {
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description There is no such operation (`operation-not-found`) */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is not valid (`invalid-request`) */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests (`rate-limited`) */
+            429: {
+                headers: {
+                    /** @description Remaining part of the limit. Absent if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit. Absent if the queue is full */
+                    "ratelimit-policy"?: string;
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service failed (`internal`) */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`) */
+            503: {
+                headers: {
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    cancel_operation: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of the operation */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The operation */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Operation"];
+                };
+            };
+            /** @description A key is required (`unauthorized`) */
+            401: {
+                headers: {
+                    /** @description `Bearer`, and the reason why the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
+            403: {
+                headers: {
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description There is no such operation (`operation-not-found`) */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests (`rate-limited`) */
+            429: {
+                headers: {
+                    /** @description Remaining part of the limit. Absent if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit. Absent if the queue is full */
+                    "ratelimit-policy"?: string;
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service failed (`internal`) */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`) */
             503: {
                 headers: {
                     /** @description Seconds to wait before the next attempt */

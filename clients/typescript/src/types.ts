@@ -44,7 +44,10 @@ export type FitValidation = Answer<"validate_fit">;
 /** One row per model of a batch. */
 export type Table = Answer<"get_batch_table">;
 /** Number of models that were cancelled or deleted, or would be with `dryRun`. */
-export type Applied = Answer<"cancel_models">;
+export type Applied = Schemas["Applied"];
+/** Cancellation or deletion of many models, which the service executes in the background. */
+export type Operation = Schemas["Operation"];
+export type OperationPage = Answer<"list_operations">;
 /** A cross section with its two contours; lengths in micrometres. */
 export type SectionJson = Answer<"get_section">;
 /** A planar cut of the surface; lengths in micrometres. */

@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import { createHash } from "node:crypto";
 import { after, before, test } from "node:test";
-import { Oviduct, OviductError, type FitEvent, type Model, type ModelEvent } from "oviduct-client";
+import { Oviduct, OviductError, type FitEvent, type Model, type ModelEvent, type Operation } from "oviduct-client";
 import { ENDLESS, ENDLESS_FIT, FIT, proxy, Service, SMALL, withServer, withService } from "./service.js";
 
 let service: Service;
@@ -104,6 +104,14 @@ test("many models are counted, cancelled and deleted", async () => {
   assert.equal((await client.deleteAll({ labels })).count, 5);
   assert.equal((await problemOf(client.deleteAll({}))).errors[0]?.parameter, "all");
   assert((await client.cancelAll({ all: true }, { dryRun: true })).dry_run);
+  for (const count of [1000, 100]) await client.submitBatch({ ...ENDLESS, count, labels });
+  const states: Operation[] = [];
+  assert.equal((await client.deleteAll({ labels }, { onProgress: (state) => states.push(state) })).count, 1100);
+  const end = states.at(-1)!;
+  assert(states.length > 1 && end.status === "succeeded" && end.progress.total === 1100);
+  assert.deepEqual(await client.getOperation(end.id), end);
+  assert.deepEqual(await client.cancelOperation(end.id), end);
+  assert((await all(client.listOperations({ pageSize: 1 }))).some(({ id }) => id === end.id));
 });
 
 test("a study is checked, grown, and read as a table and an archive", async () => {

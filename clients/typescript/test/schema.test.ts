@@ -8,7 +8,7 @@ const UNUSED = ["get_docs", "get_openapi", "get_metrics"];
 test("every operation has a method", () => {
   const at = (path: string) => readFileSync(new URL(`../${path}`, import.meta.url), "utf8");
   // The paths in the client, such as `models/{}/cancel`.
-  const roots = "models|batches|fits|workers|presets|schema|tickets|healthz|readyz|events";
+  const roots = "models|batches|fits|operations|workers|presets|schema|tickets|healthz|readyz|events";
   const client = at("src/client.ts").matchAll(new RegExp(`["\`]((?:${roots})[^"\`]*)["\`]`, "g"));
   const called = new Set(Array.from(client, ([, path]) => path!.replaceAll(/\$\{[^}]*\}/g, "{}")));
   const paths = at("src/schema.ts").matchAll(/^    "\/(.*)": \{$([^]*?)^    \};$/gm);

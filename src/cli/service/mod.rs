@@ -10,7 +10,7 @@ mod upkeep;
 use crate::cli::args::{DatabaseArgs, ProcessArgs, ServeArgs};
 use crate::cli::exit::Failure;
 use crate::cli::{gpu, term};
-use crate::http::{AccessOptions, AppState, Limits, WithoutKeys, router, watch_router};
+use crate::http::{AccessOptions, AppState, Limits, WithoutKeys, execute_operations, router, watch_router};
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::fault::Faults;
 use crate::jobs::keys::{KeyLimits, NewKey, NoOwner, Scope, Secret};
@@ -214,7 +214,7 @@ impl Service {
             locations: stores.locations.clone(),
         };
         let retention = Retention { age: args.keep, bytes: args.keep_bytes };
-        let upkeep = upkeep::start(context, retention, args.sweep_now);
+        let mut upkeep = upkeep::start(context, retention, args.sweep_now);
         let access = access(args, address, &stores.jobs).await?;
         let has_workers = args.process.cpu_workers > 0 || gpus.is_ok();
         let runtime = Runtime::over(stores, &args.process, gpus, metrics)?;
@@ -223,6 +223,7 @@ impl Service {
         let shutdown = CancellationToken::new();
         let probes_shutdown = CancellationToken::new();
         let state = runtime.state(limits(args, connections.most, has_workers)?, &shutdown).with_access(access);
+        upkeep.spawn(execute_operations(state.clone()));
         if let Some(listener) = probes {
             serve_probes(listener, watch_router(state.clone()), &probes_shutdown);
         }

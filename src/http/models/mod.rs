@@ -7,10 +7,8 @@
 //! | `create`, `retry` | `POST /models`, `POST /models/validate`, `POST /models/{id}/retry` |
 //! | `read` | `GET /models`; `GET`, `DELETE /models/{id}`, `POST /models/{id}/cancel` |
 //! | `select` | query parameters that filter lists |
-//! | `bulk` | cancelling and deleting many models |
 //! | `files` | downloads, report and manifest |
 
-pub(in crate::http) mod bulk;
 pub(in crate::http) mod create;
 pub(in crate::http) mod files;
 pub(in crate::http) mod model;

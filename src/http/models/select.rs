@@ -13,7 +13,7 @@ use uuid::Uuid;
 #[derive(IntoParams)]
 #[into_params(parameter_in = Query)]
 #[expect(dead_code, reason = "only described")]
-pub(super) struct Conditions {
+pub(in crate::http) struct Conditions {
     /// Only models of this status
     status: Option<Status>,
     /// Only models of this preset

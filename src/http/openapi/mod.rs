@@ -40,6 +40,7 @@ use utoipa::OpenApi;
         (name = "models", description = "Request, find, cancel and delete models"),
         (name = "fits", description = "Search for parameters that reproduce given measures"),
         (name = "batches", description = "Many models of one spec in one request"),
+        (name = "operations", description = "Cancellation and deletion of many models"),
         (name = "events", description = "Follow models while they grow"),
         (name = "files", description = "Files, sections and reports of finished models"),
         (name = "access", description = "Tickets for clients that cannot send a key"),

@@ -60,6 +60,8 @@ kinds! {
     BatchNotFound = "batch-not-found", NOT_FOUND, "There is no such batch";
     /// No fit has this id.
     FitNotFound = "fit-not-found", NOT_FOUND, "There is no such fit";
+    /// No operation has this id.
+    OperationNotFound = "operation-not-found", NOT_FOUND, "There is no such operation";
     /// The model has no such file (yet).
     FileNotFound = "file-not-found", NOT_FOUND, "The model has no such file";
     /// The model has no such section (yet).
@@ -300,6 +302,7 @@ impl From<crate::jobs::StoreError> for Problem {
                 let policy = match what {
                     Quantity::Unfinished => "models",
                     Quantity::Bytes => "bytes",
+                    Quantity::Operations => "operations",
                 };
                 let counts = if more > 1 { format!(" The request counts as {more}.") } else { String::new() };
                 let detail = format!("You have {used} {} of at most {limit}.{counts}", what.unit());

@@ -26,6 +26,10 @@ problems! {
     BatchMissing: BatchNotFound;
     /// No fit has this id.
     FitMissing: FitNotFound;
+    /// No operation has this id.
+    OperationMissing: OperationNotFound;
+    /// The owner has too many unfinished operations.
+    OperationsFull: QuotaExceeded;
     /// No model has this id, or it has no such file.
     FileMissing: ModelNotFound, FileNotFound;
     /// No model has this id, or it has no such section.

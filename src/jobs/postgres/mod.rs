@@ -58,7 +58,7 @@ const PLANS: [(&str, &str); 6] = [
 ];
 
 /// Migrations of the tables, oldest first.
-const MIGRATIONS: [(&str, &str); 13] = migrations![
+const MIGRATIONS: [(&str, &str); 14] = migrations![
     "0001_jobs",
     "0002_priorities",
     "0003_traces",
@@ -72,6 +72,7 @@ const MIGRATIONS: [(&str, &str); 13] = migrations![
     "0011_upkeep_state",
     "0012_worker_conditions",
     "0013_fit_lane",
+    "0014_operations",
 ];
 
 /// The connections to a PostgreSQL database.

@@ -1,6 +1,7 @@
 //! List filters, bulk operations, lists of batches, retries.
 
 use super::*;
+use oviduct::jobs::{BulkAction, NewBulk};
 
 fn ids(jobs: &[Job]) -> Vec<JobId> {
     jobs.iter().map(|job| job.id).collect()
@@ -54,7 +55,25 @@ pub async fn lists_are_narrowed_by_time_batch_and_ids(factory: Factory) {
     assert_eq!(bench.store.ids(&newest).await.unwrap(), [jobs[4].id]);
 }
 
-pub async fn many_jobs_are_cancelled_at_once(factory: Factory) {
+pub(super) fn bulk(action: BulkAction, filter: ListFilter) -> NewBulk {
+    NewBulk { action, filter, conditions: vec![("status".into(), "any".into())], owner: None }
+}
+
+/// Executes an operation to its end. Returns the numbers of changed jobs after each transaction,
+/// and the keys for removal.
+async fn execute(bench: &Bench, new: NewBulk) -> (Vec<u64>, Vec<String>) {
+    let id = bench.store.create_operation(new).await.unwrap().id;
+    let (mut changed, mut keys) = (Vec::new(), Vec::new());
+    while let Some(step) = bench.store.step_operation(Some(id)).await.unwrap() {
+        changed.push(step.operation.changed);
+        keys.extend(step.keys);
+        assert_eq!(bench.store.operation(id).await.unwrap(), Some(step.operation));
+    }
+    assert_eq!(bench.store.operation(id).await.unwrap().unwrap().status, Status::Succeeded);
+    (changed, keys)
+}
+
+pub async fn many_jobs_are_cancelled(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let done = bench.succeed("done").await;
     let running = bench.queue("running").await;
@@ -67,35 +86,100 @@ pub async fn many_jobs_are_cancelled_at_once(factory: Factory) {
     bench.store.set_checkpoint(&attempt, "left").await.unwrap();
     bench.store.release(attempt, None).await.unwrap();
     let mut changes = bench.store.changes();
-    let asked = vec![done.id, running.id, JobId(uuid::Uuid::nil()), waiting.id, again.id];
-    let begun = bench.store.cancel_many(vec![running.id], Some(Status::Queued)).await.unwrap();
-    assert_eq!(begun, BulkResult::default(), "it was queued when it was found, and runs now");
-    let applied = bench.store.cancel_many(asked.clone(), None).await.unwrap();
-    // The running job is only asked to stop, so its record keeps its checkpoint.
-    assert_eq!(applied, BulkResult { jobs: 3, keys: vec!["left".into()] });
+    let all = || bulk(BulkAction::Cancel, ListFilter::default());
+    assert_eq!(bench.store.count_affected(BulkAction::Cancel, &ListFilter::default()).await.unwrap(), 3);
+    let (changed, keys) = execute(&bench, all()).await;
+    // The running job is only asked to stop, so its record keeps its checkpoint. The second search
+    // finds nothing more.
+    assert_eq!((changed, keys), (vec![2, 3, 3, 3], vec!["left".to_owned()]));
     let told: Vec<_> = (0..3).map(|_| changes.try_recv().unwrap().id).collect();
-    assert_eq!(told, [running.id, waiting.id, again.id]);
-    assert_eq!(bench.store.cancel_many(asked, None).await.unwrap(), BulkResult::default());
+    assert_eq!(told, [waiting.id, again.id, running.id]);
+    assert_eq!(execute(&bench, all()).await, (vec![0, 0], vec![]));
     assert_eq!(bench.get(waiting.id).await.status, Status::Cancelled);
     assert_eq!(bench.get(done.id).await, done);
     assert_eq!(bench.beat(&claimed).await, Directive::Cancel);
+    let ended = ListFilter { status: Some(Status::Succeeded), ..ListFilter::default() };
+    assert_eq!(execute(&bench, bulk(BulkAction::Cancel, ended)).await, (vec![0], vec![]));
 }
 
-pub async fn many_jobs_are_removed_at_once(factory: Factory) {
+pub async fn many_jobs_are_removed(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let done = bench.succeed("done").await;
+    bench.clock.advance(Duration::from_secs(60));
     let shared = bench.store.submit(new_job("done")).await.unwrap().job().clone();
+    bench.clock.advance(Duration::from_secs(60));
     let waiting = bench.queue("waiting").await;
     let mut changes = bench.store.changes();
-    let applied = bench.store.delete_many(vec![waiting.id, done.id, JobId(uuid::Uuid::nil())], None).await.unwrap();
-    assert_eq!(applied, BulkResult { jobs: 2, keys: vec![] }, "the other job still names the files");
+    let some = |ids: &[&Job]| ListFilter { ids: ids.iter().map(|job| job.id).collect(), ..ListFilter::default() };
+    let (changed, keys) = execute(&bench, bulk(BulkAction::Delete, some(&[&done, &waiting]))).await;
+    assert_eq!((changed, keys), (vec![2], vec![]), "the other job still names the files");
     let told: Vec<_> = (0..2).map(|_| changes.try_recv().unwrap()).collect();
     assert_eq!(told, [done.id, waiting.id].map(|id| Change { id, version: None }));
-    let ended = bench.store.delete_many(vec![shared.id], Some(Status::Running)).await.unwrap();
-    assert_eq!(ended, BulkResult::default(), "it ran when it was found, and has ended now");
-    let last = bench.store.delete_many(vec![shared.id], None).await.unwrap();
-    assert_eq!((last.jobs, last.keys.len()), (1, done.files.len()));
+    let running = ListFilter { status: Some(Status::Running), ..some(&[&shared]) };
+    assert_eq!(execute(&bench, bulk(BulkAction::Delete, running)).await.0, [0]);
+    let (changed, keys) = execute(&bench, bulk(BulkAction::Delete, some(&[&shared]))).await;
+    assert_eq!((changed, keys.len()), (vec![1], done.files.len()));
     assert_eq!(bench.store.counts().await.unwrap(), Counts::default());
+}
+
+pub async fn an_operation_changes_all_jobs_that_matched_and_no_later_ones(factory: Factory) {
+    let bench = bench(factory, |options| options.queue_limit = 1000).await;
+    let digests: Vec<String> = (0..250).map(|n| n.to_string()).collect();
+    let all: Vec<&str> = digests.iter().map(String::as_str).collect();
+    bench.store.submit_batch(batch(&all, None)).await.unwrap();
+    let operation = bench.store.create_operation(bulk(BulkAction::Delete, ListFilter::default())).await.unwrap();
+    assert_eq!((operation.status, operation.total, operation.changed), (Status::Queued, 250, 0));
+    bench.clock.advance(Duration::from_secs(1));
+    let later = bench.queue("later").await;
+    let first = bench.store.step_operation(None).await.unwrap().unwrap().operation;
+    assert_eq!((first.status, first.changed), (Status::Running, 100));
+    let mut last = first;
+    while let Some(step) = bench.store.step_operation(None).await.unwrap() {
+        last = step.operation;
+    }
+    assert_eq!((last.status, last.changed, last.finished_at.is_some()), (Status::Succeeded, 250, true));
+    let left = bench.store.list(&ListFilter { limit: 10, ..ListFilter::default() }).await.unwrap();
+    assert_eq!(ids(&left.jobs), [later.id]);
+    // A cancelled operation changes no more jobs.
+    let stopped = bench.store.create_operation(bulk(BulkAction::Delete, ListFilter::default())).await.unwrap();
+    let stopped = bench.store.cancel_operation(stopped.id).await.unwrap().unwrap();
+    assert_eq!(stopped.status, Status::Cancelled);
+    assert_eq!(bench.store.step_operation(Some(stopped.id)).await.unwrap(), None);
+    assert_eq!(bench.store.cancel_operation(stopped.id).await.unwrap(), Some(stopped));
+    assert_eq!(bench.get(later.id).await.status, Status::Queued);
+}
+
+pub async fn operations_of_owners_take_turns(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let mut made = Vec::new();
+    for (owner, jobs) in [("a", 250), ("b", 250)] {
+        let digests: Vec<String> = (0..jobs).map(|n| format!("{owner}{n}")).collect();
+        let all: Vec<&str> = digests.iter().map(String::as_str).collect();
+        bench.store.submit_batch(batch(&all, Some(owner))).await.unwrap();
+    }
+    for (owner, action) in [("a", BulkAction::Cancel), ("a", BulkAction::Delete), ("b", BulkAction::Delete)] {
+        bench.clock.advance(Duration::from_secs(1));
+        let filter = ListFilter { owner: Some(owner.into()), ..ListFilter::default() };
+        let new = NewBulk { owner: Some(owner.into()), ..bulk(action, filter) };
+        made.push(bench.store.create_operation(new).await.unwrap());
+    }
+    let mut order = Vec::new();
+    for _ in 0..6 {
+        bench.clock.advance(Duration::from_secs(1));
+        let step = bench.store.step_operation(None).await.unwrap().unwrap();
+        order.push(made.iter().position(|operation| operation.id == step.operation.id).unwrap());
+    }
+    assert_eq!(order, [0, 2, 1, 2, 0, 2]);
+    let page = bench.store.operations(Some("a"), None, 1).await.unwrap();
+    assert_eq!((page.operations[0].id, page.next), (made[1].id, Some(made[1].id)));
+    let page = bench.store.operations(Some("a"), page.next, 1).await.unwrap();
+    assert_eq!((page.operations[0].id, page.next), (made[0].id, None));
+    assert_eq!(bench.store.operations(None, None, 10).await.unwrap().operations.len(), 3);
+    // The operation of b has ended: after a week it is deleted.
+    bench.clock.advance(Duration::from_secs(8 * 24 * 3600));
+    bench.store.create_operation(bulk(BulkAction::Cancel, ListFilter::default())).await.unwrap();
+    assert_eq!(bench.store.operation(made[2].id).await.unwrap(), None);
+    assert!(bench.store.operation(made[0].id).await.unwrap().is_some(), "it has not ended");
 }
 
 pub async fn batches_are_listed(factory: Factory) {

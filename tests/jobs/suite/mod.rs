@@ -35,10 +35,10 @@ use oviduct::clock::Clock;
 use oviduct::generate::{Backend, Output, Outputs, Progress, Stage, UsedBackend};
 use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{
-    BackendReport, BatchFilter, BulkResult, Change, ClaimScope, ClaimedJob, Counts, Directive, File, Finished,
-    Instruction, Job, JobId, JobKind, JobProgress, ListFilter, LiveSection, NewBatch, NewJob, Pause, Priority, Problem,
-    Status, Store, StoreError, StoreOptions, Submitted, SubmittedBatch, UpkeepTask, WorkerCondition, WorkerCounts,
-    WorkerInfo, WorkerKind, WorkerState, Workforce,
+    BackendReport, BatchFilter, Change, ClaimScope, ClaimedJob, Counts, Directive, File, Finished, Instruction, Job,
+    JobId, JobKind, JobProgress, ListFilter, LiveSection, NewBatch, NewJob, Pause, Priority, Problem, Status, Store,
+    StoreError, StoreOptions, Submitted, SubmittedBatch, UpkeepTask, WorkerCondition, WorkerCounts, WorkerInfo,
+    WorkerKind, WorkerState, Workforce,
 };
 use oviduct::model::{BodyKind, LengthUnit};
 use std::collections::{BTreeMap, HashMap};
@@ -121,8 +121,10 @@ macro_rules! over {
             the_pause_of_all_is_kept
             the_queue_has_an_age
             lists_are_narrowed_by_time_batch_and_ids
-            many_jobs_are_cancelled_at_once
-            many_jobs_are_removed_at_once
+            many_jobs_are_cancelled
+            many_jobs_are_removed
+            an_operation_changes_all_jobs_that_matched_and_no_later_ones
+            operations_of_owners_take_turns
             batches_are_listed
             a_retry_goes_into_the_batch_of_the_failed_job
             equal_jobs_share_one_growth

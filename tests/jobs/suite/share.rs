@@ -1,6 +1,8 @@
 //! Shared growth of equal requests.
 
+use super::bulk::bulk;
 use super::*;
+use oviduct::jobs::BulkAction;
 
 impl Bench {
     async fn finish(&self, claimed: ClaimedJob) -> Job {
@@ -177,13 +179,8 @@ pub async fn equal_points_of_batches_share_growths(factory: Factory) {
     for n in 0..300 {
         bench.submit(NewJob { digest: format!("{}", n % 2), ..new_job("") }).await;
     }
-    let filter = ListFilter { limit: 100, status: Some(Status::Queued), ..ListFilter::default() };
-    loop {
-        let ids = bench.store.ids(&filter).await.unwrap();
-        if bench.store.cancel_many(ids, None).await.unwrap().jobs == 0 {
-            break;
-        }
-    }
+    bench.store.create_operation(bulk(BulkAction::Cancel, ListFilter::default())).await.unwrap();
+    while bench.store.step_operation(None).await.unwrap().is_some() {}
     assert_eq!(bench.store.counts().await.unwrap().cancelled, 300);
 }
 

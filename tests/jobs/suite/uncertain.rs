@@ -1,10 +1,11 @@
 //! Responses to commits that are lost: every operation finds out what became of it.
 
+use super::bulk::bulk;
 use super::owners::new_key;
 use super::*;
 use oviduct::clock::Stopwatch;
 use oviduct::jobs::keys::{NewTicket, Secret, TicketSecret};
-use oviduct::jobs::{Hook, Observation};
+use oviduct::jobs::{BulkAction, Hook, Observation};
 use std::collections::BTreeSet;
 use std::fmt::Debug;
 use std::path::Path;
@@ -114,19 +115,32 @@ const SCENARIOS: &[(&str, Scenario)] = &[
             seen(store.cancel(ids[0]).await)
         })
     }),
-    ("cancel_many", |bench, store| {
-        Box::pin(async move { seen(store.cancel_many(two_jobs(bench).await.1, None).await) })
+    ("create_operation", |bench, store| {
+        Box::pin(async move {
+            two_jobs(bench).await;
+            seen(store.create_operation(bulk(BulkAction::Cancel, ListFilter::default())).await)
+        })
+    }),
+    ("step_operation", |bench, store| {
+        Box::pin(async move {
+            bench.succeed("a").await;
+            bench.queue("b").await;
+            let new = bulk(BulkAction::Delete, ListFilter::default());
+            let id = bench.store.create_operation(new).await.unwrap().id;
+            seen((store.step_operation(None).await, store.step_operation(Some(id)).await))
+        })
+    }),
+    ("cancel_operation", |bench, store| {
+        Box::pin(async move {
+            let new = bulk(BulkAction::Delete, ListFilter::default());
+            let id = bench.store.create_operation(new).await.unwrap().id;
+            seen(store.cancel_operation(id).await)
+        })
     }),
     ("delete", |bench, store| {
         Box::pin(async move {
             let id = bench.succeed("a").await.id;
             seen(store.delete(id).await)
-        })
-    }),
-    ("delete_many", |bench, store| {
-        Box::pin(async move {
-            let ids = vec![bench.succeed("a").await.id, bench.queue("b").await.id];
-            seen(store.delete_many(ids, None).await)
         })
     }),
     ("delete_batch", |bench, store| {

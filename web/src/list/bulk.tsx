@@ -1,6 +1,6 @@
 // Actions on several models.
 import { useEffect, useState } from "preact/hooks";
-import type { ModelFilter, ModelState, Which } from "oviduct-client";
+import type { ModelFilter, ModelState, Operation, Which } from "oviduct-client";
 import { hasEnded } from "../growing/words.ts";
 import { attempt, cancel, remove } from "../model/actions.tsx";
 import { Confirm } from "../model/confirm.tsx";
@@ -63,8 +63,11 @@ export function AllMatching({ which, deed, onClose }: { which: ModelFilter; deed
   // requires `all`.
   const [meant] = useState<Which>(() => (hasConditions(which) ? which : { all: true }));
   const conditional = !meant.all;
-  const apply = (dryRun: boolean) =>
-    ask((service) => (deed === "cancel" ? service.cancelAll(meant, { dryRun }) : service.deleteAll(meant, { dryRun })));
+  const [changed, setChanged] = useState<number>();
+  const apply = (dryRun: boolean) => {
+    const options = { dryRun, onProgress: ({ progress }: Operation) => setChanged(progress.changed) };
+    return ask((service) => (deed === "cancel" ? service.cancelAll(meant, options) : service.deleteAll(meant, options)));
+  };
   useEffect(() => {
     apply(true).then(({ count }) => setCount(count), (error: unknown) => setFault(explain(error)));
   }, []);
@@ -81,6 +84,11 @@ export function AllMatching({ which, deed, onClose }: { which: ModelFilter; deed
     >
       {fault && <p role="alert">{fault}</p>}
       {!fault && count === undefined && <p class="soft" aria-busy="true">Counting …</p>}
+      {changed !== undefined && count !== undefined && (
+        <p role="status">
+          <progress value={changed} max={count} /> {changed.toLocaleString("en")} of {counted(count)}. If you leave, it continues.
+        </p>
+      )}
       {count === 0 && <p>There is nothing to {deed} among the models {scope}.</p>}
       {count !== undefined && count > 0 && (
         <p>

@@ -16,7 +16,7 @@ from urllib.parse import quote
 import httpx
 
 from . import types
-from ._steps import Emit, Request, Steps, call
+from ._steps import Emit, Request, Sleep, Steps, call
 from .errors import UnexpectedAnswer
 from .sections import Cut, Section, cut_of, section_of
 from .types import (
@@ -35,6 +35,7 @@ from .types import (
     ModelFilter,
     ModelOptions,
     ModelRef,
+    Operation,
     Preset,
     Table,
     Ticket,
@@ -50,6 +51,8 @@ Call = tuple[Request, Callable[[httpx.Response], T]]
 Params = tuple[tuple[str, str], ...]
 # Number of models, batches or fits on a page of a list.
 PAGE = 100
+# Seconds between two requests for the state of an operation.
+OPERATION_POLL = 1.0
 
 
 def segment(text: str) -> str:
@@ -167,17 +170,38 @@ def retry(ref: ModelRef, idempotency_key: str | None) -> Call[Model]:
     return Request("POST", f"models/{key(ref)}/retry", headers=headers), _model
 
 
-def _bulk(method: str, path: str, every: bool, dry_run: bool, given: ModelFilter) -> Call[Applied]:
+def _bulk(method: str, path: str, every: bool, dry_run: bool, given: ModelFilter, retries: int) -> Steps[Applied]:
+    """Waits for the end of the operation if there is one, for more than 1,000 models."""
     flags = [(name, "true") for name, is_set in (("all", every), ("dry_run", dry_run)) if is_set]
-    return Request(method, path, params=(*filter_params(given), *flags)), _reads(Applied)
+    request = Request(method, path, params=(*filter_params(given), *flags))
+    answer = yield from call(request, _object, retries)
+    while "progress" in answer:
+        found = read(Operation, answer)
+        if found.finished_at is not None:
+            return Applied(count=found.progress.changed)
+        yield Sleep(OPERATION_POLL)
+        answer = yield from call(Request("GET", f"operations/{segment(found.id)}"), _object, retries)
+    return read(Applied, answer)
 
 
-def cancel_models(every: bool, dry_run: bool, given: ModelFilter) -> Call[Applied]:
-    return _bulk("POST", "models/cancel", every, dry_run, given)
+def cancel_models(every: bool, dry_run: bool, given: ModelFilter, retries: int) -> Steps[Applied]:
+    return _bulk("POST", "models/cancel", every, dry_run, given, retries)
 
 
-def delete_models(every: bool, dry_run: bool, given: ModelFilter) -> Call[Applied]:
-    return _bulk("DELETE", "models", every, dry_run, given)
+def delete_models(every: bool, dry_run: bool, given: ModelFilter, retries: int) -> Steps[Applied]:
+    return _bulk("DELETE", "models", every, dry_run, given, retries)
+
+
+def operation(id: str) -> Call[Operation]:
+    return Request("GET", f"operations/{segment(id)}"), _reads(Operation)
+
+
+def cancel_operation(id: str) -> Call[Operation]:
+    return Request("POST", f"operations/{segment(id)}/cancel"), _reads(Operation)
+
+
+def operations(retries: int) -> Steps[None]:
+    return pages("operations", (), lambda item, _: read(Operation, item), retries)
 
 
 def pages(path: str, params: Params, reads: Callable[[Any, str], Any], retries: int) -> Steps[None]:

@@ -34,6 +34,7 @@ from .types import (
     ModelFilter,
     ModelOptions,
     ModelRef,
+    Operation,
     Preset,
     Table,
     Ticket,
@@ -114,10 +115,19 @@ class AsyncClient(AsyncDriver):
         return await self._call(_calls.retry(model, idempotency_key))
 
     async def cancel_models(self, *, all: bool = False, dry_run: bool = False, **given: Unpack[ModelFilter]) -> Applied:
-        return await self._call(_calls.cancel_models(all, dry_run, given))
+        return await self._run(_calls.cancel_models(all, dry_run, given, self._options.retries))
 
     async def delete_models(self, *, all: bool = False, dry_run: bool = False, **given: Unpack[ModelFilter]) -> Applied:
-        return await self._call(_calls.delete_models(all, dry_run, given))
+        return await self._run(_calls.delete_models(all, dry_run, given, self._options.retries))
+
+    async def operation(self, id: str) -> Operation:
+        return await self._call(_calls.operation(id))
+
+    def operations(self) -> AsyncIterator[Operation]:
+        return self._iterate(_calls.operations(self._options.retries))
+
+    async def cancel_operation(self, id: str) -> Operation:
+        return await self._call(_calls.cancel_operation(id))
 
     # Events.
 

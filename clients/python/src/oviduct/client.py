@@ -33,6 +33,7 @@ from .types import (
     ModelFilter,
     ModelOptions,
     ModelRef,
+    Operation,
     Preset,
     Table,
     Ticket,
@@ -184,15 +185,30 @@ class Client(Driver):
     def cancel_models(self, *, all: bool = False, dry_run: bool = False, **given: Unpack[ModelFilter]) -> Applied:
         """Cancels all models that match the conditions, which are those of `models`.
 
+        The service changes many models in the background, as an operation. This method waits for
+        its end; `operations` has its progress.
+
         Args:
             all: Must be True if there are no conditions.
             dry_run: True to only count the models.
         """
-        return self._call(_calls.cancel_models(all, dry_run, given))
+        return self._run(_calls.cancel_models(all, dry_run, given, self._options.retries))
 
     def delete_models(self, *, all: bool = False, dry_run: bool = False, **given: Unpack[ModelFilter]) -> Applied:
         """Deletes all matching models and their files; takes the arguments of `cancel_models`."""
-        return self._call(_calls.delete_models(all, dry_run, given))
+        return self._run(_calls.delete_models(all, dry_run, given, self._options.retries))
+
+    def operation(self, id: str) -> Operation:
+        """Returns an operation on many models. The service keeps it for a week after its end."""
+        return self._call(_calls.operation(id))
+
+    def operations(self) -> Iterator[Operation]:
+        """Iterates over operations on many models, newest first."""
+        return self._iterate(_calls.operations(self._options.retries))
+
+    def cancel_operation(self, id: str) -> Operation:
+        """Cancels an operation on many models; models that it has changed stay so."""
+        return self._call(_calls.cancel_operation(id))
 
     # Events.
 

@@ -496,6 +496,33 @@ class Applied:
 
 
 @dataclass(frozen=True)
+class OperationProgress:
+    """Progress of an operation."""
+
+    changed: int
+    """Number of models that have changed."""
+    total: int
+    """Number of models that matched when the request was accepted."""
+    fraction: float = 0.0
+
+
+@dataclass(frozen=True)
+class Operation:
+    """Cancellation or deletion of many models, which the service executes in the background."""
+
+    id: str
+    action: str
+    """`cancel` or `delete`."""
+    status: str
+    progress: OperationProgress = field(metadata=_as(OperationProgress))
+    owner: str | None = None
+    conditions: dict[str, list[str]] = field(default_factory=dict)
+    version: int = 1
+    created_at: datetime.datetime | None = field(default=None, metadata=_TIME)
+    finished_at: datetime.datetime | None = field(default=None, metadata=_TIME)
+
+
+@dataclass(frozen=True)
 class Ticket:
     """A ticket: the right to one GET of one path within 60 seconds, without an API key."""
 
