@@ -74,7 +74,7 @@ async fn apply(
     run_to_completion(async move {
         let operation = state.store.create_operation(new).await?;
         let (id, total, described) = (operation.id, operation.total, described.join(", "));
-        audit(&caller, audited_as(action), format_args!("operation {id}: {total} models of {described}"));
+        audit(&caller, audited_as(action), format_args!("{total} models of {described}"));
         if total > MAX_AWAITED {
             state.operations.notify_one();
             let mut response = answer(StatusCode::ACCEPTED, &operation)?;
