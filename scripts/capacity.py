@@ -9,6 +9,7 @@ simulates the measured runs of `oviduct load` and prints both results.
 """
 
 import argparse
+import bisect
 import collections
 import heapq
 import json
@@ -47,7 +48,7 @@ def constants(measured):
 def stages(cost, *names):
     """Returns the seconds of a worker in these stages, by default all that use its threads."""
     names = names or ("simulate", "mesh", "certify", "measure", "export")
-    return sum(cost[f"stage {name}"] for name in names)
+    return sum(cost.get(f"stage {name}", 0) for name in names)
 
 
 class Server:
@@ -85,8 +86,12 @@ def simulate(cost, options):
         nonlocal occupied
         claimed = database.run("work", now, cost["work"] / 2) + cost["answer"]
         waits.append(claimed - created)
-        seconds = (cost["full_seconds"] if is_full else cost["small_seconds"]) * draw.gauss(1, options.spread)
         begin = max(claimed, free)
+        seconds = (cost["full_seconds"] if is_full else cost["small_seconds"]) * draw.gauss(1, options.spread)
+        if options.speeds:
+            seconds = options.speeds[bisect.bisect(options.speeds, (begin, 0)) - 1][1]
+        if not is_full:
+            seconds /= options.computing
         occupied += seconds
         later(begin + seconds, "end", is_full)
         if is_full:
@@ -153,18 +158,29 @@ def peak_of(power):
     return math.gamma(power + 1) * math.sqrt(math.pi) / math.gamma(power + 0.5)
 
 
+def speeds(run):
+    """Returns pairs of a time of a run and the mean seconds of the models that ended about then."""
+    found, before = [(0, stages(run["cost"]) / run["models"])], run["stages"][0]
+    for now in run["stages"][1:]:
+        models = now[1]["measured models"] - before[1].get("measured models", 0)
+        if models >= 5:
+            found.append((before[0], (stages(now[1]) - stages(before[1])) / models))
+            before = now
+    return found
+
+
 def check(measured, options):
     """Prints the measured runs of `oviduct load` beside simulations of them."""
     for run in measured["runs"]:
         wait, seconds = run["queue_wait"], run["cost"]["seconds"]
         # On the measured machine all processes share the cores, so a model takes longer than its CPU time.
-        cost = {**constants(measured), "small_seconds": stages(run["cost"]) / run["models"]}
+        options.speeds = speeds(run)
         options.rate, options.full_rate, options.workers = run["models"] / seconds, 0, run["workers"]
         options.arrivals, options.seconds, options.cores, options.listeners = run["arrivals"], seconds, 2, 0
         real = {"models_per_second": round(run["models"] / seconds, 2), "wait_mean": round(wait["mean"], 4),
                 "wait_p50": round(wait["p50"], 4), "wait_p99": round(wait["p99"], 4),
                 "database_busy": round(run["cost"]["database_cpu"] / seconds / 2, 4)}
-        made = simulate(cost, options)
+        made = simulate(constants(measured), options)
         row = {name: [value, made[name]] for name, value in real.items()}
         print(json.dumps({"workers": run["workers"], "measured, simulated": row}))
 
@@ -188,13 +204,14 @@ def main():
         ("cores", 4, "cores of the database"), ("listeners", 10, "processes beyond the measured ones"),
         ("peak", 1.0, "load at noon divided by the mean of the day"), ("seconds", 600, "simulated time"),
         ("spread", 0.1, "relative standard deviation of the time of a model"),
+        ("computing", 0.89, "part of the time that a busy worker of small models computes (performance.md)"),
         ("seed", 1, "seed of the random numbers"),
         ("wakes", 1.0, "fraction of the idle workers that a submission wakes"),
     ]:
         meaning += f" [default: {default:g}]"
         simulating.add_argument(f"--{name}", type=type(default), default=default, help=meaning)
     options = parser.parse_args()
-    options.arrivals = None
+    options.arrivals = options.speeds = None
     if options.command == "measure":
         # Only this command needs the packages of tests/outside.
         import costs

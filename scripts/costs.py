@@ -100,12 +100,8 @@ class Bench:
                     counts[name] += calls
         counts["database_cpu"] = self.cluster.cpu_seconds()
         counts["serve_cpu"] = cpu_seconds(self.serve.process.pid)
-        for worker, address in self.workers:
-            counts["worker_cpu"] += cpu_seconds(worker.pid)
-            with urllib.request.urlopen(f"http://{address}/metrics") as metrics:
-                text = metrics.read().decode()
-            for stage, seconds in re.findall(r'oviduct_stage_seconds_sum{stage="(\w+)"} (\S+)', text):
-                counts[f"stage {stage}"] += float(seconds)
+        counts["worker_cpu"] = sum(cpu_seconds(worker.pid) for worker, _ in self.workers)
+        counts.update(self.stages())
         counts["notified"] = self.listener.notified
         with open(self.log, errors="replace") as lines:
             for line in lines:
@@ -113,6 +109,18 @@ class Bench:
                 if found:
                     counts[f"s3 {found[1]}{request_kind(found[2])}"] += 1
         counts["seconds"] = time.monotonic()
+        return counts
+
+    def stages(self):
+        """Returns the seconds of the workers in each stage, and the number of models that were exported."""
+        counts = collections.Counter()
+        for _, address in self.workers:
+            with urllib.request.urlopen(f"http://{address}/metrics") as metrics:
+                text = metrics.read().decode()
+            for stage, seconds in re.findall(r'oviduct_stage_seconds_sum{stage="(\w+)"} (\S+)', text):
+                counts[f"stage {stage}"] += float(seconds)
+            exports = re.findall(r'_stage_seconds_count{stage="export"} (\S+)', text)
+            counts["measured models"] += sum(map(float, exports))
         return counts
 
     def cost(self, work, models=1, settle=2.0):
@@ -143,15 +151,23 @@ class Bench:
         idle = self.cost(lambda: time.sleep(15), 15, settle=0)
         said, start = {}, self.sql.ask("SELECT EXTRACT(EPOCH FROM clock_timestamp())")[0]
 
+        samples = []
+
         def load():
-            said.update(json.loads(subprocess.run(line, capture_output=True).stdout))
+            # Other programs slow the workers down at times, so their speed is recorded as well.
+            with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+                since = time.monotonic()
+                while process.poll() is None:
+                    samples.append((time.monotonic() - since, self.stages()))
+                    time.sleep(2)
+                said.update(json.load(process.stdout))
 
         cost = self.cost(load, settle=1)
         models = {name: said["models"][name] for name in ("models", "succeeded", "queue_wait", "end_to_end")}
         arrivals = self.sql.ask(f"""SELECT jsonb_agg(round(created_at / 1e6 - {start}, 4) ORDER BY created_at)
             FROM jobs WHERE created_at > {start} * 1e6""")[0]
         return {"workers": workers, "rate": rate, "idle": idle, "cost": cost, **models,
-                "arrivals": json.loads(arrivals)}
+                "arrivals": json.loads(arrivals), "stages": samples}
 
     def upkeep(self):
         """Returns the time to sum the sizes of all files, and the number of models that retention deletes."""
