@@ -35,7 +35,10 @@ MODELS = 14
 
 
 class Bucket:
-    """An S3 server with one empty bucket, running inside a `with` block."""
+    """An S3 server with one empty bucket, running inside a `with` block. `log` receives a line per request."""
+
+    def __init__(self, log=subprocess.DEVNULL):
+        self.log = log
 
     def __enter__(self):
         # Another program may take the port before the server does.
@@ -47,7 +50,7 @@ class Bucket:
     def starts(self, port):
         """Starts the server on a port; returns whether it runs there."""
         program = os.path.join(os.path.dirname(sys.executable), "moto_server")
-        self.process = subprocess.Popen([program, "-H", "127.0.0.1", "-p", str(port)], stderr=subprocess.DEVNULL)
+        self.process = subprocess.Popen([program, "-H", "127.0.0.1", "-p", str(port)], stderr=self.log)
         self.variables = {
             "AWS_ENDPOINT_URL": f"http://127.0.0.1:{port}",
             "AWS_REGION": "us-east-1",

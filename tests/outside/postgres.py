@@ -1,10 +1,12 @@
-"""Temporary PostgreSQL servers from Debian's package, on free loopback ports."""
+"""Temporary PostgreSQL servers from Debian's package, on free loopback ports, and connections to them."""
 
+import contextlib
 import glob
 import os
 import pwd
 import shutil
 import socket
+import struct
 import subprocess
 import tempfile
 import threading
@@ -92,6 +94,70 @@ class Cluster:
             return None
         with open(f"{self.folder}/{program}.out", errors="replace") as said:
             return f"{program} ended with {code}:\n{said.read()}"
+
+    def cpu_seconds(self):
+        """Returns the CPU time of the server so far; that of ended processes is a multiple of 10 ms."""
+        with open(f"{self.folder}/data/postmaster.pid") as file:
+            postmaster = file.readline().strip()
+        with open(f"/proc/{postmaster}/stat") as stat:
+            ended = sum(map(int, stat.read().rpartition(")")[2].split()[13:15])) / os.sysconf("SC_CLK_TCK")
+        with open(f"/proc/{postmaster}/task/{postmaster}/children") as children:
+            processes = [postmaster, *children.read().split()]
+        nanoseconds = 0
+        for process in processes:
+            with contextlib.suppress(OSError), open(f"/proc/{process}/schedstat") as schedstat:
+                nanoseconds += int(schedstat.read().split()[0])
+        return ended + nanoseconds / 1e9
+
+
+class Session:
+    """A connection to PostgreSQL with trusted authentication, for simple queries and notifications."""
+
+    def __init__(self, cluster):
+        self.socket = socket.create_connection(("127.0.0.1", cluster.port))
+        self.stream = self.socket.makefile("rb")
+        startup = struct.pack("!i", 196608) + b"user\0postgres\0database\0postgres\0\0"
+        self.socket.sendall(struct.pack("!i", len(startup) + 4) + startup)
+        self.notified = 0
+        self.rows()
+
+    def message(self):
+        head = self.stream.read(5)
+        if len(head) < 5:
+            raise EOFError
+        kind, length = head[:1], struct.unpack("!i", head[1:])[0]
+        return kind, self.stream.read(length - 4)
+
+    def rows(self):
+        """Returns the first column of all rows until the server is ready."""
+        rows = []
+        while True:
+            kind, body = self.message()
+            if kind == b"E":
+                raise SystemExit(body.replace(b"\0", b" ").decode())
+            if kind == b"D":
+                length = struct.unpack("!i", body[2:6])[0]
+                rows.append(body[6:6 + length].decode() if length >= 0 else None)
+            if kind == b"Z":
+                return rows
+
+    def ask(self, sql):
+        self.socket.sendall(b"Q" + struct.pack("!i", len(sql.encode()) + 5) + sql.encode() + b"\0")
+        return self.rows()
+
+    def listen(self, channel):
+        """Counts the notifications of a channel in a thread of its own."""
+        self.ask(f"LISTEN {channel}")
+
+        def count():
+            with contextlib.suppress(EOFError, OSError):
+                while True:
+                    self.notified += self.message()[0] == b"A"
+
+        threading.Thread(target=count, daemon=True).start()
+
+    def close(self):
+        self.socket.shutdown(socket.SHUT_RDWR)
 
 
 class Replica(Cluster):
