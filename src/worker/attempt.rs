@@ -1,7 +1,7 @@
 //! One attempt at a job, from its claim to its end. If a GPU could not grow a job of `auto`, the
 //! same attempt grows it on the CPU.
 
-use super::backend::cpu::Cpu;
+use super::backend::cpu::{Cpu, Threads};
 use super::backend::{self, GenerateFailure, Generation, GenerationOutput, Task};
 use super::checkpoint::{Checkpoints, Mailbox};
 use super::context::Context;
@@ -58,9 +58,9 @@ pub(super) struct Attempt<'a> {
 
 /// Source of the generation of an attempt.
 pub(super) enum Start {
-    /// The attempt starts it on the CPU, with the right to use the threads. Without the right, it
-    /// waits for the threads for at most [`THREAD_WAIT`].
-    Cpu(Option<OwnedSemaphorePermit>),
+    /// The attempt starts it on the CPU. It waits at most [`THREAD_WAIT`] for threads that are not
+    /// free.
+    Cpu(Threads),
     /// It runs already, as a member of a GPU batch.
     Running(Generation),
 }
@@ -225,9 +225,9 @@ impl<'a> Attempt<'a> {
         let mut time = self.time_limit(predicted);
         let mut generation = match start {
             Start::Running(generation) => generation,
-            Start::Cpu(Some(permit)) => self.generate_on(cpu, permit).await?,
-            Start::Cpu(None) => {
-                let free = timeout(THREAD_WAIT, cpu.free());
+            Start::Cpu(Threads::Free(permit)) => self.generate_on(cpu, permit).await?,
+            Start::Cpu(Threads::Soon(free)) => {
+                let free = timeout(THREAD_WAIT, free);
                 let permit = self.lease.hold(&self.claim, &self.sink.progress, free).await?;
                 self.generate_on(cpu, permit.map_err(|_| verdict::of_busy_worker())?).await?
             }

@@ -2,7 +2,7 @@
 
 use super::attempt::{Attempt, Start};
 use super::backend::Generation;
-use super::backend::cpu::Cpu;
+use super::backend::cpu::{Cpu, Threads};
 use super::backend::gpu::Gpu;
 use super::busy::Busy;
 use super::context::{Context, Phase};
@@ -74,8 +74,8 @@ enum Work {
 
 /// The rights that a worker needs to run a claim.
 struct RunPermit {
-    /// Right to use the CPU threads or the device; `None` if the threads will be free soon.
-    compute: Option<OwnedSemaphorePermit>,
+    /// Right to use the CPU threads or the device.
+    compute: Threads,
     /// Right to hold one more claim of models.
     _claim: Option<OwnedSemaphorePermit>,
 }
@@ -326,9 +326,9 @@ impl Slot {
     async fn permit(&self, work: Work) -> RunPermit {
         let claim = if work == Work::Models { Some(self.claim_permit().await) } else { None };
         let compute = match (&self.gpu, work) {
-            (Some(gpu), _) => Some(gpu.free().await),
+            (Some(gpu), _) => Threads::Free(gpu.free().await),
             (None, Work::Models) => self.cpu.free_soon().await,
-            (None, Work::Fits) => Some(self.cpu.free_for_fit().await),
+            (None, Work::Fits) => Threads::Free(self.cpu.free_for_fit().await),
         };
         self.context.storage.wait_until_available(&self.context.artifacts, &self.context.scratch).await;
         if work == Work::Models {
@@ -403,20 +403,15 @@ impl Slot {
     async fn run(self: Arc<Self>, claimed: Vec<ClaimedJob>, fallback: Option<CpuFallback>, permit: RunPermit) {
         let RunPermit { compute, _claim } = permit;
         let _running = self.busy.begin();
-        let ended = match &self.gpu {
-            Some(gpu) => self.run_batch(gpu, claimed, compute).await,
-            None => self.run_one(claimed, fallback, compute).await,
+        let ended = match (&self.gpu, compute) {
+            (Some(gpu), Threads::Free(device)) => self.run_batch(gpu, claimed, device).await,
+            (_, compute) => self.run_one(claimed, fallback, compute).await,
         };
         self.state.lock().jobs_done += ended;
     }
 
     /// Runs a job on the CPU. Returns the number of jobs that have ended.
-    async fn run_one(
-        &self,
-        claimed: Vec<ClaimedJob>,
-        fallback: Option<CpuFallback>,
-        compute: Option<OwnedSemaphorePermit>,
-    ) -> u64 {
+    async fn run_one(&self, claimed: Vec<ClaimedJob>, fallback: Option<CpuFallback>, compute: Threads) -> u64 {
         // A CPU worker claims one job at a time.
         let Some(claimed) = claimed.into_iter().next() else { return 0 };
         let mut report = self.cpu.report(claimed.job().backend.requested);
@@ -432,7 +427,7 @@ impl Slot {
 
     /// Runs the jobs that fit on the device together, and releases the others. Returns the number
     /// of jobs that have ended.
-    async fn run_batch(&self, gpu: &Gpu, claimed: Vec<ClaimedJob>, compute: Option<OwnedSemaphorePermit>) -> u64 {
+    async fn run_batch(&self, gpu: &Gpu, claimed: Vec<ClaimedJob>, device: OwnedSemaphorePermit) -> u64 {
         let jobs: Vec<Job> = claimed.iter().map(|claimed| claimed.job().clone()).collect();
         let (admitted, refused) = match gpu.admit(jobs).await {
             Ok(admitted) => (admitted, None),
@@ -453,9 +448,9 @@ impl Slot {
         }
         tracing::info!(device = gpu.device(), jobs = attempts.len(), "a GPU batch began");
         let generations = match refused {
-            None => gpu.generate(tasks, compute),
+            None => gpu.generate(tasks, device),
             Some(reason) => {
-                drop(compute);
+                drop(device);
                 attempts.iter().map(|_| Generation::refused(reason.clone())).collect()
             }
         };

@@ -131,6 +131,27 @@ async fn models_do_not_wait_for_a_fit() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn models_that_follow_each_other_beside_a_fit_have_one_attempt() {
+    let place = Place::fresh(|_| {}).await;
+    let pool = start(&place);
+    let fit = submit(&place, &request(2000)).await;
+    place.until(fit, is_searching).await;
+    let body = json!({ "steps": 500, "particles": { "total": { "keys": [[0, 260], [1, 900]] } } });
+    let spec = ModelSpec::resolve(preset("paper").unwrap(), &body).unwrap();
+    let mut models = Vec::new();
+    for seed in 0..12 {
+        let new = NewJob { spec: spec.json(), outputs: Vec::new().into(), ..scripted("model", seed) };
+        models.push(place.store.submit(new).await.unwrap().job().id);
+    }
+    for model in models {
+        let ended = place.until(model, |job| job.status.is_ended()).await;
+        assert_eq!((ended.status, ended.attempts), (Status::Succeeded, 1), "{ended:?}");
+    }
+    place.store.cancel(fit).await.unwrap();
+    pool.shutdown(Duration::ZERO).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_fit_does_not_wait_for_the_end_of_a_fit_of_another_owner() {
     let place = Place::fresh(|_| {}).await;
     let pool = place.start_with(place.store.clone(), Arc::new(generate_on_cpu), |options| {

@@ -425,7 +425,7 @@ async fn write(
                checkpoint = CASE WHEN $9 THEN NULL ELSE checkpoint END, \
                available_at = CASE WHEN $2 = 'queued' THEN $10 ELSE available_at END, \
                progress = CASE WHEN $2 = 'queued' THEN NULL ELSE progress END, \
-               section = CASE WHEN $2 = 'queued' THEN NULL ELSE section END, \
+               section = CASE WHEN $2 = 'running' THEN section END, \
                summary = COALESCE($11, summary), engine_used = COALESCE($12, engine_used), \
                problem = COALESCE($13, problem), \
                backend_used = CASE WHEN $2 = 'queued' THEN NULL WHEN $14 THEN $15 ELSE backend_used END, \

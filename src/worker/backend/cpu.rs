@@ -10,8 +10,19 @@ use crate::worker::progress::AttemptSink;
 use crate::worker::verdict;
 use rayon::ThreadPool;
 use std::io;
+use std::pin::Pin;
 use std::sync::Arc;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
+
+/// A place in the queue for the threads of a worker.
+pub(in crate::worker) type Queued = Pin<Box<dyn Future<Output = OwnedSemaphorePermit> + Send>>;
+
+/// The right to use the threads of a worker for a generation.
+pub(in crate::worker) enum Threads {
+    Free(OwnedSemaphorePermit),
+    /// The generation that uses them nearly ends.
+    Soon(Queued),
+}
 
 /// The threads of a worker.
 pub(in crate::worker) struct Cpu {
@@ -65,17 +76,20 @@ impl Cpu {
         Arc::clone(&self.free).acquire_owned().await.expect("the semaphore is never closed")
     }
 
-    /// Waits until no generation uses the threads, or until the running generation nearly ends.
-    /// Returns `None` in the second case, once for each generation.
-    pub(in crate::worker) async fn free_soon(&self) -> Option<OwnedSemaphorePermit> {
+    /// Waits until no generation uses the threads, or until the running generation nearly ends; the
+    /// latter once for each generation.
+    pub(in crate::worker) async fn free_soon(&self) -> Threads {
         let mut nearly_free = self.nearly_free.subscribe();
-        let permit = tokio::select! {
+        let free = Arc::clone(&self.free);
+        let mut free: Queued =
+            Box::pin(async move { free.acquire_owned().await.expect("the semaphore is never closed") });
+        let threads = tokio::select! {
             biased;
-            permit = self.free() => Some(permit),
-            _ = nearly_free.wait_for(|nearly_free| *nearly_free) => None,
+            permit = &mut free => Threads::Free(permit),
+            _ = nearly_free.wait_for(|nearly_free| *nearly_free) => Threads::Soon(free),
         };
         self.nearly_free.send_replace(false);
-        permit
+        threads
     }
 
     /// Waits until no fit runs.

@@ -81,7 +81,7 @@ impl Gpu {
     pub(in crate::worker) fn generate(
         &self,
         tasks: Vec<(Task, AdmittedPlan)>,
-        permit: Option<OwnedSemaphorePermit>,
+        permit: OwnedSemaphorePermit,
     ) -> Vec<Generation> {
         let (mut senders, mut generations): (Vec<Mutex<Option<ResultSender>>>, _) = (Vec::new(), Vec::new());
         for (task, _) in &tasks {
@@ -100,7 +100,7 @@ impl Gpu {
         }
         let (generator, pool) = (Arc::clone(&self.generator), Arc::clone(&self.pool));
         tokio::task::spawn_blocking(move || {
-            let permit = Mutex::new(permit);
+            let permit = Mutex::new(Some(permit));
             let simulated = || drop(permit.lock().take());
             let members: Vec<BatchMember<'_>> = tasks.iter().map(|(task, plan)| member(task, plan.as_ref())).collect();
             let end = |place: usize, result| {
