@@ -7,17 +7,19 @@
 //! The rank is the negated priority, so that one index in one direction has this order. A
 //! submission gets its turn once, when it is queued: one after the turn of the last queued job of
 //! its submitter (the owner of the job), and at least the present turn. The present turn is the
-//! turn of the latest claimed job or of the first queued job. Turns are counted within a lane and a
-//! rank. Consequences:
+//! turn of the latest claimed job or of the first queued job. A submitter whose newest job is of an
+//! earlier turn comes before the first queued job of another turn. Turns are counted within a lane
+//! and a rank. Consequences:
 //!
 //! - Submitters take turns, however many jobs each has queued.
-//! - A new submitter waits for at most one job of each other submitter.
+//! - A new submitter waits for at most one job of each other submitter, and one that has had jobs
+//!   only for those that have waited for this turn.
 //! - An idle submitter earns no credit.
 //! - With a single submitter and one priority, jobs run oldest first.
 //! - A released job keeps its rank and turn.
 //!
 //! Every query here reads a few ends of indexes, whatever the length of the queue. A turn takes
-//! three; a position is counted, up to [`POSITIONS`].
+//! four; a position is counted, up to [`POSITIONS`].
 
 use super::codec::{enum_to_sql, values};
 use super::error::SqlError;
@@ -68,11 +70,20 @@ pub(super) const TURN: &str = "\
     (SELECT turn FROM jobs WHERE status = 'queued' AND NOT shares AND lane = $1 AND rank = $2 \
     ORDER BY turn, id LIMIT 1) AS head_turn, \
     (SELECT turn FROM jobs WHERE status = 'queued' AND NOT shares AND lane = $1 AND rank = $2 \
-    AND submitter = $3 ORDER BY turn DESC LIMIT 1) AS own_turn";
+    AND submitter = $3 ORDER BY turn DESC LIMIT 1) AS own_turn, \
+    (SELECT CASE WHEN lane = $1 AND rank = $2 THEN turn END FROM jobs \
+    WHERE submitter = $3 AND submitter <> '' ORDER BY id DESC LIMIT 1) AS last_turn";
 
 /// The turn of a job to be queued, from the columns of [`TURN`].
 pub(super) fn turn(row: &Row) -> Result<i64, SqlError> {
-    let present = row.get::<Option<i64>>("running_turn")?.max(row.get("head_turn")?).unwrap_or(0);
+    let (running, head): (Option<i64>, Option<i64>) = (row.get("running_turn")?, row.get("head_turn")?);
+    let last: Option<i64> = row.get("last_turn")?;
+    let present = match (running, head, last) {
+        // Not before the turn of the first queued job but one: jobs may run for long. A submitter
+        // without a job could have deleted the one of this turn.
+        (Some(running), Some(head), Some(last)) => running.max(head - 1).max(last + 1),
+        (running, head, _) => running.max(head).unwrap_or(0),
+    };
     Ok(row.get::<Option<i64>>("own_turn")?.map_or(present, |own| present.max(own + 1)))
 }
 

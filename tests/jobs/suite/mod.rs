@@ -86,6 +86,7 @@ macro_rules! over {
             a_released_job_keeps_its_priority_and_turn
             a_claim_of_several_takes_due_jobs_of_all_lanes
             a_batch_has_one_priority
+            a_submitter_of_one_job_at_a_time_alternates_with_others
             a_released_job_keeps_its_turn
             fits_and_models_are_claimed_separately
             fits_of_different_owners_take_turns

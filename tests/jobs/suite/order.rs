@@ -28,6 +28,33 @@ pub async fn submitters_take_turns(factory: Factory) {
     assert!(bench.claim("w").await.is_none());
 }
 
+pub async fn a_submitter_of_one_job_at_a_time_alternates_with_others(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let submit = async |who: &str, n: u32| {
+        bench.submit(NewJob { owner: Some(who.into()), ..new_job(&format!("{who}{n}")) }).await;
+    };
+    for n in 0..8 {
+        submit("a", n).await;
+    }
+    // Runs all the time; its turn says nothing about the present.
+    let long = bench.claim("w").await.unwrap();
+    let mut running = bench.claim("v").await.unwrap();
+    let (mut order, mut next) = (Vec::new(), 0);
+    for _ in 0..7 {
+        // The submitter waits for the end of its job before it requests the next one.
+        if running.job().owner.as_deref() == Some("a") {
+            submit("b", next).await;
+            next += 1;
+        }
+        bench.finish(running).await;
+        running = bench.claim("v").await.unwrap();
+        order.push(running.job().digest.clone());
+    }
+    // Only its first job waits for a job that was not yet running.
+    assert_eq!(order, ["a2", "b0", "a3", "b1", "a4", "b2", "a5"]);
+    bench.finish(long).await;
+}
+
 pub async fn a_released_job_keeps_its_turn(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     for n in 0..5 {

@@ -5,7 +5,7 @@ use super::*;
 use oviduct::jobs::BulkAction;
 
 impl Bench {
-    async fn finish(&self, claimed: ClaimedJob) -> Job {
+    pub(super) async fn finish(&self, claimed: ClaimedJob) -> Job {
         let done = finished(&claimed);
         self.store.finish(claimed, done).await.unwrap()
     }
