@@ -113,6 +113,22 @@ def modest(port, key, seconds):
     print(json.dumps(waits))
 
 
+def compete(service, greedy_key, modest_key, seconds):
+    """Returns the waits for models, the time of the slowest GET, and the responses to the greedy owner."""
+    service.key = greedy_key
+    greedy = Greedy(service)
+    prober = Prober(service.port, modest_key)
+    line = [sys.executable, os.path.abspath(__file__), "--modest", str(service.port), modest_key, str(seconds)]
+    other = subprocess.Popen(line, stdout=subprocess.PIPE, text=True)
+    # The greedy clients are elsewhere: they must not take the processor from the service.
+    os.nice(19)
+    greedy.start()
+    waits = json.loads(other.communicate()[0])
+    slowest = prober.slowest_ms()
+    greedy.stop()
+    return waits, slowest, greedy.counts
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("binary")
@@ -126,21 +142,13 @@ def main():
         service.add_key("modest", "read,submit")
         modest_key = service.key
         service.start()
-        service.key = greedy_key
-        greedy = Greedy(service)
-        prober = Prober(service.port, modest_key)
-        line = [sys.executable, os.path.abspath(__file__), "--modest", str(service.port), modest_key]
-        other = subprocess.Popen([*line, str(options.seconds)], stdout=subprocess.PIPE, text=True)
-        # The greedy clients are elsewhere: they must not take the processor from the service.
-        os.nice(19)
-        greedy.start()
-        waits = json.loads(other.communicate()[0])
-        slowest = prober.slowest_ms()
-        greedy.stop()
-        service.kill()
+        try:
+            waits, slowest, counts = compete(service, greedy_key, modest_key, options.seconds)
+        finally:
+            service.kill()
     print(f"{len(waits)} models, {sorted(waits)[len(waits) // 2]:.1f} s at the median and {max(waits):.1f} s at most")
     print(f"the slowest GET took {slowest:.0f} ms")
-    for kind, statuses in sorted(greedy.counts.items()):
+    for kind, statuses in sorted(counts.items()):
         print(f"greedy: {kind}: {statuses}")
     if max(waits) > options.model_s or slowest > options.get_ms:
         raise SystemExit("the greedy owner delayed the other one")
