@@ -131,22 +131,25 @@ async fn models_do_not_wait_for_a_fit() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn models_that_follow_each_other_beside_a_fit_have_one_attempt() {
+async fn models_beside_a_fit_grow_in_the_order_of_their_claims() {
     let place = Place::fresh(|_| {}).await;
     let pool = start(&place);
     let fit = submit(&place, &request(2000)).await;
     place.until(fit, is_searching).await;
-    let body = json!({ "steps": 500, "particles": { "total": { "keys": [[0, 260], [1, 900]] } } });
+    let body = json!({ "steps": 1500, "particles": { "total": { "keys": [[0, 260], [1, 1500]] } } });
     let spec = ModelSpec::resolve(preset("paper").unwrap(), &body).unwrap();
     let mut models = Vec::new();
     for seed in 0..12 {
         let new = NewJob { spec: spec.json(), outputs: Vec::new().into(), ..scripted("model", seed) };
         models.push(place.store.submit(new).await.unwrap().job().id);
     }
+    let mut ends = Vec::new();
     for model in models {
         let ended = place.until(model, |job| job.status.is_ended()).await;
         assert_eq!((ended.status, ended.attempts), (Status::Succeeded, 1), "{ended:?}");
+        ends.push(ended.finished_at);
     }
+    assert!(ends.is_sorted(), "no model takes the threads of one that was claimed earlier: {ends:?}");
     place.store.cancel(fit).await.unwrap();
     pool.shutdown(Duration::ZERO).await;
 }
