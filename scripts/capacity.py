@@ -39,7 +39,7 @@ def constants(measured):
         "beats_per_second": full["heartbeats"] / measured["times"]["full"][2],
         # Part of the time of a model in which its worker may claim the next one.
         "ahead": stages(small, "certify", "measure", "export") / stages(small),
-        # Seconds of a worker with a core of its own, and of an answer of the database without a load.
+        # Seconds of a worker with a core of its own, and of an idle database until its answer.
         "small_seconds": small["worker_cpu"], "full_seconds": full["worker_cpu"],
         "answer": measured["submit"]["seconds"],
     }
@@ -173,7 +173,7 @@ def check(measured, options):
     """Prints the measured runs of `oviduct load` beside simulations of them."""
     for run in measured["runs"]:
         wait, seconds = run["queue_wait"], run["cost"]["seconds"]
-        # On the measured machine all processes share the cores, so a model takes longer than its CPU time.
+        # All processes of the measured machine share its cores: a model takes more than CPU time.
         options.speeds = speeds(run)
         options.rate, options.full_rate, options.workers = run["models"] / seconds, 0, run["workers"]
         options.arrivals, options.seconds, options.cores, options.listeners = run["arrivals"], seconds, 2, 0

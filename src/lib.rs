@@ -11,6 +11,7 @@ pub use oviduct_engine::{
 pub mod availability;
 pub mod clock;
 pub mod metrics;
+mod panics;
 pub mod status;
 pub mod tls;
 pub mod trace;

@@ -10,11 +10,11 @@
 //!   its job fails.
 //! - Unavailable storage makes no job fail, and the attempts do not count.
 //!
-//! A CPU worker computes one model at a time, and one fit beside the models; a GPU worker (one per adapter) computes a batch of jobs
-//! with the same batch key. A worker claims its next job when its device is free, or when the
-//! current job nearly ends, so that its threads do not wait for the stores. If the
-//! threads are not free soon after, it releases the job that it claimed early. Workers claim by the
-//! requested backend:
+//! A CPU worker computes one model at a time, and one fit beside the models; a GPU worker (one per
+//! adapter) computes a batch of jobs with the same batch key. A worker claims its next job when its
+//! device is free, or when the current job nearly ends, so that its threads do not wait for the
+//! stores. If the threads are not free soon after, it releases the job that it claimed early.
+//! Workers claim by the requested backend:
 //!
 //! - `gpu`: GPU workers. `cpu` and `cpu-single`: CPU workers.
 //! - `auto`: GPU workers. CPU workers claim `auto` jobs only while no GPU worker is live, or while

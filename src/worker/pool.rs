@@ -15,6 +15,7 @@ use crate::jobs::artifacts::Artifacts;
 use crate::jobs::scratch::{Scratch, drop_blocking};
 use crate::jobs::{Change, ClaimScope, ClaimedJob, Job, Store, StoreError, WorkerCondition, WorkerInfo, WorkerKind};
 use crate::lock::Mutex;
+use crate::panics::panic_message;
 use crate::status::{Condition, Status};
 use futures_util::FutureExt;
 use futures_util::future::join_all;
@@ -35,8 +36,8 @@ use tokio::time::{sleep, timeout};
 const MAX_CLAIM_WAIT: Duration = Duration::from_secs(10);
 /// Maximum time for which a shutdown waits for generations that were told to stop.
 const STOP_WAIT: Duration = Duration::from_secs(10);
-/// Maximum number of claims (of a model or a GPU batch) of a worker: it computes one while it stores
-/// the files of the previous. A fit is claimed beside them.
+/// Maximum number of claims (of a model or a GPU batch) of a worker: it computes one while it
+/// stores the files of the previous. A fit is claimed beside them.
 const CLAIMS: usize = 2;
 /// Number of heartbeat intervals between two reports of a worker in the same state.
 const SEEN_EVERY: u32 = 5;
@@ -214,7 +215,7 @@ async fn claim_until_drained(slot: &Arc<Slot>, work: Work) {
 
 /// Reports a panic of a task of the pool, and waits until the task may start again.
 async fn note_panic(context: &Context, task: &'static str, panic: Box<dyn Any + Send>) {
-    tracing::error!(task, panic = verdict::panic_message(&*panic), "a task of the workers panicked; it is restarted");
+    tracing::error!(task, panic = panic_message(&*panic), "a task of the workers panicked; it is restarted");
     drop(panic);
     context.options.metrics.task_panicked(task, 1);
     sleep(context.options.poll).await;

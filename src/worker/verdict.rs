@@ -6,7 +6,7 @@ use crate::fit::FitError;
 use crate::generate::GenerateError;
 use crate::jobs::fault::Injected;
 use crate::jobs::{Problem, with_causes};
-use std::any::Any;
+use crate::panics::panic_message;
 use std::error::Error;
 use std::io;
 use std::time::Duration;
@@ -99,16 +99,10 @@ pub(super) fn is_storage_fault(error: &io::Error) -> bool {
 /// again.
 pub(super) fn of_join(error: JoinError) -> Verdict {
     match error.try_into_panic() {
-        Ok(payload) => Verdict::Fail(panicked(panic_message(payload.as_ref()))),
+        Ok(payload) => Verdict::Fail(panicked(panic_message(payload.as_ref()).to_owned())),
         // The runtime is shutting down.
         Err(error) => interrupted(error.to_string()),
     }
-}
-
-/// Message of a panic.
-pub(super) fn panic_message(payload: &(dyn Any + Send)) -> String {
-    let text = payload.downcast_ref::<&str>().map(|message| (*message).to_owned());
-    text.or_else(|| payload.downcast_ref::<String>().cloned()).unwrap_or_else(|| "a panic without a message".to_owned())
 }
 
 /// The verdict on a member of a GPU batch without a result.

@@ -9,7 +9,8 @@ use oviduct::export::sections_bin::MEDIA_TYPE;
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
-/// A service with a finished model, a batch, a fit and an operation; all described paths with their methods.
+/// A service with a finished model, a batch, a fit and an operation; all described paths with their
+/// methods.
 async fn app() -> (App, Vec<(String, BTreeSet<String>)>) {
     let app = App::new().await;
     let gltf = ("model.gltf", "model/gltf+json", vec![7; 1000]);

@@ -59,7 +59,7 @@ struct Page {
     models: Vec<Model>,
 }
 
-/// What came of a request.
+/// Response to a request, or the reason why there is none.
 enum Answer {
     Known(StatusCode, Vec<u8>),
     /// The request may have taken effect.

@@ -27,7 +27,7 @@ const ORDER: &[&[&str]] = &[
     &["generate", "preview", "report"],
     &["fit"],
     // oviduct
-    &["metrics", "status", "tls", "trace"],
+    &["metrics", "panics", "status", "tls", "trace"],
     &["availability"],
     &["jobs"],
     &["worker", "http"],

@@ -3,7 +3,7 @@
  * Do not make direct changes to the file.
  */
 
-// openapi.yaml: sha256 f384d9f724af07c45e705315d7dde30b5bb03fc955bbeb652ff310fd814d9012
+// openapi.yaml: sha256 5682a9cb135e830c8105a9e3c63791db8cffd45d96eda1e778cc74dc50f4c4d2
 
 export interface paths {
     "/batches": {
@@ -224,8 +224,8 @@ export interface paths {
         /**
          * Request a fit.
          * @description A fit searches for parameters whose models have the measures in `targets` and `images`. The
-         *     service queues the fit, and a CPU worker runs it beside models, which take precedence. Follow the
-         *     fit with `GET /fits/{id}` or its events.
+         *     service queues the fit, and a CPU worker runs it beside models, which take precedence. Follow
+         *     the fit with `GET /fits/{id}` or its events.
          *
          *     Needs a key with the scope `submit`.
          */

@@ -52,8 +52,8 @@ async fn check(state: &AppState, caller: &Caller, body: JsonBody) -> Result<Chec
 /// Request a fit.
 ///
 /// A fit searches for parameters whose models have the measures in `targets` and `images`. The
-/// service queues the fit, and a CPU worker runs it beside models, which take precedence. Follow the
-/// fit with `GET /fits/{id}` or its events.
+/// service queues the fit, and a CPU worker runs it beside models, which take precedence. Follow
+/// the fit with `GET /fits/{id}` or its events.
 #[utoipa::path(
     post, path = "/fits", operation_id = "create_fit", tag = "fits",
     params(

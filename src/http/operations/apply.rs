@@ -22,7 +22,7 @@ use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
-use utoipa::ToSchema;
+use utoipa::{IntoParams, ToSchema};
 
 /// Maximum number of models for which a request waits.
 const MAX_AWAITED: u64 = 1000;
@@ -36,6 +36,17 @@ pub(in crate::http) struct Applied {
     count: u64,
     /// True if the request only counted the models (`dry_run=true`) and changed nothing.
     dry_run: bool,
+}
+
+/// Further parameters, for the description of routes.
+#[derive(IntoParams)]
+#[into_params(parameter_in = Query)]
+#[expect(dead_code, reason = "only described")]
+struct Flags {
+    /// `true` to select all models; required if no other parameter selects models
+    all: Option<bool>,
+    /// `true` to count the models without changing them
+    dry_run: Option<bool>,
 }
 
 /// Word of the audit log for the change of many models.
@@ -95,12 +106,7 @@ async fn apply(
 /// does not affect models that are accepted after it.
 #[utoipa::path(
     post, path = "/models/cancel", operation_id = "cancel_models", tag = "models",
-    params(
-        Conditions,
-        ("all" = Option<bool>, Query,
-            description = "`true` to select all models; required if no other parameter selects models"),
-        ("dry_run" = Option<bool>, Query, description = "`true` to count the models without changing them"),
-    ),
+    params(Conditions, Flags),
     responses(
         (status = 200, description = "Number of models that the request changed or, in a dry run, counted",
             body = Applied),
@@ -127,12 +133,7 @@ pub(in crate::http) async fn cancel(
 /// does not affect models that are accepted after it.
 #[utoipa::path(
     delete, path = "/models", operation_id = "delete_models", tag = "models",
-    params(
-        Conditions,
-        ("all" = Option<bool>, Query,
-            description = "`true` to select all models; required if no other parameter selects models"),
-        ("dry_run" = Option<bool>, Query, description = "`true` to count the models without changing them"),
-    ),
+    params(Conditions, Flags),
     responses(
         (status = 200, description = "Number of models that the request changed or, in a dry run, counted",
             body = Applied),

@@ -36,12 +36,16 @@ pub(super) fn answer(status: StatusCode, operation: &BulkOperation) -> Result<Re
     get, path = "/operations", operation_id = "list_operations", tag = "operations",
     params(
         ("owner" = Option<String>, Query, pattern = "^[^\\u0000]*$",
-            description = "Only operations of this owner; without the scope `admin`, only the caller's own name is allowed"),
+            description = "Only operations of this owner; without the scope `admin`, only the caller's own name is \
+                allowed"),
         ("limit" = Option<u32>, Query, minimum = 1, maximum = 100,
             description = "Maximum number of operations on the page; 20 by default"),
         ("cursor" = Option<String>, Query, format = Uuid, description = "`next` of the previous page"),
     ),
-    responses((status = 200, description = "A page of operations", body = OperationList), BadParameters, StoresUnavailable)
+    responses(
+        (status = 200, description = "A page of operations", body = OperationList),
+        BadParameters, StoresUnavailable,
+    )
 )]
 pub(in crate::http) async fn list(
     State(state): State<AppState>,

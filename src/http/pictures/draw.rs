@@ -4,13 +4,14 @@
 use crate::clock::Stopwatch;
 use crate::http::AppState;
 use crate::http::access::Caller;
-use crate::http::wire::blocking::{compute, message};
+use crate::http::wire::blocking::compute;
 use crate::http::wire::conditional::ETag;
 use crate::http::wire::extract::Parameters;
 use crate::http::wire::faults::{Faults, RequestFault};
 use crate::http::wire::problem::{Kind, Problem};
 use crate::http::wire::shares::Turn;
 use crate::mesh::LoftError;
+use crate::panics::panic_message;
 use crate::render::{MEDIA_TYPE, RenderError};
 use crate::report::ReportError;
 use axum::http::{HeaderValue, Method, header};
@@ -82,7 +83,7 @@ pub(super) async fn picture<T: Send + 'static, F: Future<Output = Result<T, Prob
     });
     match drawn.await {
         Ok(drawn) => drawn.map_err(|error| failed(&error.to_string())),
-        Err(panic) => Err(failed(message(&*panic))),
+        Err(panic) => Err(failed(panic_message(&*panic))),
     }
 }
 

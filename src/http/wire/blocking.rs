@@ -2,6 +2,7 @@
 //! them the niceness of the workers, so that requests for pictures do not starve models.
 
 use super::problem::{Kind, Problem};
+use crate::panics::panic_message;
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use tokio::sync::oneshot;
@@ -23,7 +24,7 @@ pub(in crate::http) async fn blocking<T: Send + 'static>(
         span.in_scope(work)
     };
     compute(task).await.map_err(|panic| {
-        tracing::error!(panic = message(&*panic), what, "work for a request panicked");
+        tracing::error!(panic = panic_message(&*panic), what, "work for a request panicked");
         Problem::new(Kind::Internal, format!("{what} failed."))
     })
 }
@@ -38,12 +39,6 @@ pub(in crate::http) async fn compute<T: Send + 'static>(
     let (done, result) = oneshot::channel();
     rayon::spawn(move || drop(done.send(catch_unwind(AssertUnwindSafe(work)))));
     result.await.unwrap_or_else(|_| unreachable!("the work sends its result"))
-}
-
-/// Message of a panic.
-pub(in crate::http) fn message(panic: &(dyn Any + Send)) -> &str {
-    let text = panic.downcast_ref::<&str>().copied();
-    text.or_else(|| panic.downcast_ref::<String>().map(String::as_str)).unwrap_or("unknown")
 }
 
 #[cfg(test)]

@@ -67,11 +67,13 @@ impl Store {
 
     /// Accepts an operation on the jobs that match now. [`Store::step_operation`] executes it.
     pub async fn create_operation(&self, new: NewBulk) -> Result<BulkOperation, StoreError> {
-        type Input = (NewBulk, Arc<IdGenerator>, Mutex<Option<OperationId>>);
+        // Before the transaction, because counting may take long.
+        let total = self.count_affected(new.action, &new.filter).await?;
+        type Input = (NewBulk, u64, Arc<IdGenerator>, Mutex<Option<OperationId>>);
         const EXISTS: Uncertain<Input, BulkOperation> =
             Uncertain::Recognised(|_, done, tx| Box::pin(async { Ok(read(tx, done.output.id).await?.is_some()) }));
-        let run: Run<Input, _> = |(new, ids, tried), tx, _| Box::pin(create(new, ids, tried, tx));
-        self.apply("create_operation", (new, self.id_generator(), Mutex::default()), run, EXISTS).await
+        let run: Run<Input, _> = |(new, total, ids, tried), tx, _| Box::pin(create(new, *total, ids, tried, tx));
+        self.apply("create_operation", (new, total, self.id_generator(), Mutex::default()), run, EXISTS).await
     }
 
     /// An operation by id.
@@ -149,6 +151,7 @@ async fn ids(tx: &mut Tx<'_>, filter: &ListFilter, limit: u32) -> Result<Vec<Job
 
 async fn create(
     new: &NewBulk,
+    total: u64,
     generator: &IdGenerator,
     tried: &Mutex<Option<OperationId>>,
     tx: &mut Tx<'_>,
@@ -166,10 +169,6 @@ async fn create(
     let newest = ids(tx, &ListFilter { before: None, ..new.filter.clone() }, 1).await?.pop();
     let before = newest.map(|JobId(id)| JobId(uuid::Uuid::from_u128(id.as_u128().saturating_add(1))));
     let filter = ListFilter { before, ..new.filter.clone() };
-    let mut total = 0;
-    for status in statuses(new.action, filter.status) {
-        total += count(tx, &ListFilter { status, ..filter.clone() }).await?;
-    }
     // Retries use the same id.
     let id = *tried.lock().get_or_insert_with(|| OperationId(generator.next(now)));
     let sql = format!(
@@ -224,8 +223,8 @@ async fn next(id: Option<OperationId>, tx: &mut Tx<'_>) -> Result<Option<Row>, S
     let Some(id) = id else {
         let sql = format!(
             "SELECT {columns} FROM bulk_operations AS b WHERE finished_at IS NULL ORDER BY \
-             (SELECT MAX(stepped_at) FROM bulk_operations AS o WHERE o.finished_at IS NULL AND o.submitter = b.submitter), \
-             stepped_at, id LIMIT 1{}",
+             (SELECT MAX(stepped_at) FROM bulk_operations AS o \
+             WHERE o.finished_at IS NULL AND o.submitter = b.submitter), stepped_at, id LIMIT 1{}",
             tx.either("", " FOR UPDATE SKIP LOCKED")
         );
         return tx.optional(sql, vec![]).await;
@@ -247,7 +246,8 @@ async fn step(
     // A later version may know conditions that this one must not ignore.
     let filter = serde_json::from_str::<ListFilter>(row.get("filter")?);
     let (Ok(filter), Ok(position)) = (filter, serde_json::from_str::<Position>(row.get("position")?)) else {
-        tracing::error!(operation = %operation.id, "this version cannot read the operation; a later one has to execute it");
+        let id = operation.id;
+        tracing::error!(operation = %id, "this version cannot read the operation; a later one has to execute it");
         tx.execute("UPDATE bulk_operations SET stepped_at = $2 WHERE id = $1", values![operation.id.to_string(), now])
             .await?;
         return Ok(Done::quiet(Some(BulkStep { operation, keys: Vec::new() })));

@@ -93,8 +93,8 @@ impl Store {
         let tx = &mut self.read("fit_waits").await?;
         let waits = |condition: &str| {
             format!(
-                "(SELECT 1 FROM jobs{} WHERE status = 'queued' AND NOT shares AND lane = 'fit' AND {condition} LIMIT 1) \
-                 IS NOT NULL",
+                "(SELECT 1 FROM jobs{} WHERE status = 'queued' AND NOT shares AND lane = 'fit' AND {condition} \
+                 LIMIT 1) IS NOT NULL",
                 tx.either(" INDEXED BY jobs_queue_by_submitter", "")
             )
         };
@@ -251,11 +251,12 @@ pub(super) enum AttemptEffect {
     Yielded,
 }
 
-/// Gives a job the turn after the first queued job of another submitter in its lane, if there is one
-/// and it is later than its own.
+/// Gives a job the turn after the first queued job of another submitter in its lane, if there is
+/// one and it is later than its own.
 const YIELD: &str = "UPDATE jobs SET turn = CASE WHEN other.turn >= jobs.turn THEN other.turn + 1 ELSE jobs.turn END \
     FROM (SELECT o.turn FROM jobs j JOIN jobs o ON o.lane = j.lane AND o.rank = j.rank AND o.submitter <> j.submitter \
-    WHERE j.id = $1 AND o.status = 'queued' AND NOT o.shares ORDER BY o.turn, o.id LIMIT 1) AS other WHERE jobs.id = $1";
+    WHERE j.id = $1 AND o.status = 'queued' AND NOT o.shares ORDER BY o.turn, o.id LIMIT 1) AS other \
+    WHERE jobs.id = $1";
 
 /// Ends the attempt of a claimed job.
 pub(super) struct End {

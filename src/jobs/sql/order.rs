@@ -1,8 +1,8 @@
 //! The order of claims, and positions in the queue.
 //!
 //! Models of each backend that a request may ask for have a lane, and so have fits; a worker never
-//! reads past jobs that it cannot run. Within a lane, workers claim jobs by (`rank`, `turn`, age). Between lanes, the head
-//! of higher priority goes first, then the older one.
+//! reads past jobs that it cannot run. Within a lane, workers claim jobs by (`rank`, `turn`, age).
+//! Between lanes, the head of higher priority goes first, then the older one.
 //!
 //! The rank is the negated priority, so that one index in one direction has this order. A
 //! submission gets its turn once, when it is queued: one after the turn of the last queued job of
@@ -92,10 +92,12 @@ pub(super) fn turn(row: &Row) -> Result<i64, SqlError> {
 pub(super) fn ahead(tx: &Tx<'_>) -> &'static str {
     tx.either(
         "SELECT COUNT(*) FROM (SELECT 1 FROM jobs AS a INDEXED BY jobs_lanes WHERE a.status = 'queued' \
-         AND NOT a.shares AND a.lane = CASE WHEN $29 = 'fit' THEN 'fit' ELSE $7 END AND (a.rank, a.turn, a.id) < ($23, $22, $1) \
+         AND NOT a.shares AND a.lane = CASE WHEN $29 = 'fit' THEN 'fit' ELSE $7 END \
+         AND (a.rank, a.turn, a.id) < ($23, $22, $1) \
          ORDER BY a.rank, a.turn, a.id LIMIT 1000) AS ahead",
         "SELECT COUNT(*) FROM (SELECT 1 FROM jobs AS a WHERE a.status = 'queued' \
-         AND NOT a.shares AND a.lane = CASE WHEN $29 = 'fit' THEN 'fit' ELSE $7 END AND (a.rank, a.turn, a.id) < ($23, $22, $1) \
+         AND NOT a.shares AND a.lane = CASE WHEN $29 = 'fit' THEN 'fit' ELSE $7 END \
+         AND (a.rank, a.turn, a.id) < ($23, $22, $1) \
          ORDER BY a.rank, a.turn, a.id LIMIT 1000) AS ahead",
     )
 }

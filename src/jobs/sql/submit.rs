@@ -289,7 +289,8 @@ async fn insert(
     let sql = format!(
         "INSERT INTO jobs (id, status, preset, seed, digest, outputs, backend_requested, backend_used, device, \
          fallback, available_at, created_at, finished_at, reused_from, idempotency_key, idempotency_body, summary, \
-         spec, engine, engine_used, batch, submitter, turn, rank, trace, batch_key, batch_index, retry_of, shares, kind, weight) \
+         spec, engine, engine_used, batch, submitter, turn, rank, trace, batch_key, batch_index, retry_of, shares, \
+         kind, weight) \
          VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, 0, $11, $12, $13, $14, $15, $16, $17, $18, $19, $20, $21, \
          $22, $23, $24, $25, $26, $27, $28, $29, $30) RETURNING ({}) AS ahead",
         if is_counted && !is_far { order::ahead(tx) } else { "CAST(0 AS BIGINT)" },

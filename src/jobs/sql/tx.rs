@@ -111,8 +111,8 @@ impl<'c> Tx<'c> {
         Self { connection, time, now: None, far: None }
     }
 
-    /// True if this transaction has found a place before `place` in its lane to be farther back than
-    /// positions are counted.
+    /// True if this transaction has found a place before `place` in its lane to be farther back
+    /// than positions are counted.
     pub(super) fn is_far(&self, place: &Place) -> bool {
         self.far.as_ref().is_some_and(|far| far.lane == place.lane && far < place)
     }

@@ -102,8 +102,9 @@ impl Cpu {
         self.gate.give_turn().await;
     }
 
-    /// Starts a generation or a fit on a thread that may block and whose panics are caught. It keeps
-    /// `permit` until it has stopped. The threads count as nearly free at once if it `is_short`.
+    /// Starts a generation or a fit on a thread that may block and whose panics are caught. It
+    /// keeps `permit` until it has stopped. The threads count as nearly free at once if it
+    /// `is_short`.
     pub(in crate::worker) fn generate(
         &self,
         generator: Arc<Generator>,

@@ -5,6 +5,7 @@ use super::{GenerateFailure, Generation, GenerationOutput, Task, request, resolv
 use crate::generate::{Backend, Calls, GenerateError, Member, Outcome, UsedBackend, generate_batch};
 use crate::jobs::{BackendReport, Job};
 use crate::lock::Mutex;
+use crate::panics::panic_message;
 use crate::sim::Plan;
 use crate::sim::gpu::{Adapter, GpuDevice, GpuError, GpuOptions, adapters};
 use crate::worker::generator::{AdmittedPlan, BatchCallbacks, BatchGenerator, BatchMember, GenerationInput, WorkError};
@@ -111,7 +112,7 @@ impl Gpu {
             let callbacks = BatchCallbacks { simulated: &simulated, ended: &|place, result| end(place, result) };
             let run = || generator.generate(&members, &pool, callbacks);
             if let Err(panic) = catch_unwind(AssertUnwindSafe(run)) {
-                let detail = verdict::panic_message(panic.as_ref());
+                let detail = panic_message(panic.as_ref()).to_owned();
                 for place in 0..members.len() {
                     end(place, Err(GenerateError::Panic { detail: detail.clone() }.into()));
                 }

@@ -66,7 +66,8 @@ export function AllMatching({ which, deed, onClose }: { which: ModelFilter; deed
   const [changed, setChanged] = useState<number>();
   const apply = (dryRun: boolean) => {
     const options = { dryRun, onProgress: ({ progress }: Operation) => setChanged(progress.changed) };
-    return ask((service) => (deed === "cancel" ? service.cancelAll(meant, options) : service.deleteAll(meant, options)));
+    const all = deed === "cancel" ? "cancelAll" : "deleteAll";
+    return ask((service) => service[all](meant, options));
   };
   useEffect(() => {
     apply(true).then(({ count }) => setCount(count), (error: unknown) => setFault(explain(error)));
@@ -86,7 +87,8 @@ export function AllMatching({ which, deed, onClose }: { which: ModelFilter; deed
       {!fault && count === undefined && <p class="soft" aria-busy="true">Counting …</p>}
       {changed !== undefined && count !== undefined && (
         <p role="status">
-          <progress value={changed} max={count} /> {changed.toLocaleString("en")} of {counted(count)}. If you leave, it continues.
+          <progress value={changed} max={count} /> {changed.toLocaleString("en")} of {counted(count)}.
+          If you leave, it continues.
         </p>
       )}
       {count === 0 && <p>There is nothing to {deed} among the models {scope}.</p>}

@@ -1,5 +1,6 @@
--- The lane in which a job waits: fits have one of their own, because workers run them beside models. Weight: number of jobs
--- as which a job counts against the quota of its owner. One statement, so that the table is rewritten once.
+-- The lane in which a job waits: fits have one of their own, because workers run them beside
+-- models. Weight: number of jobs as which a job counts against the quota of its owner. One
+-- statement, so that the table is rewritten once.
 ALTER TABLE jobs
     ADD COLUMN lane TEXT COLLATE "C" NOT NULL
         GENERATED ALWAYS AS (CASE WHEN kind = 'fit' THEN 'fit' ELSE backend_requested END) STORED,

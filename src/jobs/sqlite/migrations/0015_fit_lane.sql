@@ -1,4 +1,5 @@
--- The lane in which a job waits: fits have one of their own, because workers run them beside models.
+-- The lane in which a job waits: fits have one of their own, because workers run them beside
+-- models.
 ALTER TABLE jobs ADD COLUMN lane TEXT NOT NULL
     GENERATED ALWAYS AS (CASE WHEN kind = 'fit' THEN 'fit' ELSE backend_requested END) VIRTUAL;
 -- Number of jobs as which a job counts against the quota of its owner.
