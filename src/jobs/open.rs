@@ -3,7 +3,7 @@
 use super::error::StoreError;
 use super::options::StoreOptions;
 use super::postgres::{self, Postgres};
-use super::sql::{Engine, Store, Time};
+use super::sql::{Engine, LastRead, Store, Time};
 use super::sqlite::Sqlite;
 use crate::clock::Clock;
 use std::path::{Path, PathBuf};
@@ -133,7 +133,7 @@ impl Store {
         let changes = Self::channel();
         let engine = Postgres::open(url, &options, changes.clone()).await?;
         let time = match &options.clock {
-            Clock::System => Time::Database,
+            Clock::System => Time::Database(LastRead::default()),
             Clock::Manual(_) => Time::from_clock(options.clock.clone()),
         };
         Ok(Self::new(Engine::Postgres(engine), time, options, changes))

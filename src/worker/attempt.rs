@@ -13,7 +13,7 @@ use crate::clock::Stopwatch;
 use crate::generate::{Backend, CancelToken, UsedBackend};
 use crate::jobs::scratch::{AttemptDir, drop_blocking};
 use crate::jobs::state::AttemptEnd;
-use crate::jobs::{BackendReport, ClaimedJob, File, Finished, Job, JobId, JobKind, Status, StoreError};
+use crate::jobs::{BackendReport, ClaimedJob, File, Finished, JobId, JobKind, Status, StoreError};
 use crate::metrics::Fallback;
 use crate::trace;
 use std::sync::Arc;
@@ -525,8 +525,8 @@ async fn commit(
 }
 
 /// The end that the store recorded: a job that was cancelled in the meantime is cancelled.
-fn end_of(end: AttemptOutcome, recorded: Result<Job, StoreError>) -> (AttemptOutcome, Result<(), StoreError>) {
-    let is_cancelled = recorded.as_ref().is_ok_and(|job| job.status == Status::Cancelled);
+fn end_of(end: AttemptOutcome, recorded: Result<Status, StoreError>) -> (AttemptOutcome, Result<(), StoreError>) {
+    let is_cancelled = matches!(recorded, Ok(Status::Cancelled));
     (if is_cancelled { AttemptOutcome::Cancelled } else { end }, recorded.map(drop))
 }
 

@@ -98,6 +98,24 @@ impl Way {
     }
 }
 
+/// The transaction of a connection, by the messages of the client.
+#[derive(Default)]
+struct Transaction {
+    is_open: bool,
+}
+
+impl Transaction {
+    /// Follows a message. Returns true if it commits: `COMMIT`, or a submission outside a
+    /// transaction, which is known by a member of its parameter.
+    fn is_committed_by(&mut self, message: &[u8]) -> bool {
+        let has = |text: &str| message.windows(text.len()).any(|window| window == text.as_bytes());
+        let (begins, commits) = (has("BEGIN"), has("COMMIT"));
+        let is_alone = !self.is_open && !begins && has("\"backend_requested\":");
+        self.is_open = (self.is_open || begins) && !commits && !has("ROLLBACK");
+        commits || is_alone
+    }
+}
+
 /// Relays a connection until it is cut; a silent one is held open.
 async fn relay(
     client: TcpStream,
@@ -110,11 +128,12 @@ async fn relay(
     let (mut asked, mut answered) = (vec![0; 1 << 16], vec![0; 1 << 16]);
     let (mut is_deaf, mut is_dead, mut is_cut) = (false, false, false);
     let mut cuts = lines.subscribe();
+    let mut transaction = Transaction::default();
     loop {
         tokio::select! {
             length = from_client.read(&mut asked) => {
                 let bytes = &asked[..length?];
-                if bytes.windows(6).any(|window| window == b"COMMIT") {
+                if transaction.is_committed_by(bytes) {
                     let line = *lines.borrow();
                     let loss = line.loss(commits.all.fetch_add(1, Ordering::Relaxed));
                     commits.lost.fetch_add(u32::from(loss.is_some()), Ordering::Relaxed);

@@ -87,15 +87,16 @@ async fn a_commit_without_an_answer_takes_effect_once() {
     assert_eq!((claimed.job().id, claimed.attempt()), (id, 1));
     let silence = lose();
     let done = finished(&claimed);
-    let job = within(limit, "the end", store.finish(claimed, done)).await.unwrap();
+    let files = done.files.len();
+    let status = within(limit, "the end", store.finish(claimed, done)).await.unwrap();
     silence.await.unwrap();
-    assert_eq!(job.status, Status::Succeeded);
+    assert_eq!(status, Status::Succeeded);
     let ends: Vec<_> = store.attempts(id).await.unwrap().into_iter().map(|attempt| attempt.outcome).collect();
     assert_eq!(ends, [Some(AttemptEnd::Succeeded)]);
     let silence = lose();
     let keys = within(limit, "a deletion", store.delete(id)).await.unwrap();
     silence.await.unwrap();
-    assert_eq!(keys.map(|keys| keys.len()), Some(job.files.len()));
+    assert_eq!(keys.map(|keys| keys.len()), Some(files));
     assert_eq!(store.counts().await.unwrap().total(), 0);
     store.close().await;
 }

@@ -84,7 +84,7 @@ async fn records_of_a_later_version_block_no_others(database: Database) {
     }
     let done = claimed.pop().unwrap();
     let files = finished(&done);
-    assert_eq!(store.finish(done, files).await.unwrap().status, Status::Succeeded);
+    assert_eq!(store.finish(done, files).await.unwrap(), Status::Succeeded);
     let counts = store.counts().await.unwrap();
     assert_eq!(counts, Counts { running: 2, succeeded: 1, failed: 3, ..Counts::default() });
 

@@ -47,10 +47,11 @@ const KEEPALIVE: [(&str, &str); 4] = [
 ];
 /// Settings of the planner that make every query use its index, even if the statistics describe a
 /// queue that was short a minute ago. Parallel workers cost more than any of these queries.
-const PLANS: [(&str, &str); 6] = [
+const PLANS: [(&str, &str); 7] = [
     // Plans do not depend on values, and planning a claim takes longer than running it.
     ("plan_cache_mode", "force_generic_plan"),
     ("enable_seqscan", "off"),
+    ("enable_bitmapscan", "off"),
     ("enable_hashjoin", "off"),
     ("enable_mergejoin", "off"),
     ("jit", "off"),
@@ -58,7 +59,7 @@ const PLANS: [(&str, &str); 6] = [
 ];
 
 /// Migrations of the tables, oldest first.
-const MIGRATIONS: [(&str, &str); 14] = migrations![
+const MIGRATIONS: [(&str, &str); 15] = migrations![
     "0001_jobs",
     "0002_priorities",
     "0003_traces",
@@ -73,6 +74,7 @@ const MIGRATIONS: [(&str, &str); 14] = migrations![
     "0012_worker_conditions",
     "0013_fit_lane",
     "0014_operations",
+    "0016_submissions",
 ];
 
 /// The connections to a PostgreSQL database.

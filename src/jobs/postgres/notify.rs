@@ -24,6 +24,8 @@ use tokio::time::{sleep, timeout};
 const CHANNEL: &str = "oviduct_changes";
 /// Maximum number of changes in a notification, which PostgreSQL limits to 8000 bytes.
 const MAX_CHANGES: usize = 120;
+/// Minimum time between two notifications: each costs a transaction.
+const SEND_EVERY: Duration = Duration::from_millis(10);
 /// Time without notifications after which the connection is tested.
 const SILENCE: Duration = Duration::from_secs(15);
 /// Maximum time for a connection to open or to respond.
@@ -85,10 +87,15 @@ async fn send_all(pool: Pool, own: String, mut inbox: mpsc::UnboundedReceiver<Ch
     while inbox.recv_many(&mut gathered, MAX_CHANGES).await > 0 {
         let payload = write(&own, &gathered);
         gathered.clear();
-        let notify = sqlx::query("SELECT pg_notify($1, $2)").bind(CHANNEL).bind(payload);
+        // Nothing is lost with a notification, so its commit need not wait for the disk.
+        let notify = "SELECT set_config('synchronous_commit', 'off', TRUE), pg_notify($1, $2)";
+        let notify = sqlx::query(notify).bind(CHANNEL).bind(payload);
         let sent = async { acquire(&pool).await?.answer(|connection| notify.execute(connection)).await };
         if let Err(error) = sent.await {
             tracing::warn!(%error, "could not send changes to other processes; they will find them by polling");
+        }
+        if !inbox.is_closed() {
+            sleep(SEND_EVERY).await;
         }
     }
 }

@@ -3,7 +3,7 @@
 //! SQLite has one writer, which reads the heads of the lanes and applies the event to each job. On
 //! PostgreSQL one statement finds the jobs, skips rows that another claim has locked, and updates
 //! them. It has the effect of [`Event::Claim`]; the test suite compares both with the state
-//! machine.
+//! machine. Claims of a group are one statement, if their scope and their lease are the same.
 //!
 //! A GPU simulates several models of similar size together. Its claim takes the first due job and
 //! then only due jobs with the same batch key.
@@ -12,20 +12,22 @@
 //! one wrote it, fails with the reason, and the claim takes the next job.
 
 use super::codec::{Value, enum_to_sql, until, values};
+use super::end::End;
 use super::error::SqlError;
-use super::lease::{self, AttemptEffect, End};
-use super::operation::{Done, Grouped, LONG_RETRY_LIMIT, Operation, RETRY_LIMIT};
+use super::lease::{self, AttemptEffect};
+use super::operation::{Done, Grouped, LONG_RETRY_LIMIT, Operation, RETRY_LIMIT, Results};
 use super::order;
 use super::read;
 use super::record::{Record, select_jobs, to_record};
 use super::store::Store;
 use super::tx::Tx;
-use super::workers::unpaused;
+use super::workers::{all_unpaused, unpaused};
 use crate::clock::Stopwatch;
 use crate::jobs::state::{AttemptEnd, ClaimScope, Event, MAX_LEASE};
 use crate::jobs::{Change, ClaimedJob, Job, JobId, Problem, StoreError, StoreOptions};
 use jiff::Timestamp;
 use std::collections::VecDeque;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// Maximum retry delay that claims respect. A longer delay can only result from a wrong clock, so
@@ -142,22 +144,57 @@ struct Claimed {
     batch_key: Option<String>,
 }
 
+impl From<Claimed> for Done<Vec<ClaimedJob>> {
+    fn from(claimed: Claimed) -> Self {
+        Self::new(claimed.jobs, claimed.changes)
+    }
+}
+
+impl Claimed {
+    /// Adds a job that `worker` has claimed. Returns false if this version cannot read the job,
+    /// which then fails.
+    async fn add(
+        &mut self,
+        tx: &mut Tx<'_>,
+        options: &StoreOptions,
+        worker: &str,
+        record: Record,
+    ) -> Result<bool, SqlError> {
+        let Record { job, unread, batch_key, .. } = record;
+        // The statement read the record before it wrote the row of the attempt.
+        let job = Job { worker: Some(worker.to_owned()), ..job };
+        let job = ClaimedJob { attempt: job.attempts, worker: worker.to_owned(), job };
+        if let Some(why) = unread {
+            self.changes.extend(fail(tx, options, &job, why).await?);
+            return Ok(false);
+        }
+        self.changes.push(Change::of(&job.job));
+        self.batch_key = batch_key;
+        self.jobs.push(job);
+        Ok(true)
+    }
+}
+
 impl Operation for Claim {
     type Output = Vec<ClaimedJob>;
 
-    const GROUPED: Grouped = Grouped::Work;
+    const GROUPED: Grouped = Grouped::Claims;
 
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Vec<ClaimedJob>>, SqlError> {
-        let mut claimed = Claimed::default();
-        if self.scope == ClaimScope::Gpu {
-            self.fill(tx, options, &mut claimed, 1, None).await?;
-            if let Some(key) = claimed.batch_key.take() {
-                self.fill(tx, options, &mut claimed, self.limit, Some(&key)).await?;
-            }
-        } else {
-            self.fill(tx, options, &mut claimed, self.limit, None).await?;
+        self.complete(tx, options, Claimed::default()).await
+    }
+
+    async fn run_together(
+        claims: &[Arc<Self>],
+        tx: &mut Tx<'_>,
+        options: &StoreOptions,
+    ) -> Result<Results<Vec<ClaimedJob>>, SqlError> {
+        let (claimed, none_left) = claim_together(claims, tx, options).await?;
+        let mut results = Vec::with_capacity(claims.len());
+        for (claim, claimed) in claims.iter().zip(claimed) {
+            results.push(Ok(if none_left { claimed.into() } else { claim.complete(tx, options, claimed).await? }));
         }
-        Ok(Done::new(claimed.jobs, claimed.changes))
+        Ok(results)
     }
 
     async fn was_committed(&self, tx: &mut Tx<'_>, done: &Done<Vec<ClaimedJob>>) -> Result<bool, SqlError> {
@@ -200,7 +237,51 @@ async fn fail(
     Ok(end.run(tx, options).await?.changes)
 }
 
+/// Claims for several workers in one statement, where that is possible. Returns what each has
+/// claimed, and true if no more jobs are due.
+async fn claim_together(
+    claims: &[Arc<Claim>],
+    tx: &mut Tx<'_>,
+    options: &StoreOptions,
+) -> Result<(Vec<Claimed>, bool), SqlError> {
+    let mut claimed: Vec<Claimed> = claims.iter().map(|_| Claimed::default()).collect();
+    let first = &claims[0];
+    let is_like_first = |claim: &Arc<Claim>| claim.scope == first.scope && claim.lease == first.lease;
+    let is_possible = tx.is_postgres() && first.scope != ClaimScope::Gpu && claims.iter().all(is_like_first);
+    if claims.len() == 1 || !is_possible {
+        return Ok((claimed, false));
+    }
+    let places = || claims.iter().zip(0..).flat_map(|(claim, index)| (0..claim.limit).map(move |_| (claim, index)));
+    let holders: Vec<String> = places().map(|(claim, _)| claim.worker.clone()).collect();
+    let wanted = holders.len();
+    let taken = first.at_once(tx, holders, None).await?;
+    // None are taken if one of the workers is paused, too.
+    let mut none_left = (1..wanted).contains(&taken.len());
+    for ((claim, index), record) in places().zip(taken) {
+        none_left &= claimed[index].add(tx, options, &claim.worker, record).await?;
+    }
+    Ok((claimed, none_left))
+}
+
 impl Claim {
+    /// Claims what is missing from `claimed`.
+    async fn complete(
+        &self,
+        tx: &mut Tx<'_>,
+        options: &StoreOptions,
+        mut claimed: Claimed,
+    ) -> Result<Done<Vec<ClaimedJob>>, SqlError> {
+        if self.scope == ClaimScope::Gpu {
+            self.fill(tx, options, &mut claimed, 1, None).await?;
+            if let Some(key) = claimed.batch_key.take() {
+                self.fill(tx, options, &mut claimed, self.limit, Some(&key)).await?;
+            }
+        } else {
+            self.fill(tx, options, &mut claimed, self.limit, None).await?;
+        }
+        Ok(claimed.into())
+    }
+
     /// Claims due jobs until there are `limit`, or no more are due. With a batch key, only jobs
     /// with that key.
     async fn fill(
@@ -217,23 +298,13 @@ impl Claim {
                 return Ok(());
             }
             let taken = if tx.is_postgres() {
-                self.at_once(tx, wanted, batch_key).await?
+                self.at_once(tx, vec![self.worker.clone(); wanted as usize], batch_key).await?
             } else {
                 self.one_by_one(tx, options, wanted, batch_key).await?
             };
             let mut all_read = true;
-            for Record { job, unread, batch_key, .. } in taken {
-                // The statement read the record before it wrote the row of the attempt.
-                let job = Job { worker: Some(self.worker.clone()), ..job };
-                let job = ClaimedJob { attempt: job.attempts, worker: self.worker.clone(), job };
-                if let Some(why) = unread {
-                    claimed.changes.extend(fail(tx, options, &job, why).await?);
-                    all_read = false;
-                } else {
-                    claimed.changes.push(Change::of(&job.job));
-                    claimed.batch_key = batch_key;
-                    claimed.jobs.push(job);
-                }
+            for record in taken {
+                all_read &= claimed.add(tx, options, &self.worker, record).await?;
             }
             if all_read {
                 return Ok(());
@@ -282,8 +353,19 @@ impl Claim {
         Ok(taken)
     }
 
-    async fn at_once(&self, tx: &mut Tx<'_>, limit: u32, batch_key: Option<&str>) -> Result<Vec<Record>, SqlError> {
-        let (jobs, now, unpaused) = (select_jobs(tx), tx.now().await?, unpaused("$3"));
+    /// Claims one job for each of `holders`, which are workers, in the order in which jobs are due.
+    async fn at_once(
+        &self,
+        tx: &mut Tx<'_>,
+        holders: Vec<String>,
+        batch_key: Option<&str>,
+    ) -> Result<Vec<Record>, SqlError> {
+        let (jobs, unpaused, limit) = (select_jobs(tx), all_unpaused("$3"), holders.len());
+        let is_due = format!(
+            "status = 'queued' AND NOT shares AND {unpaused} AND (available_at <= (SELECT now FROM moment) \
+             OR available_at > (SELECT now FROM moment) + {})",
+            MAX_RETRY_DELAY.as_micros()
+        );
         // Limits are in the text, so that a plan made once for all values expects few rows.
         let (due, of) = match batch_key {
             // Only the index of batch keys fits: no other has this order, and IS TRUE rules out the
@@ -291,8 +373,7 @@ impl Claim {
             Some(key) => (
                 format!(
                     "due AS MATERIALIZED (SELECT id, ROW_NUMBER() OVER (ORDER BY rank, turn, id) AS place FROM (\
-                     SELECT rank, turn, id FROM jobs WHERE (status = 'queued') IS TRUE AND NOT shares AND batch_key = $1 \
-                     AND (available_at <= $2 OR available_at > $5) AND {unpaused} \
+                     SELECT rank, turn, id FROM jobs WHERE (status = 'queued') IS TRUE AND batch_key = $1 AND {is_due} \
                      ORDER BY rank, turn, id LIMIT {limit} FOR NO KEY UPDATE SKIP LOCKED) AS heads)"
                 ),
                 Value::from(key),
@@ -302,8 +383,7 @@ impl Claim {
             None => (
                 format!(
                     "heads AS MATERIALIZED (SELECT lanes.name, head.* FROM unnest($1::text[]) AS lanes (name) \
-                     CROSS JOIN LATERAL (SELECT rank, turn, id FROM jobs WHERE status = 'queued' \
-                     AND NOT shares AND lane = lanes.name AND (available_at <= $2 OR available_at > $5) AND {unpaused} \
+                     CROSS JOIN LATERAL (SELECT rank, turn, id FROM jobs WHERE lane = lanes.name AND {is_due} \
                      ORDER BY rank, turn, id LIMIT {limit} FOR NO KEY UPDATE SKIP LOCKED) AS head), \
                      due AS MATERIALIZED (SELECT id, ROW_NUMBER() OVER (ORDER BY rank, last, turn, id) AS place FROM (\
                      SELECT rank, turn, id, MAX(id) OVER (PARTITION BY name, rank ORDER BY turn, id) AS last FROM heads\
@@ -312,16 +392,19 @@ impl Claim {
                 Value::from(self.scope.lanes().iter().map(enum_to_sql).collect::<Vec<String>>()),
             ),
         };
+        let now = Tx::NOW;
         let sql = format!(
-            "WITH {due}, \
-             claimed AS (UPDATE jobs SET status = 'running', attempts = attempts + 1, holder = $3, lease_until = $4, \
-             started_at = COALESCE(started_at, $2), version = version + 1 \
+            "WITH moment AS MATERIALIZED (SELECT COALESCE($2, {now}) AS now), {due}, \
+             claimed AS (UPDATE jobs SET status = 'running', attempts = attempts + 1, \
+             holder = (SELECT ($3::text[])[place] FROM due WHERE due.id = jobs.id), \
+             lease_until = (SELECT now FROM moment) + $4, \
+             started_at = COALESCE(started_at, (SELECT now FROM moment)), version = version + 1 \
              WHERE id = ANY (ARRAY(SELECT id FROM due)) RETURNING *), \
              begun AS (INSERT INTO attempts (job_id, attempt, worker, started_at) \
-             SELECT id, attempts, $3, $2 FROM claimed) \
+             SELECT id, attempts, holder, (SELECT now FROM moment) FROM claimed) \
              {jobs} FROM due JOIN claimed j ON j.id = due.id ORDER BY due.place"
         );
-        let values = values![of, now, &self.worker, until(now, self.lease), until(now, MAX_RETRY_DELAY)];
+        let values = values![of, tx.known_now()?, holders, self.lease];
         tx.all(sql, values).await?.iter().map(to_record).collect()
     }
 }

@@ -32,12 +32,15 @@ macro_rules! value_from {
 
 value_from! {
     i64: n => Self::Int(Some(n));
+    Option<i64>: n => Self::Int(n);
     u32: n => Self::Int(Some(n.into()));
     Option<u32>: n => Self::Int(n.map(i64::from));
     // Saturates at the largest integer of the database, which no count reaches.
     u64: n => Self::Int(Some(i64::try_from(n).unwrap_or(i64::MAX)));
     Timestamp: at => Self::Int(Some(at.as_microsecond()));
     Option<Timestamp>: at => Self::Int(at.map(Timestamp::as_microsecond));
+    // Microseconds.
+    Duration: time => Self::Int(Some(i64::try_from(time.as_micros()).unwrap_or(i64::MAX)));
     bool: flag => Self::Flag(flag);
     JobId: id => Self::Text(Some(id.to_string()));
     BatchId: id => Self::Text(Some(id.to_string()));

@@ -6,9 +6,9 @@
 //! else fails, each change runs again alone, with its own retries.
 //!
 //! On SQLite all changes but submissions of batches are grouped, because there is one writer. On
-//! PostgreSQL submissions form groups, and claims and ends of attempts form others. A group holds
-//! the locks of all its members, so one that waits for the lock of another process delays the
-//! others; therefore heartbeats are not grouped there.
+//! PostgreSQL submissions, claims and ends of attempts form groups, each kind its own, and share
+//! statements too. A group holds the locks of all its members, so one that waits for the lock of
+//! another process delays the others; therefore heartbeats are not grouped there.
 
 use super::error::SqlError;
 use super::hook::Call;
@@ -18,6 +18,7 @@ use crate::jobs::StoreOptions;
 use crate::lock::Mutex;
 use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
+use std::any::Any;
 use std::future::Future;
 use std::sync::Arc;
 use tokio::sync::oneshot;
@@ -51,10 +52,15 @@ enum End {
 }
 
 /// A change in a group.
-trait Member: Send {
-    /// Runs the change in the transaction of the group. An error other than a refusal ends the
-    /// group.
-    fn run<'a>(&'a mut self, tx: &'a mut Tx<'_>, options: &'a StoreOptions) -> BoxFuture<'a, Result<(), SqlError>>;
+trait Member: Any + Send {
+    /// Runs the change in the transaction of the group, together with `others` of the same type. An
+    /// error other than a refusal ends the group.
+    fn run_with<'a>(
+        &'a mut self,
+        others: &'a mut [Box<dyn Member>],
+        tx: &'a mut Tx<'_>,
+        options: &'a StoreOptions,
+    ) -> BoxFuture<'a, Result<(), SqlError>>;
 
     /// Tells the caller what became of the change.
     fn tell(self: Box<Self>, end: End);
@@ -68,13 +74,23 @@ struct Ticket<O: Operation> {
 }
 
 impl<O: Operation> Member for Ticket<O> {
-    fn run<'a>(&'a mut self, tx: &'a mut Tx<'_>, options: &'a StoreOptions) -> BoxFuture<'a, Result<(), SqlError>> {
+    fn run_with<'a>(
+        &'a mut self,
+        others: &'a mut [Box<dyn Member>],
+        tx: &'a mut Tx<'_>,
+        options: &'a StoreOptions,
+    ) -> BoxFuture<'a, Result<(), SqlError>> {
+        let others = others.iter_mut().map(|other| {
+            let other: &mut dyn Any = &mut **other;
+            other.downcast_mut::<Self>().expect("the changes are of the same type")
+        });
+        let tickets: Vec<&mut Self> = std::iter::once(self).chain(others).collect();
+        let operations: Vec<Arc<O>> = tickets.iter().map(|ticket| Arc::clone(&ticket.operation)).collect();
         async move {
-            let result = self.operation.run(tx, options).await;
-            if !matches!(result, Ok(_) | Err(SqlError::Store(_))) {
-                return result.map(drop);
+            let results = O::run_together(&operations, tx, options).await?;
+            for (ticket, result) in tickets.into_iter().zip(results) {
+                ticket.result = Some(result);
             }
-            self.result = Some(result);
             Ok(())
         }
         .boxed()
@@ -143,8 +159,9 @@ async fn run(transactions: &impl Transactions, members: &mut [Box<dyn Member>]) 
         Ok(tx) => tx,
         Err(error) => return failed(error, End::RolledBack),
     };
-    for member in members {
-        if let Err(error) = member.run(&mut tx, transactions.options()).await {
+    for alike in members.chunk_by_mut(|one, next| (**one).type_id() == (**next).type_id()) {
+        let Some((first, others)) = alike.split_first_mut() else { continue };
+        if let Err(error) = first.run_with(others, &mut tx, transactions.options()).await {
             tx.roll_back().await;
             return failed(error, End::RolledBack);
         }

@@ -1,15 +1,11 @@
-//! Leases: expiry, renewal, the end of an attempt, cancellation. Every event goes through
-//! [`JobState::on`].
+//! Leases: expiry, renewal, cancellation. Every event goes through [`JobState::on`].
 
 use super::codec::{enum_from_sql, enum_to_sql, json, until, values};
 use super::error::SqlError;
-use super::operation::{Done, Grouped, LONG_RETRY_LIMIT, Operation, Run, Simple, Uncertain, are_cancelled};
-use super::order;
-use super::read::{self, known_job};
-use super::record::submitter;
+use super::operation::{Done, Run, Simple, Uncertain, are_cancelled};
+use super::read;
 use super::share;
 use super::store::Store;
-use super::submit::insert_files;
 use super::tx::Tx;
 use super::upkeep::free_all;
 use crate::jobs::state::{self, AttemptEnd, Event, Fence, JobState, MAX_LEASE, Next};
@@ -55,70 +51,6 @@ impl Store {
             Uncertain::Recognised(|(id, _, key), _, tx| Box::pin(names_checkpoint(*id, key, tx)));
         let run: Run<Input, _> = |(id, fence, key), tx, options| Box::pin(set_checkpoint(*id, fence, key, tx, options));
         self.apply("set_checkpoint", input, run, NAMES).await
-    }
-
-    /// Ends the job as succeeded. Its files and its state become visible together. A job that was
-    /// cancelled in the meantime ends as cancelled, without files.
-    pub async fn finish(&self, claimed: ClaimedJob, finished: Finished) -> Result<Job, StoreError> {
-        self.end("finish", &claimed, AttemptEnd::Succeeded, AttemptEffect::Finished(finished)).await
-    }
-
-    /// Ends the job as failed, or as cancelled if it was cancelled in the meantime.
-    pub async fn fail(&self, claimed: ClaimedJob, backend: BackendReport, problem: Problem) -> Result<Job, StoreError> {
-        self.end("fail", &claimed, AttemptEnd::Failed, AttemptEffect::Failed(backend, problem)).await
-    }
-
-    /// Ends the job as cancelled.
-    pub async fn cancelled(&self, claimed: ClaimedJob) -> Result<Job, StoreError> {
-        self.end("cancelled", &claimed, AttemptEnd::Cancelled, AttemptEffect::None).await
-    }
-
-    /// Returns the job to its place in the queue; the attempt does not count. The row of the
-    /// attempt records the problem, if there is one, as `kind: detail`. A job that was cancelled in
-    /// the meantime ends as cancelled.
-    pub async fn release(&self, claimed: ClaimedJob, problem: Option<Problem>) -> Result<(), StoreError> {
-        let effect = problem.map_or(AttemptEffect::None, AttemptEffect::Fault);
-        self.end("release", &claimed, AttemptEnd::Released, effect).await.map(drop)
-    }
-
-    /// Returns a fit to the queue, behind the first fit of another submitter; the attempt does not
-    /// count.
-    pub async fn yield_turn(&self, claimed: ClaimedJob) -> Result<(), StoreError> {
-        self.end("yield_turn", &claimed, AttemptEnd::Released, AttemptEffect::Yielded).await.map(drop)
-    }
-
-    /// True if another fit should have the turn of a running one: a queued fit of higher priority,
-    /// or one of another submitter with the same priority.
-    pub async fn fit_waits(&self, running: &ClaimedJob) -> Result<bool, StoreError> {
-        let tx = &mut self.read("fit_waits").await?;
-        let waits = |condition: &str| {
-            format!(
-                "(SELECT 1 FROM jobs{} WHERE status = 'queued' AND NOT shares AND lane = 'fit' AND {condition} \
-                 LIMIT 1) IS NOT NULL",
-                tx.either(" INDEXED BY jobs_queue_by_submitter", "")
-            )
-        };
-        let sql = format!("SELECT {} OR {} AS waits", waits("rank < $1"), waits("rank = $1 AND submitter <> $2"));
-        let job = running.job();
-        let values = values![order::rank(job.priority), submitter(job.owner.as_deref())];
-        Ok(tx.one(sql, values).await?.get("waits")?)
-    }
-
-    /// Queues the job again after a transient error; the attempt counts. The job is due again after
-    /// a delay (1 s, doubled for each counted attempt). After the last attempt it fails
-    /// (`attempts-exhausted`, with the history).
-    pub async fn retry(&self, claimed: ClaimedJob, problem: Problem) -> Result<Job, StoreError> {
-        self.end("retry", &claimed, AttemptEnd::Retried, AttemptEffect::Fault(problem)).await
-    }
-
-    async fn end(
-        &self,
-        call: &'static str,
-        claimed: &ClaimedJob,
-        how: AttemptEnd,
-        effect: AttemptEffect,
-    ) -> Result<Job, StoreError> {
-        self.change(call, End { id: claimed.job.id, fence: claimed.fence(), how, effect }).await
     }
 
     /// Cancels a job: a queued job ends immediately; a running job is asked to stop; a job that has
@@ -240,81 +172,6 @@ async fn named_checkpoint(tx: &mut Tx<'_>, id: JobId) -> Result<Option<String>, 
     tx.one("SELECT checkpoint FROM jobs WHERE id = $1", values![id]).await?.get("checkpoint")
 }
 
-/// Data that the end of an attempt adds to the records of the job and the attempt.
-pub(super) enum AttemptEffect {
-    None,
-    Finished(Finished),
-    Failed(BackendReport, Problem),
-    /// Problem of the attempt alone.
-    Fault(Problem),
-    /// The job goes behind the first job of another submitter in its lane.
-    Yielded,
-}
-
-/// Gives a job the turn after the first queued job of another submitter in its lane, if there is
-/// one and it is later than its own.
-const YIELD: &str = "UPDATE jobs SET turn = CASE WHEN other.turn >= jobs.turn THEN other.turn + 1 ELSE jobs.turn END \
-    FROM (SELECT o.turn FROM jobs j JOIN jobs o ON o.lane = j.lane AND o.rank = j.rank AND o.submitter <> j.submitter \
-    WHERE j.id = $1 AND o.status = 'queued' AND NOT o.shares ORDER BY o.turn, o.id LIMIT 1) AS other \
-    WHERE jobs.id = $1";
-
-/// Ends the attempt of a claimed job.
-pub(super) struct End {
-    pub(super) id: JobId,
-    pub(super) fence: Fence,
-    pub(super) how: AttemptEnd,
-    pub(super) effect: AttemptEffect,
-}
-
-impl Operation for End {
-    type Output = Job;
-
-    const GROUPED: Grouped = Grouped::Work;
-
-    async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Job>, SqlError> {
-        let id = self.id;
-        let (state, _) = load(tx, id).await?.ok_or(StoreError::Fenced)?;
-        let next = state.on(&Event::End(self.fence.clone(), self.how), options.max_attempts);
-        let next = next.map_err(|_| StoreError::Fenced)?;
-        let is_cancelled = next.ended == Some(AttemptEnd::Cancelled);
-        let fault = match &self.effect {
-            AttemptEffect::Failed(_, problem) | AttemptEffect::Fault(problem) => Some(problem),
-            AttemptEffect::None | AttemptEffect::Finished(_) | AttemptEffect::Yielded => None,
-        };
-        if let AttemptEffect::Finished(finished) = &self.effect
-            && !is_cancelled
-        {
-            insert_files(tx, id, finished.files.iter()).await?;
-        }
-        if let Some(problem) = fault {
-            let sql = "UPDATE attempts SET detail = $3 WHERE job_id = $1 AND attempt = $2";
-            let detail = format!("{}: {}", problem.kind, problem.detail);
-            tx.execute(sql, values![id, state.attempts, detail]).await?;
-        }
-        let effect = if is_cancelled { &AttemptEffect::None } else { &self.effect };
-        let changes = write(tx, id, &next, effect, None).await?;
-        if matches!(self.effect, AttemptEffect::Yielded) && next.state.status == Status::Queued {
-            tx.execute(YIELD, values![id]).await?;
-        }
-        Ok(Done::new(known_job(tx, id).await?, changes))
-    }
-
-    /// Long, because the finished model would be lost. The fence protects the job in the meantime.
-    fn retry_limit(&self, _is_uncertain: bool) -> Duration {
-        LONG_RETRY_LIMIT
-    }
-
-    async fn was_committed(&self, tx: &mut Tx<'_>, _done: &Done<Job>) -> Result<bool, SqlError> {
-        // Waits at the job's row for a commit that is still under way.
-        load(tx, self.id).await?;
-        // Only the holder ends its attempt, and only once; as cancelled if the job was cancelled.
-        let Fence { attempt, worker } = &self.fence;
-        let sql = "SELECT 1 AS done FROM attempts \
-                   WHERE job_id = $1 AND attempt = $2 AND worker = $3 AND outcome IN ($4, 'cancelled')";
-        Ok(tx.optional(sql, values![self.id, *attempt, worker, enum_to_sql(self.how)]).await?.is_some())
-    }
-}
-
 async fn cancel_one(id: JobId, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Option<Job>>, SqlError> {
     let cancelled = cancel(tx, options, id, None).await?;
     let Some(job) = read::job(tx, id).await? else { return Ok(Done::quiet(None)) };
@@ -357,7 +214,7 @@ pub(super) async fn apply(
 }
 
 /// The state and version of a job, locked until the transaction ends.
-async fn load(tx: &mut Tx<'_>, id: JobId) -> Result<Option<(JobState, u64)>, SqlError> {
+pub(super) async fn load(tx: &mut Tx<'_>, id: JobId) -> Result<Option<(JobState, u64)>, SqlError> {
     load_locked(tx, id, " FOR UPDATE").await
 }
 
@@ -386,9 +243,20 @@ async fn load_locked(tx: &mut Tx<'_>, id: JobId, lock: &'static str) -> Result<O
     .transpose()
 }
 
+/// Data that the end of an attempt adds to the records of the job and the attempt.
+pub(super) enum AttemptEffect {
+    None,
+    Finished(Finished),
+    Failed(BackendReport, Problem),
+    /// Problem of the attempt alone.
+    Fault(Problem),
+    /// The job goes behind the first job of another submitter in its lane.
+    Yielded,
+}
+
 /// Writes a state: ends the attempt that ran, then updates the record of the job and the records of
 /// jobs that waited for its end. A running job keeps its lease unless `lease_until` is a new one.
-async fn write(
+pub(super) async fn write(
     tx: &mut Tx<'_>,
     id: JobId,
     next: &Next,

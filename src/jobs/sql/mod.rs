@@ -15,8 +15,8 @@
 //! | `submit` | submissions, reuse, deletion |
 //! | `batch` | batches |
 //! | `bulk` | changes of many jobs in one transaction |
-//! | `claim`, `order` | claims; turns and positions in the queue |
-//! | `lease` | heartbeats, ends of attempts, cancellation, expiry |
+//! | `claim`, `order`, `place` | claims; turns and positions in the queue |
+//! | `lease`, `end` | heartbeats, cancellation, expiry; ends of attempts |
 //! | `share` | equal requests that wait for one growth |
 //! | `read`, `record` | jobs, lists, attempts and counts; rows to jobs |
 //! | `workers` | the list of workers; pauses |
@@ -28,6 +28,7 @@ mod batch;
 mod bulk;
 mod claim;
 mod codec;
+mod end;
 mod error;
 mod group;
 mod hook;
@@ -36,6 +37,7 @@ mod lease;
 mod migrations;
 mod operation;
 mod order;
+mod place;
 mod quota;
 mod read;
 mod record;
@@ -51,5 +53,5 @@ pub use hook::Hook;
 pub(super) use migrations::{migrations, migrator};
 pub(super) use store::Engine;
 pub use store::Store;
-pub(super) use tx::{Connection, Time, roll_back};
+pub(super) use tx::{Connection, LastRead, Time, roll_back};
 pub use upkeep::{LastRound, Mismatch, Observation, UpkeepRound, UpkeepState, UpkeepTask};

@@ -6,6 +6,7 @@ use super::tx::{Row, Tx};
 use crate::jobs::{Change, JobId, StoreOptions};
 use futures_util::future::BoxFuture;
 use std::future::Future;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// Time for which the store retries most operations.
@@ -18,10 +19,23 @@ pub(super) const LONG_RETRY_LIMIT: Duration = Duration::from_secs(60);
 pub(super) enum Grouped {
     Never,
     OnSqlite,
-    /// On both, with other submissions.
+    /// On both, on PostgreSQL with other submissions.
     Submissions,
-    /// On both, with other claims and ends of attempts.
-    Work,
+    /// On both, on PostgreSQL with other claims.
+    Claims,
+    /// On both, on PostgreSQL with other ends of attempts.
+    Ends,
+}
+
+/// Results of operations that run together; an error is a refusal.
+pub(super) type Results<T> = Vec<Result<Done<T>, SqlError>>;
+
+/// Separates a refusal of one operation from an error that fails its whole group.
+pub(super) fn or_refusal<T>(result: Result<Done<T>, SqlError>) -> Result<Result<Done<T>, SqlError>, SqlError> {
+    match result {
+        Ok(_) | Err(SqlError::Store(_)) => Ok(result),
+        Err(error) => Err(error),
+    }
 }
 
 /// A change of the database in one transaction.
@@ -39,6 +53,22 @@ pub(in crate::jobs) trait Operation: Send + Sync + 'static {
         tx: &mut Tx<'_>,
         options: &StoreOptions,
     ) -> impl Future<Output = Result<Done<Self::Output>, SqlError>> + Send;
+
+    /// Makes the changes of operations in one group, in their order. An operation that fails with
+    /// [`SqlError::Store`] is refused; another error fails all.
+    fn run_together(
+        operations: &[Arc<Self>],
+        tx: &mut Tx<'_>,
+        options: &StoreOptions,
+    ) -> impl Future<Output = Result<Results<Self::Output>, SqlError>> + Send {
+        async move {
+            let mut results = Vec::with_capacity(operations.len());
+            for operation in operations {
+                results.push(or_refusal(operation.run(tx, options).await)?);
+            }
+            Ok(results)
+        }
+    }
 
     /// True if an earlier run with the result `done` was committed although the response to its
     /// commit was lost; `done` is then the result of the operation. False to run again, because the

@@ -6,6 +6,7 @@ use super::error::{Severity, SqlError};
 use super::group::{Group, Outcome, Transactions};
 use super::hook::{Call, Hook};
 use super::operation::{Done, Grouped, Operation, Run, Simple, Uncertain};
+use super::place::FarPlace;
 use super::tx::{Time, Tx};
 use crate::clock::Stopwatch;
 use crate::jobs::job::IdGenerator;
@@ -50,13 +51,16 @@ struct Shared {
     options: StoreOptions,
     /// Groups of submissions; on SQLite, of all changes.
     submissions: Group,
-    /// Groups of claims and ends of attempts, on PostgreSQL.
-    work: Group,
+    /// Groups of claims, on PostgreSQL.
+    claims: Group,
+    /// Groups of ends of attempts, on PostgreSQL.
+    ends: Group,
     /// Time of the last look at the queue, by [`Shared::elapsed`]; `None` if the last claim found no
     /// job.
     busy_since_look: Mutex<Option<Duration>>,
     changes: broadcast::Sender<Change>,
     ids: Arc<IdGenerator>,
+    far: Arc<FarPlace>,
     /// Looks at the queue since the start or since the last outage; `None` before the first one.
     looks: Mutex<Option<Looks>>,
     watch: Stopwatch,
@@ -111,7 +115,8 @@ impl Shared {
         let group = match (O::GROUPED, &self.engine) {
             (Grouped::Never, _) | (Grouped::OnSqlite, Engine::Postgres(_)) => None,
             (_, Engine::Sqlite(_)) | (Grouped::Submissions, _) => Some(&self.submissions),
-            (Grouped::Work, _) => Some(&self.work),
+            (Grouped::Claims, _) => Some(&self.claims),
+            (Grouped::Ends, _) => Some(&self.ends),
         };
         if let Some(group) = group {
             match group.transact(self, call, operation).await {
@@ -210,10 +215,12 @@ impl Store {
             time,
             options,
             submissions: Group::default(),
-            work: Group::default(),
+            claims: Group::default(),
+            ends: Group::default(),
             busy_since_look: Mutex::default(),
             changes,
             ids: Arc::new(IdGenerator::new()),
+            far: Arc::default(),
             looks: Mutex::default(),
             watch: Stopwatch::start(),
             changing: TaskTracker::new(),
@@ -290,6 +297,11 @@ impl Store {
     /// The generator of this process's job ids.
     pub(super) fn id_generator(&self) -> Arc<IdGenerator> {
         Arc::clone(&self.shared.ids)
+    }
+
+    /// A place that submissions need not count the jobs before.
+    pub(super) fn far_place(&self) -> Arc<FarPlace> {
+        Arc::clone(&self.shared.far)
     }
 
     /// Runs the part of the hook that comes before `call`.

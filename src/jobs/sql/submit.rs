@@ -2,20 +2,23 @@
 
 use super::codec::{Value, enum_from_sql, enum_to_sql, json, values};
 use super::error::SqlError;
-use super::operation::{Done, Grouped, Operation, Uncertain, are_deleted};
+use super::operation::{Done, Grouped, Operation, Results, Uncertain, are_deleted, or_refusal};
 use super::order::{self, rank};
+use super::place::{FarPlace, Place};
 use super::quota;
 use super::read::{self, known_job};
 use super::record::{outputs_to_sql, submitter};
 use super::share;
 use super::store::Store;
-use super::tx::{Place, Row, Tx};
+use super::tx::{Row, Tx};
 use crate::jobs::job::IdGenerator;
 use crate::jobs::state::{self, ClaimScope, Lane};
 use crate::jobs::{
-    BackendReport, BatchId, Change, File, Job, JobId, NewJob, Status, StoreError, StoreOptions, Submitted,
+    BackendReport, BatchId, Change, File, Job, JobId, NewJob, Quota, Status, StoreError, StoreOptions, Submitted,
 };
 use crate::lock::Mutex;
+use jiff::Timestamp;
+use serde_json::json as object;
 use std::sync::Arc;
 
 /// Calls that create and delete single jobs.
@@ -23,15 +26,17 @@ impl Store {
     /// Queues a job, reuses a finished model, or returns the job of an earlier request with the
     /// same idempotency key.
     pub async fn submit(&self, new: NewJob) -> Result<Submitted, StoreError> {
-        let submit = Submit { new, may_reuse: true, ids: self.id_generator(), tried: Mutex::default() };
-        Ok(self.change("submit", submit).await?.expect("files may be reused"))
+        Ok(self.change("submit", self.submission(new, true)).await?.expect("files may be reused"))
     }
 
     /// The same as [`Store::submit`] unless a finished model would be reused. Then nothing is
     /// queued and the result is `None`: the caller checks the files of that model first.
     pub async fn submit_new(&self, new: NewJob) -> Result<Option<Submitted>, StoreError> {
-        let submit = Submit { new, may_reuse: false, ids: self.id_generator(), tried: Mutex::default() };
-        self.change("submit", submit).await
+        self.change("submit", self.submission(new, false)).await
+    }
+
+    fn submission(&self, new: NewJob, may_reuse: bool) -> Submit {
+        Submit { new, may_reuse, ids: self.id_generator(), tried: Mutex::default(), far: self.far_place() }
     }
 
     /// The job that its owner created with this idempotency key and body; see
@@ -65,8 +70,9 @@ struct Submit {
     /// True if the files of finished models have been checked.
     may_reuse: bool,
     ids: Arc<IdGenerator>,
-    /// Id of the first run, which retries use too.
-    tried: Mutex<Option<JobId>>,
+    /// Id and time of the first run, which retries use too.
+    tried: Mutex<Option<(JobId, Timestamp)>>,
+    far: Arc<FarPlace>,
 }
 
 impl Operation for Submit {
@@ -79,6 +85,12 @@ impl Operation for Submit {
         let new = &self.new;
         quota::lock_owner(tx, new.owner.as_deref(), new.quota).await?;
         share::lock_digest(tx, new).await?;
+        if let Some((id, _)) = self.tried()
+            && let Some(job) = read::job(tx, id).await?
+        {
+            // An earlier run was committed, but the response was lost.
+            return Ok(Self::done(job));
+        }
         let found = look(tx, new).await?;
         if let (Some((id, known)), Some((_, body))) = (&found.same_key, &new.idempotency) {
             if known != body {
@@ -89,24 +101,98 @@ impl Operation for Submit {
         if !self.may_reuse && found.has_equal && reusable(tx, new).await?.is_some() {
             return Ok(Done::quiet(None));
         }
-        // Every retry uses the same id: if an earlier commit is still under way, this one conflicts
-        // at the primary key.
-        let now = tx.now().await?;
-        let id = *self.tried.lock().get_or_insert_with(|| JobId(self.ids.next(now)));
+        let (id, created_at) = self.identity(tx.now().await?);
+        tx.use_time(created_at);
         quota::check(tx, new.owner.as_deref(), new.quota, new.weight.into()).await?;
         let batch = batch_of(tx, new.retry_of).await?;
         let mut room = options.queue_limit.saturating_sub(found.queued);
-        let job = place(tx, options, id, new, batch, &found, &mut room).await?;
-        let change = Change::of(&job);
-        let submitted = if job.reused_from.is_some() { Submitted::Reused(job) } else { Submitted::Queued(job) };
-        Ok(Done::new(Some(submitted), vec![change]))
+        Ok(Self::done(place(tx, options, id, new, batch, &found, &mut room).await?))
+    }
+
+    async fn run_together(
+        submissions: &[Arc<Self>],
+        tx: &mut Tx<'_>,
+        options: &StoreOptions,
+    ) -> Result<Results<Option<Submitted>>, SqlError> {
+        let mut results = Vec::with_capacity(submissions.len());
+        for submission in submissions {
+            let is_plain = tx.is_postgres() && submission.is_plain();
+            let job = if is_plain { submission.place_plain(tx, options, submissions.len() == 1).await? } else { None };
+            results.push(match job {
+                Some(job) => Ok(Self::done(job)),
+                None => or_refusal(submission.run(tx, options).await)?,
+            });
+        }
+        Ok(results)
     }
 
     async fn was_committed(&self, tx: &mut Tx<'_>, done: &Done<Option<Submitted>>) -> Result<bool, SqlError> {
         // A run that found the job of an earlier request has changed nothing.
         let Some(submitted) = &done.output else { return Ok(false) };
         let id = submitted.job().id;
-        Ok(*self.tried.lock() == Some(id) && read::job(tx, id).await?.is_some())
+        Ok(self.tried().is_some_and(|(tried, _)| tried == id) && read::job(tx, id).await?.is_some())
+    }
+}
+
+impl Submit {
+    fn tried(&self) -> Option<(JobId, Timestamp)> {
+        *self.tried.lock()
+    }
+
+    fn done(job: Job) -> Done<Option<Submitted>> {
+        let change = Change::of(&job);
+        let submitted = if job.reused_from.is_some() { Submitted::Reused(job) } else { Submitted::Queued(job) };
+        Done::new(Some(submitted), vec![change])
+    }
+
+    /// Id and time of the job. Every retry uses the same ones: if an earlier commit is still under
+    /// way, the next one conflicts at the primary key.
+    fn identity(&self, now: Timestamp) -> (JobId, Timestamp) {
+        *self.tried.lock().get_or_insert_with(|| (JobId(self.ids.next(now)), now))
+    }
+
+    /// True if [`Submit::place_plain`] may queue the job.
+    fn is_plain(&self) -> bool {
+        self.new.quota == Quota::default() && self.new.retry_of.is_none()
+    }
+
+    /// Queues a job on PostgreSQL in one statement, which is the whole transaction if it is `alone`.
+    /// `None` if the job needs [`Operation::run`].
+    async fn place_plain(&self, tx: &mut Tx<'_>, options: &StoreOptions, alone: bool) -> Result<Option<Job>, SqlError> {
+        const SUBMIT: &str = "SELECT * FROM submit_job($1::json, $2, $3::json, $4, $5, $6, $7, $8, $9)";
+        let new = &self.new;
+        let (id, created_at) = self.identity(tx.recently().await?);
+        let job = new_job(id, new, created_at, None, false, None);
+        let record = object!({
+            "id": id, "preset": job.preset, "seed": seed(new)?, "digest": job.digest,
+            "outputs": outputs_to_sql(&job.outputs), "backend_requested": new.backend,
+            "created_at": created_at.as_microsecond(), "engine": job.engine,
+            "submitter": submitter(new.owner.as_deref()), "rank": rank(new.priority), "trace": job.trace,
+            "batch_key": batch_key(new), "kind": new.kind, "weight": new.weight,
+            "idempotency_key": new.idempotency.as_ref().map(|(key, _)| scoped(new.owner.as_deref(), key)),
+            "idempotency_body": new.idempotency.as_ref().map(|(_, body)| body),
+        });
+        let lane = Lane::of(new.kind, new.backend);
+        let (far, until) = self.far.get(lane).unzip();
+        let values = values![
+            record.to_string(),
+            job.spec.text(),
+            json(&new.labels),
+            new.reuse,
+            options.queue_limit,
+            far.as_ref().map(|far| far.rank),
+            far.as_ref().map(|far| far.turn),
+            far.map(|far| far.id.to_string()),
+            until,
+        ];
+        let row = if alone { tx.one_alone(SUBMIT, values).await? } else { tx.one(SUBMIT, values).await? };
+        let Some(turn) = row.get("its_turn")? else { return Ok(None) };
+        tx.set_now(row.optional_time("now")?);
+        let ahead: u64 = row.count("ahead")?;
+        if let Some(changes) = row.get::<Option<i64>>("changes")? {
+            self.far.note(Place { lane, rank: rank(new.priority), turn, id }, ahead, changes);
+        }
+        Ok(Some(Job { queue_position: Some(ahead.min(Job::MAX_QUEUE_POSITION)), ..job }))
     }
 }
 
@@ -227,27 +313,14 @@ async fn reusable(tx: &mut Tx<'_>, new: &NewJob) -> Result<Option<Job>, SqlError
     Ok(None)
 }
 
-async fn insert(
-    tx: &mut Tx<'_>,
-    id: JobId,
-    new: &NewJob,
-    source: Option<&Job>,
-    shares: bool,
-    turn: i64,
-    batch: Option<(BatchId, Option<u32>)>,
-) -> Result<Job, SqlError> {
-    let now = tx.now().await?;
-    let seed = i64::try_from(new.seed)
-        .map_err(|_| StoreError::Database(format!("seed {} is beyond the range of records", new.seed).into()))?;
-    let turn = if source.is_some() { 0 } else { turn };
-    let status = if source.is_some() { Status::Succeeded } else { Status::Queued };
-    let requested = enum_to_sql(new.backend);
+/// The record of a new job. `source` is the finished model that it reuses.
+fn new_job(id: JobId, new: &NewJob, now: Timestamp, source: Option<&Job>, shares: bool, batch: Option<BatchId>) -> Job {
     let backend = source.map(|job| &job.backend);
-    let mut job = Job {
+    Job {
         id,
         kind: new.kind,
         owner: new.owner.clone(),
-        status,
+        status: if source.is_some() { Status::Succeeded } else { Status::Queued },
         version: 1,
         preset: new.preset.clone(),
         seed: new.seed,
@@ -277,11 +350,36 @@ async fn insert(
         problem: None,
         digest: new.digest.clone(),
         engine: new.engine.clone(),
-        batch: batch.map(|(batch, _)| batch),
+        batch,
         checkpoint: None,
         reused_from: source.map(|job| job.id),
         retry_of: new.retry_of,
-    };
+    }
+}
+
+/// Stored form of the seed.
+fn seed(new: &NewJob) -> Result<i64, SqlError> {
+    let error = |_| StoreError::Database(format!("seed {} is beyond the range of records", new.seed).into());
+    Ok(i64::try_from(new.seed).map_err(error)?)
+}
+
+/// The batch key of a job that a GPU may simulate.
+fn batch_key(new: &NewJob) -> Option<String> {
+    new.batch_key.clone().filter(|_| ClaimScope::Gpu.lanes().contains(&Lane::of(new.kind, new.backend)))
+}
+
+async fn insert(
+    tx: &mut Tx<'_>,
+    id: JobId,
+    new: &NewJob,
+    source: Option<&Job>,
+    shares: bool,
+    turn: i64,
+    batch: Option<(BatchId, Option<u32>)>,
+) -> Result<Job, SqlError> {
+    let now = tx.now().await?;
+    let turn = if source.is_some() { 0 } else { turn };
+    let mut job = new_job(id, new, now, source, shares, batch.map(|(batch, _)| batch));
     let place = Place { lane: Lane::of(new.kind, new.backend), rank: rank(new.priority), turn, id };
     // The jobs of a batch are counted when the batch is read.
     let is_counted = batch.is_none() && source.is_none();
@@ -300,12 +398,12 @@ async fn insert(
             sql,
             values![
                 id,
-                status.name(),
+                job.status.name(),
                 &job.preset,
-                seed,
+                seed(new)?,
                 &job.digest,
                 outputs_to_sql(&job.outputs),
-                requested,
+                enum_to_sql(new.backend),
                 job.backend.used.map(enum_to_sql),
                 job.backend.device.clone(),
                 job.backend.fallback.clone(),
@@ -323,7 +421,7 @@ async fn insert(
                 turn,
                 rank(new.priority),
                 job.trace.clone(),
-                new.batch_key.clone().filter(|_| ClaimScope::Gpu.lanes().contains(&Lane::of(new.kind, new.backend))),
+                batch_key(new),
                 batch.and_then(|(_, index)| index),
                 new.retry_of.map(|id| id.to_string()),
                 shares,

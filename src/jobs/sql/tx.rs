@@ -2,18 +2,18 @@
 
 use super::codec::{Value, json, until};
 use super::error::{SqlError, broken};
+use super::place::Place;
 use crate::clock::{Clock, Stopwatch};
-use crate::jobs::JobId;
 use crate::jobs::postgres::pool as postgres;
 use crate::jobs::sqlite::pool as sqlite;
-use crate::jobs::state::Lane;
+use crate::lock::Mutex;
 use jiff::Timestamp;
 use sqlx::postgres::{PgArguments, PgRow};
 use sqlx::query::Query;
 use sqlx::sqlite::{SqliteArguments, SqliteRow};
 use sqlx::{AssertSqlSafe, Decode, Postgres, Row as _, SqlSafeStr, SqlStr, Sqlite, SqliteConnection, Type};
 use std::borrow::Cow;
-#[cfg(test)]
+use std::sync::Arc;
 use std::time::Duration;
 use uuid::Uuid;
 
@@ -30,7 +30,29 @@ pub(in crate::jobs) enum Time {
     /// A clock of this process; no other process has the store open.
     Clock(Clock, Steady),
     /// The database's clock, the same for all processes that share it.
-    Database,
+    Database(LastRead),
+}
+
+/// The last time that this process has read from the clock of the database, and the time elapsed
+/// since.
+#[derive(Clone, Debug, Default)]
+pub(in crate::jobs) struct LastRead(Arc<Mutex<Option<(Timestamp, Stopwatch)>>>);
+
+/// Age up to which a time of the database is continued by the clock of this process.
+const CONTINUED_FOR: Duration = Duration::from_secs(1);
+
+impl LastRead {
+    fn note(&self, now: Timestamp) {
+        *self.0.lock() = Some((now, Stopwatch::start()));
+    }
+
+    /// The time of the database, or a little earlier; `None` if it was not read lately.
+    fn continued(&self) -> Option<Timestamp> {
+        let (read, since) = (*self.0.lock())?;
+        let elapsed = since.elapsed();
+        let now = timestamp(until(read, elapsed).as_microsecond()).ok();
+        now.filter(|_| elapsed < CONTINUED_FOR)
+    }
 }
 
 /// Time of the clock when the store was opened, and the time elapsed since. Setting the clock has
@@ -51,18 +73,9 @@ impl Time {
     fn steady(&self) -> Option<Timestamp> {
         match self {
             Self::Clock(Clock::System, Steady { start, since }) => Some(until(*start, since.elapsed())),
-            Self::Clock(Clock::Manual(_), _) | Self::Database => None,
+            Self::Clock(Clock::Manual(_), _) | Self::Database(_) => None,
         }
     }
-}
-
-/// Place in the queue, in the order of claims within a lane.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(in crate::jobs) struct Place {
-    pub(super) lane: Lane,
-    pub(super) rank: i64,
-    pub(super) turn: i64,
-    pub(super) id: JobId,
 }
 
 /// A connection, in a transaction unless it only reads, with the time.
@@ -162,8 +175,23 @@ impl<'c> Tx<'c> {
     /// Uses a time that a statement read from [`Tx::NOW`], if leases and records have the time of the
     /// database and this is the first time of the transaction.
     pub(super) fn set_now(&mut self, now: Option<Timestamp>) {
-        if matches!(self.time, Time::Database) {
-            self.now = self.now.or(now);
+        if let (Time::Database(read), Some(now)) = (self.time, now) {
+            self.now.get_or_insert(now);
+            read.note(now);
+        }
+    }
+
+    /// Lets this transaction have the time of an earlier one.
+    pub(super) fn use_time(&mut self, time: Timestamp) {
+        self.now = Some(time);
+    }
+
+    /// The time of this transaction for a statement that otherwise reads [`Tx::NOW`]; `None` if the
+    /// time is that of the database.
+    pub(super) fn known_now(&self) -> Result<Option<Timestamp>, SqlError> {
+        match (self.now, self.time) {
+            (None, Time::Clock(clock, _)) => microseconds(clock).map(Some),
+            (now, _) => Ok(now),
         }
     }
 
@@ -173,14 +201,27 @@ impl<'c> Tx<'c> {
             return Ok(now);
         }
         let now = match self.time {
-            // Records have microseconds.
-            Time::Clock(clock, _) => timestamp(clock.now().as_microsecond())?,
-            Time::Database => {
+            Time::Clock(clock, _) => microseconds(clock)?,
+            Time::Database(read) => {
                 let row = self.one(format!("SELECT {} AS now", Self::NOW), Vec::new()).await?;
-                timestamp(row.get("now")?)?
+                let now = timestamp(row.get("now")?)?;
+                read.note(now);
+                now
             }
         };
         Ok(*self.now.insert(now))
+    }
+
+    /// The time of this transaction, or a little earlier: that of the database is read at most once
+    /// a second.
+    pub(super) async fn recently(&mut self) -> Result<Timestamp, SqlError> {
+        match self.time {
+            Time::Database(read) if self.now.is_none() => match read.continued() {
+                Some(now) => Ok(now),
+                None => self.now().await,
+            },
+            _ => self.now().await,
+        }
     }
 
     /// The time of leases and delays. On SQLite it is monotonic.
@@ -237,6 +278,14 @@ impl<'c> Tx<'c> {
         })
     }
 
+    /// The row of a statement of PostgreSQL that is a transaction by itself, unless the transaction
+    /// has begun. If it fails, the outcome is unknown.
+    pub(super) async fn one_alone(&mut self, sql: &'static str, values: Vec<Value>) -> Result<Row, SqlError> {
+        let Connection::Postgres(session) = &mut self.connection else { return self.one(sql, values).await };
+        let query = for_postgres(constant(sql), values);
+        Ok(Row::Postgres(session.answer_alone(|driver| query.fetch_one(driver)).await?))
+    }
+
     /// The row of a query that always has one.
     pub(super) async fn one(&mut self, sql: impl Into<Sql>, values: Vec<Value>) -> Result<Row, SqlError> {
         Ok(self.optional(sql, values).await?.ok_or(sqlx::Error::RowNotFound)?)
@@ -291,6 +340,11 @@ impl Row {
     pub(in crate::jobs) fn optional_time(&self, column: &str) -> Result<Option<Timestamp>, SqlError> {
         self.get::<Option<i64>>(column)?.map(timestamp).transpose()
     }
+}
+
+/// The time of a clock in the resolution of records.
+fn microseconds(clock: &Clock) -> Result<Timestamp, SqlError> {
+    timestamp(clock.now().as_microsecond())
 }
 
 fn timestamp(micros: i64) -> Result<Timestamp, SqlError> {

@@ -195,6 +195,11 @@ pub(super) fn unpaused(worker: &str) -> String {
     format!("(SELECT scope FROM claiming WHERE scope IN ('{ALL}', {worker}) LIMIT 1) IS NULL")
 }
 
+/// The same for all workers of an array, on PostgreSQL.
+pub(super) fn all_unpaused(workers: &str) -> String {
+    format!("(SELECT scope FROM claiming WHERE scope = '{ALL}' OR scope = ANY ({workers}) LIMIT 1) IS NULL")
+}
+
 /// Pauses, drains or resumes a worker, or all workers. Returns false if the worker is not listed.
 async fn instruct((worker, instruction, by): &Instruct, tx: &mut Tx<'_>) -> Result<Done<bool>, SqlError> {
     if let Some(worker) = worker

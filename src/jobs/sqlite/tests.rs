@@ -46,7 +46,7 @@ async fn on_a_full_disk_a_finished_model_waits_and_other_changes_fail_after_five
     assert!(since.elapsed() >= Duration::from_secs(5), "it was not retried");
     assert!(!finishing.is_finished());
     set_full(&store, false).await;
-    assert_eq!(finishing.await.unwrap().unwrap().status, Status::Succeeded);
+    assert_eq!(finishing.await.unwrap().unwrap(), Status::Succeeded);
     assert_eq!(store.submit(large).await.unwrap().job().status, Status::Queued);
 }
 

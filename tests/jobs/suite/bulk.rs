@@ -224,7 +224,7 @@ pub async fn a_retry_goes_into_the_batch_of_the_failed_job(factory: Factory) {
     let made = bench.store.submit_batch(batch(&["a"], None)).await.unwrap().batch().clone();
     let claimed = bench.claim("first").await.unwrap();
     assert_eq!(bench.get(made.jobs[0]).await.worker.as_deref(), Some("first"));
-    let failed = bench.store.fail(claimed, by_cpu(), problem("certificate")).await.unwrap();
+    let failed = bench.fail(claimed, "certificate").await;
     assert_eq!(failed.worker.as_deref(), Some("first"));
     let again = || NewJob { retry_of: Some(failed.id), ..new_job("a") };
     let job = bench.store.submit(again()).await.unwrap().job().clone();

@@ -23,8 +23,7 @@ pub async fn a_checkpoint_passes_to_the_next_attempt(factory: Factory) {
     let fenced = bench.store.set_checkpoint(&second, "k3").await.unwrap_err();
     assert!(matches!(fenced, StoreError::Fenced), "{fenced}");
     assert_eq!(third.job().checkpoint.as_deref(), Some("k2"));
-    let done = finished(&third);
-    assert_eq!(bench.store.finish(third, done).await.unwrap().checkpoint, None);
+    assert_eq!(bench.finish(third).await.checkpoint, None);
     assert!(!bench.uses("k2").await);
 
     let job = bench.queue("e").await;
@@ -101,8 +100,7 @@ pub async fn a_model_without_its_files_is_not_reused(factory: Factory) {
     let again = bench.store.submit(without.clone()).await.unwrap();
     assert!(matches!(again, Submitted::Queued(_)), "{again:?}");
     let claimed = bench.claim("w").await.unwrap();
-    let done = finished(&claimed);
-    let whole = bench.store.finish(claimed, done).await.unwrap();
+    let whole = bench.finish(claimed).await;
     let reused = bench.store.submit(without).await.unwrap();
     assert_eq!(reused.job().reused_from, Some(whole.id));
     assert_eq!(bench.store.reusable(&NewJob { reuse: false, ..new_job("d") }).await.unwrap(), None);

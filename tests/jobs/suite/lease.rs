@@ -32,8 +32,7 @@ pub async fn a_job_goes_from_the_queue_to_its_end(factory: Factory) {
 
     bench.clock.advance(Duration::from_secs(3));
     let done = finished(&claimed);
-    let ended = bench.store.finish(claimed, done.clone()).await.unwrap();
-    assert_eq!(ended, bench.get(queued.id).await);
+    let ended = bench.finish_with(claimed, done.clone()).await;
     assert_eq!((ended.status, ended.finished_at), (Status::Succeeded, Some(bench.clock.now())));
     assert_eq!((&ended.files, ended.summary.as_ref()), (&done.files, Some(&done.summary)));
     assert!(ended.version > seen.version && seen.version > running.version && running.version > queued.version);
@@ -98,8 +97,7 @@ pub async fn a_stale_attempt_changes_nothing(factory: Factory) {
     fenced(bench.store.release(stale.next().unwrap(), None).await);
     assert_eq!(bench.get(id).await, before);
     assert!(!bench.uses(&done.files[0].key).await);
-    let done = finished(&present);
-    assert_eq!(bench.store.finish(present, done).await.unwrap().attempts, 5);
+    assert_eq!(bench.finish(present).await.attempts, 5);
 }
 
 pub async fn an_expired_lease_is_claimed_again_before_younger_jobs(factory: Factory) {
@@ -144,12 +142,12 @@ pub async fn retries_wait_and_count_and_releases_do_not(factory: Factory) {
         bench.store.release(claimed, None).await.unwrap();
     }
     let claimed = bench.claim("w").await.unwrap();
-    let job = bench.store.retry(claimed, problem("io")).await.unwrap();
+    let job = bench.retry(claimed).await;
     assert_eq!((job.status, job.queue_position), (Status::Queued, Some(0)));
     assert!(bench.claim("w").await.is_none(), "claimed without waiting");
     bench.clock.advance(Duration::from_secs(1));
     let claimed = bench.claim("w").await.unwrap();
-    let job = bench.store.retry(claimed, problem("io")).await.unwrap();
+    let job = bench.retry(claimed).await;
     assert_eq!((job.status, job.attempts), (Status::Failed, 6));
     let problem = job.problem.unwrap();
     assert_eq!(problem.kind, "attempts-exhausted");
@@ -196,7 +194,8 @@ pub async fn four_claimers_end_each_job_once(factory: Factory) {
                     let told = store.heartbeat(&claimed, LEASE, &by_cpu(), Some(&at), None).await.unwrap();
                     assert_eq!(told, Directive::Continue);
                     let done = finished(&claimed);
-                    mine.push(store.finish(claimed, done).await.unwrap().id);
+                    mine.push(claimed.job().id);
+                    store.finish(claimed, done).await.unwrap();
                 }
             }
         })

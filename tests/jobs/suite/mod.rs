@@ -256,7 +256,29 @@ impl Bench {
     async fn succeed(&self, digest: &str) -> Job {
         self.queue(digest).await;
         let claimed = self.claim("maker").await.unwrap();
+        self.finish(claimed).await
+    }
+
+    async fn finish(&self, claimed: ClaimedJob) -> Job {
         let done = finished(&claimed);
-        self.store.finish(claimed, done).await.unwrap()
+        self.finish_with(claimed, done).await
+    }
+
+    async fn finish_with(&self, claimed: ClaimedJob, done: Finished) -> Job {
+        let id = claimed.job().id;
+        self.store.finish(claimed, done).await.unwrap();
+        self.get(id).await
+    }
+
+    async fn fail(&self, claimed: ClaimedJob, kind: &str) -> Job {
+        let id = claimed.job().id;
+        self.store.fail(claimed, by_cpu(), problem(kind)).await.unwrap();
+        self.get(id).await
+    }
+
+    async fn retry(&self, claimed: ClaimedJob) -> Job {
+        let id = claimed.job().id;
+        self.store.retry(claimed, problem("io")).await.unwrap();
+        self.get(id).await
     }
 }

@@ -153,7 +153,7 @@ pub async fn a_released_job_keeps_its_priority_and_turn(factory: Factory) {
     let _expires = bench.claim("w").await.unwrap();
     assert_eq!(bench.waiting().await, ["d", "e"]);
     bench.store.release(released, None).await.unwrap();
-    let retried = bench.store.retry(retried, problem("io")).await.unwrap();
+    let retried = bench.retry(retried).await;
     assert_eq!((retried.priority.get(), retried.queue_position), (3, Some(1)));
     bench.submit(urgent("f", 3)).await;
     bench.submit(urgent("g", 4)).await;

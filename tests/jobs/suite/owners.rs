@@ -83,7 +83,7 @@ pub async fn an_owner_has_a_quota(factory: Factory) {
     assert!(bench.store.submit(two("a", "4")).await.is_err());
     let done =
         Finished { files: vec![file("model.glb", 700, "one"), file("report.json", 300, "two")], ..finished(&claimed) };
-    let ended = bench.store.finish(claimed, done).await.unwrap();
+    let ended = bench.finish_with(claimed, done).await;
     // The stored files of the ended job count: the limit is 1000 bytes.
     let refused = bench.store.submit(two("a", "4")).await;
     let full = StoreError::QuotaExceeded { what: Quantity::Bytes, used: 1000, more: 0, limit: 1000 };

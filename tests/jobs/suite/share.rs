@@ -5,11 +5,6 @@ use super::*;
 use oviduct::jobs::BulkAction;
 
 impl Bench {
-    pub(super) async fn finish(&self, claimed: ClaimedJob) -> Job {
-        let done = finished(&claimed);
-        self.store.finish(claimed, done).await.unwrap()
-    }
-
     /// Claims all jobs that a worker may claim; returns their ids.
     async fn claimable(&self) -> Vec<JobId> {
         let claimed = self.store.claim("w", ClaimScope::Cpu, LEASE, 100).await.unwrap();

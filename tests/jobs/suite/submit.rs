@@ -19,19 +19,13 @@ pub async fn cancel_is_idempotent_in_every_state(factory: Factory) {
     assert_eq!((asked.status, asked.cancel_requested), (Status::Running, true));
     assert_eq!(bench.store.cancel(running).await.unwrap().unwrap(), asked);
     assert_eq!(bench.beat(&claimed).await, Directive::Cancel);
-    let ended = bench.store.cancelled(claimed).await.unwrap();
-    assert_eq!(ended.status, Status::Cancelled);
+    assert_eq!(bench.store.cancelled(claimed).await.unwrap(), Status::Cancelled);
     // The worker finishes the job, or fails, before it learns of the cancellation.
     for digest in ["6", "7"] {
         let late = bench.queue(digest).await.id;
         let claimed = bench.claim("w").await.unwrap();
         bench.store.cancel(late).await.unwrap();
-        let ended = if digest == "6" {
-            let done = finished(&claimed);
-            bench.store.finish(claimed, done).await.unwrap()
-        } else {
-            bench.store.fail(claimed, by_cpu(), problem("panic")).await.unwrap()
-        };
+        let ended = if digest == "6" { bench.finish(claimed).await } else { bench.fail(claimed, "panic").await };
         let result = (ended.status, ended.files.len(), &ended.summary, &ended.problem);
         assert_eq!(result, (Status::Cancelled, 0, &None, &None));
         assert_eq!(bench.store.attempts(late).await.unwrap()[0].outcome, Some(AttemptEnd::Cancelled));
@@ -47,7 +41,7 @@ pub async fn cancel_is_idempotent_in_every_state(factory: Factory) {
     let succeeded = bench.succeed("4").await;
     assert_eq!(bench.store.cancel(succeeded.id).await.unwrap().unwrap(), succeeded);
     bench.queue("5").await;
-    let failed = bench.store.fail(bench.claim("w").await.unwrap(), by_cpu(), problem("panic")).await.unwrap();
+    let failed = bench.fail(bench.claim("w").await.unwrap(), "panic").await;
     assert_eq!((failed.status, &failed.problem), (Status::Failed, &Some(problem("panic"))));
     assert_eq!(bench.store.cancel(failed.id).await.unwrap().unwrap(), failed);
 }
@@ -98,8 +92,7 @@ pub async fn an_idempotency_key_gives_one_job(factory: Factory) {
     assert!(matches!(other, Err(StoreError::IdempotencyConflict)), "{other:?}");
     // A replay returns the current state of the job. The idempotency key exists as long as the job.
     let claimed = bench.claim("w").await.unwrap();
-    let done = finished(&claimed);
-    let ended = bench.store.finish(claimed, done).await.unwrap();
+    let ended = bench.finish(claimed).await;
     assert_eq!(bench.store.submit(keyed("k", "body")).await.unwrap(), Submitted::Replayed(ended.clone()));
     // `replayed` looks up an idempotency key without submitting a job.
     assert_eq!(bench.store.replayed(None, "k", "body").await.unwrap(), Some(ended));

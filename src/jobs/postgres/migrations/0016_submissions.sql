@@ -1,0 +1,79 @@
+-- A plain submission in one statement; see sql/submit.rs, which handles all others: repeated
+-- idempotency keys, models equal to existing ones, and a full queue. Then the result is null.
+--
+-- A function, because each of its statements sees what was committed before: with "waits", equal
+-- submissions come one after the other, and the second sees the first. The rules of turns and
+-- positions are those of sql/order.rs. The result includes the time of the database.
+-- "changes" is the number of changes of the queue so far, unless the job comes after a place of its
+-- lane with 1000 jobs ahead until there are "far_until" changes.
+CREATE FUNCTION submit_job(
+    new json, its_spec text, labels json, waits boolean, queue_limit bigint,
+    far_rank bigint, far_turn bigint, far_id text, far_until bigint,
+    OUT its_turn bigint, OUT ahead bigint, OUT changes bigint, OUT now bigint
+)
+LANGUAGE plpgsql AS $$
+#variable_conflict use_column
+DECLARE
+    job jobs := json_populate_record(NULL::jobs, new);
+    its_lane text COLLATE "C" := CASE WHEN job.kind = 'fit' THEN 'fit' ELSE job.backend_requested END;
+    running bigint;
+    head bigint;
+    own bigint;
+    last bigint;
+BEGIN
+    IF waits THEN
+        PERFORM pg_advisory_xact_lock(hashtextextended(job.digest, 0));
+    END IF;
+    IF (SELECT COALESCE(SUM(jobs), 0) FROM queue_length) >= queue_limit
+        OR (SELECT 1 FROM jobs WHERE idempotency_key = job.idempotency_key) IS NOT NULL
+        OR waits AND (SELECT id FROM jobs WHERE finished_at IS NULL AND NOT shares AND digest = job.digest
+            ORDER BY id LIMIT 1) IS NOT NULL
+        OR waits AND (SELECT id FROM jobs WHERE status = 'succeeded' AND engine_used = engine AND digest = job.digest
+            ORDER BY id LIMIT 1) IS NOT NULL
+    THEN
+        RETURN;
+    END IF;
+    SELECT
+        (SELECT turn FROM jobs WHERE status = 'running' AND lane = its_lane AND rank = job.rank
+            ORDER BY turn DESC LIMIT 1),
+        (SELECT turn FROM jobs WHERE status = 'queued' AND NOT shares AND lane = its_lane AND rank = job.rank
+            ORDER BY turn, id LIMIT 1),
+        (SELECT turn FROM jobs WHERE status = 'queued' AND NOT shares AND lane = its_lane AND rank = job.rank
+            AND submitter = job.submitter ORDER BY turn DESC LIMIT 1),
+        (SELECT CASE WHEN lane = its_lane AND rank = job.rank THEN turn END FROM jobs
+            WHERE submitter = job.submitter AND submitter <> '' ORDER BY id DESC LIMIT 1)
+    INTO running, head, own, last;
+    -- GREATEST ignores nulls.
+    IF running IS NOT NULL AND head IS NOT NULL AND last IS NOT NULL THEN
+        its_turn := GREATEST(running, head - 1, last + 1, own + 1);
+    ELSE
+        its_turn := GREATEST(COALESCE(running, head, 0), head, own + 1);
+    END IF;
+    INSERT INTO jobs (id, status, preset, seed, digest, outputs, backend_requested, available_at, created_at,
+        idempotency_key, idempotency_body, spec, engine, submitter, turn, rank, trace, batch_key, retry_of, kind, weight)
+    VALUES (job.id, 'queued', job.preset, job.seed, job.digest, job.outputs, job.backend_requested, 0, job.created_at,
+        job.idempotency_key, job.idempotency_body, its_spec, job.engine, job.submitter, its_turn, job.rank, job.trace,
+        job.batch_key, job.retry_of, job.kind, job.weight);
+    INSERT INTO labels (job_id, name, value) SELECT job.id, key, value FROM json_each_text(labels);
+    IF far_until > (SELECT last_value FROM count_changes)
+        AND (far_rank, far_turn, far_id COLLATE "C") < (job.rank, its_turn, job.id)
+    THEN
+        ahead := 1000;
+    ELSE
+        -- Before the jobs are counted: each change from now on removes at most one of them.
+        changes := (SELECT last_value FROM count_changes);
+        SELECT COUNT(*) INTO ahead FROM (
+            SELECT 1 FROM jobs WHERE status = 'queued' AND NOT shares AND lane = its_lane
+            AND (rank, turn, id) < (job.rank, its_turn, job.id) ORDER BY rank, turn, id LIMIT 3000
+        ) AS jobs_ahead;
+    END IF;
+    now := EXTRACT(EPOCH FROM clock_timestamp()) * 1000000;
+END $$;
+
+-- Specs are compressed by each submission; lz4 takes a fraction of the time, where the server has it.
+DO $$
+BEGIN
+    EXECUTE 'ALTER TABLE jobs ALTER COLUMN spec SET COMPRESSION lz4';
+EXCEPTION
+    WHEN feature_not_supported OR syntax_error THEN NULL;
+END $$;

@@ -1,0 +1,234 @@
+//! Ends of attempts: a worker has finished its job, failed, or gives the job back.
+//!
+//! On PostgreSQL, the attempts of a group that succeeded end in one statement. It has the effect of
+//! [`Event::End`] on jobs that are still held and have not been cancelled; the others end one by
+//! one.
+
+use super::codec::{enum_to_sql, json, values};
+use super::error::SqlError;
+use super::lease::{AttemptEffect, load, write};
+use super::operation::{Done, Grouped, LONG_RETRY_LIMIT, Operation, Results, or_refusal};
+use super::order;
+use super::record::submitter;
+use super::share;
+use super::store::Store;
+use super::submit::insert_files;
+use super::tx::Tx;
+use crate::jobs::state::{AttemptEnd, Event, Fence};
+use crate::jobs::{BackendReport, Change, ClaimedJob, Finished, JobId, Problem, Status, StoreError, StoreOptions};
+use serde_json::json as object;
+use std::collections::HashMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Calls of a worker that end its attempt. They return the status of the job: one that was
+/// cancelled in the meantime is cancelled.
+impl Store {
+    /// Ends the job as succeeded. Its files and its state become visible together. A job that was
+    /// cancelled in the meantime ends as cancelled, without files.
+    pub async fn finish(&self, claimed: ClaimedJob, finished: Finished) -> Result<Status, StoreError> {
+        self.end("finish", &claimed, AttemptEnd::Succeeded, AttemptEffect::Finished(finished)).await
+    }
+
+    /// Ends the job as failed, or as cancelled if it was cancelled in the meantime.
+    pub async fn fail(
+        &self,
+        claimed: ClaimedJob,
+        backend: BackendReport,
+        problem: Problem,
+    ) -> Result<Status, StoreError> {
+        self.end("fail", &claimed, AttemptEnd::Failed, AttemptEffect::Failed(backend, problem)).await
+    }
+
+    /// Ends the job as cancelled.
+    pub async fn cancelled(&self, claimed: ClaimedJob) -> Result<Status, StoreError> {
+        self.end("cancelled", &claimed, AttemptEnd::Cancelled, AttemptEffect::None).await
+    }
+
+    /// Returns the job to its place in the queue; the attempt does not count. The row of the
+    /// attempt records the problem, if there is one, as `kind: detail`. A job that was cancelled in
+    /// the meantime ends as cancelled.
+    pub async fn release(&self, claimed: ClaimedJob, problem: Option<Problem>) -> Result<(), StoreError> {
+        let effect = problem.map_or(AttemptEffect::None, AttemptEffect::Fault);
+        self.end("release", &claimed, AttemptEnd::Released, effect).await.map(drop)
+    }
+
+    /// Returns a fit to the queue, behind the first fit of another submitter; the attempt does not
+    /// count.
+    pub async fn yield_turn(&self, claimed: ClaimedJob) -> Result<(), StoreError> {
+        self.end("yield_turn", &claimed, AttemptEnd::Released, AttemptEffect::Yielded).await.map(drop)
+    }
+
+    /// True if another fit should have the turn of a running one: a queued fit of higher priority,
+    /// or one of another submitter with the same priority.
+    pub async fn fit_waits(&self, running: &ClaimedJob) -> Result<bool, StoreError> {
+        let tx = &mut self.read("fit_waits").await?;
+        let waits = |condition: &str| {
+            format!(
+                "(SELECT 1 FROM jobs{} WHERE status = 'queued' AND NOT shares AND lane = 'fit' AND {condition} \
+                 LIMIT 1) IS NOT NULL",
+                tx.either(" INDEXED BY jobs_queue_by_submitter", "")
+            )
+        };
+        let sql = format!("SELECT {} OR {} AS waits", waits("rank < $1"), waits("rank = $1 AND submitter <> $2"));
+        let job = running.job();
+        let values = values![order::rank(job.priority), submitter(job.owner.as_deref())];
+        Ok(tx.one(sql, values).await?.get("waits")?)
+    }
+
+    /// Queues the job again after a transient error; the attempt counts. The job is due again after
+    /// a delay (1 s, doubled for each counted attempt). After the last attempt it fails
+    /// (`attempts-exhausted`, with the history).
+    pub async fn retry(&self, claimed: ClaimedJob, problem: Problem) -> Result<Status, StoreError> {
+        self.end("retry", &claimed, AttemptEnd::Retried, AttemptEffect::Fault(problem)).await
+    }
+
+    async fn end(
+        &self,
+        call: &'static str,
+        claimed: &ClaimedJob,
+        how: AttemptEnd,
+        effect: AttemptEffect,
+    ) -> Result<Status, StoreError> {
+        self.change(call, End { id: claimed.job.id, fence: claimed.fence(), how, effect }).await
+    }
+}
+
+/// Gives a job the turn after the first queued job of another submitter in its lane, if there is
+/// one and it is later than its own.
+const YIELD: &str = "UPDATE jobs SET turn = CASE WHEN other.turn >= jobs.turn THEN other.turn + 1 ELSE jobs.turn END \
+    FROM (SELECT o.turn FROM jobs j JOIN jobs o ON o.lane = j.lane AND o.rank = j.rank AND o.submitter <> j.submitter \
+    WHERE j.id = $1 AND o.status = 'queued' AND NOT o.shares ORDER BY o.turn, o.id LIMIT 1) AS other \
+    WHERE jobs.id = $1";
+
+/// Ends the attempt of a claimed job.
+pub(super) struct End {
+    pub(super) id: JobId,
+    pub(super) fence: Fence,
+    pub(super) how: AttemptEnd,
+    pub(super) effect: AttemptEffect,
+}
+
+impl Operation for End {
+    type Output = Status;
+
+    const GROUPED: Grouped = Grouped::Ends;
+
+    async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Status>, SqlError> {
+        let id = self.id;
+        let (state, _) = load(tx, id).await?.ok_or(StoreError::Fenced)?;
+        let next = state.on(&Event::End(self.fence.clone(), self.how), options.max_attempts);
+        let next = next.map_err(|_| StoreError::Fenced)?;
+        let is_cancelled = next.ended == Some(AttemptEnd::Cancelled);
+        let fault = match &self.effect {
+            AttemptEffect::Failed(_, problem) | AttemptEffect::Fault(problem) => Some(problem),
+            AttemptEffect::None | AttemptEffect::Finished(_) | AttemptEffect::Yielded => None,
+        };
+        if let AttemptEffect::Finished(finished) = &self.effect
+            && !is_cancelled
+        {
+            insert_files(tx, id, finished.files.iter()).await?;
+        }
+        if let Some(problem) = fault {
+            let sql = "UPDATE attempts SET detail = $3 WHERE job_id = $1 AND attempt = $2";
+            let detail = format!("{}: {}", problem.kind, problem.detail);
+            tx.execute(sql, values![id, state.attempts, detail]).await?;
+        }
+        let effect = if is_cancelled { &AttemptEffect::None } else { &self.effect };
+        let changes = write(tx, id, &next, effect, None).await?;
+        if matches!(self.effect, AttemptEffect::Yielded) && next.state.status == Status::Queued {
+            tx.execute(YIELD, values![id]).await?;
+        }
+        Ok(Done::new(next.state.status, changes))
+    }
+
+    async fn run_together(
+        ends: &[Arc<Self>],
+        tx: &mut Tx<'_>,
+        options: &StoreOptions,
+    ) -> Result<Results<Status>, SqlError> {
+        let mut succeeded = if tx.is_postgres() { succeed_together(tx, ends).await? } else { HashMap::new() };
+        let mut results = Vec::with_capacity(ends.len());
+        for end in ends {
+            let ended = if end.finished().is_some() { succeeded.remove(&end.id) } else { None };
+            results.push(match ended {
+                Some(changes) => Ok(Done::new(Status::Succeeded, changes)),
+                None => or_refusal(end.run(tx, options).await)?,
+            });
+        }
+        Ok(results)
+    }
+
+    /// Long, because the finished model would be lost. The fence protects the job in the meantime.
+    fn retry_limit(&self, _is_uncertain: bool) -> Duration {
+        LONG_RETRY_LIMIT
+    }
+
+    async fn was_committed(&self, tx: &mut Tx<'_>, _done: &Done<Status>) -> Result<bool, SqlError> {
+        // Waits at the job's row for a commit that is still under way.
+        load(tx, self.id).await?;
+        // Only the holder ends its attempt, and only once; as cancelled if the job was cancelled.
+        let Fence { attempt, worker } = &self.fence;
+        let sql = "SELECT 1 AS done FROM attempts \
+                   WHERE job_id = $1 AND attempt = $2 AND worker = $3 AND outcome IN ($4, 'cancelled')";
+        Ok(tx.optional(sql, values![self.id, *attempt, worker, enum_to_sql(self.how)]).await?.is_some())
+    }
+}
+
+impl End {
+    /// The result of an attempt that succeeded.
+    fn finished(&self) -> Option<&Finished> {
+        match &self.effect {
+            AttemptEffect::Finished(finished) => Some(finished),
+            _ => None,
+        }
+    }
+}
+
+/// Ends those of `ends` that succeeded, in one statement of PostgreSQL, unless the attempt is no
+/// longer held or the job was cancelled. Returns the changes by job.
+async fn succeed_together(tx: &mut Tx<'_>, ends: &[Arc<End>]) -> Result<HashMap<JobId, Vec<Change>>, SqlError> {
+    let attempt = |end: &Arc<End>| {
+        let Finished { backend, files, summary, engine } = end.finished()?;
+        Some(object!({
+            "id": end.id, "attempt": end.fence.attempt, "worker": end.fence.worker, "summary": json(summary),
+            "engine": engine, "backend": backend.used, "device": backend.device, "fallback": backend.fallback,
+            "files": files,
+        }))
+    };
+    let attempts: Vec<_> = ends.iter().filter_map(attempt).collect();
+    let mut changes = HashMap::with_capacity(attempts.len());
+    if attempts.is_empty() {
+        return Ok(changes);
+    }
+    let sql = format!(
+        "WITH moment AS MATERIALIZED (SELECT COALESCE($2, {}) AS now), \
+         ends AS MATERIALIZED (SELECT * FROM json_to_recordset($1::json) AS e (id text, attempt bigint, worker text, \
+         summary text, engine text, backend text, device text, fallback text, files json)), \
+         held AS MATERIALIZED (SELECT j.id FROM ends e JOIN jobs j ON j.id = e.id WHERE (j.status = 'running') IS TRUE \
+         AND j.attempts = e.attempt AND j.holder = e.worker AND NOT j.cancel_requested ORDER BY j.id FOR UPDATE OF j), \
+         ended AS (UPDATE jobs j SET status = 'succeeded', holder = NULL, lease_until = NULL, \
+         finished_at = (SELECT now FROM moment), checkpoint = NULL, section = NULL, summary = e.summary, \
+         engine_used = e.engine, backend_used = e.backend, device = e.device, fallback = e.fallback, \
+         version = version + 1 FROM held h JOIN ends e ON e.id = h.id WHERE j.id = h.id \
+         RETURNING j.id, j.attempts, j.version), \
+         closed AS (UPDATE attempts a SET ended_at = (SELECT now FROM moment), outcome = 'succeeded' FROM ended d \
+         WHERE a.job_id = d.id AND a.attempt = d.attempts), \
+         stored AS (INSERT INTO files (job_id, ordinal, name, media_type, bytes, sha256, key) \
+         SELECT d.id, f.ordinal - 1, f.name, f.media_type, f.bytes, f.sha256, f.key FROM ended d \
+         JOIN ends e ON e.id = d.id CROSS JOIN LATERAL ROWS FROM (json_to_recordset(e.files) AS \
+         (name text, media_type text, bytes bigint, sha256 text, key text)) WITH ORDINALITY \
+         AS f (name, media_type, bytes, sha256, key, ordinal)) \
+         SELECT id, version FROM ended",
+        Tx::NOW
+    );
+    for row in tx.all(sql, values![object!(attempts).to_string(), tx.known_now()?]).await? {
+        let id = JobId(row.id("id")?);
+        changes.insert(id, vec![Change { id, version: Some(row.count("version")?) }]);
+    }
+    for id in share::awaited(tx, changes.keys()).await? {
+        let settled = share::settle(tx, id, Status::Succeeded).await?;
+        changes.entry(id).or_default().extend(settled);
+    }
+    Ok(changes)
+}
