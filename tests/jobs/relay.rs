@@ -105,12 +105,13 @@ struct Transaction {
 }
 
 impl Transaction {
-    /// Follows a message. Returns true if it commits: `COMMIT`, or a submission outside a
-    /// transaction, which is known by a member of its parameter.
+    /// Follows a message. Returns true if it commits: `COMMIT`, or a submission or ends of attempts
+    /// outside a transaction, which are known by members of their parameters.
     fn is_committed_by(&mut self, message: &[u8]) -> bool {
         let has = |text: &str| message.windows(text.len()).any(|window| window == text.as_bytes());
         let (begins, commits) = (has("BEGIN"), has("COMMIT"));
-        let is_alone = !self.is_open && !begins && has("\"backend_requested\":");
+        let changes = has("\"backend_requested\":") || has("\"fallback\":");
+        let is_alone = !self.is_open && !begins && changes;
         self.is_open = (self.is_open || begins) && !commits && !has("ROLLBACK");
         commits || is_alone
     }

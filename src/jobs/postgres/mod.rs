@@ -74,7 +74,7 @@ const MIGRATIONS: [(&str, &str); 15] = migrations![
     "0012_worker_conditions",
     "0013_fit_lane",
     "0014_operations",
-    "0016_submissions",
+    "0016_functions",
 ];
 
 /// The connections to a PostgreSQL database.

@@ -233,8 +233,7 @@ async fn fail(
         detail: format!("{why}; a later version may have queued it"),
     };
     let effect = AttemptEffect::Failed(claimed.job.backend.clone(), problem);
-    let end = End { id: claimed.job.id, fence: claimed.fence(), how: AttemptEnd::Failed, effect };
-    Ok(end.run(tx, options).await?.changes)
+    Ok(End::new(claimed, AttemptEnd::Failed, effect).run(tx, options).await?.changes)
 }
 
 /// Claims for several workers in one statement, where that is possible. Returns what each has

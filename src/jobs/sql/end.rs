@@ -10,15 +10,15 @@ use super::lease::{AttemptEffect, load, write};
 use super::operation::{Done, Grouped, LONG_RETRY_LIMIT, Operation, Results, or_refusal};
 use super::order;
 use super::record::submitter;
-use super::share;
 use super::store::Store;
 use super::submit::insert_files;
-use super::tx::Tx;
+use super::tx::{Row, Tx};
 use crate::jobs::state::{AttemptEnd, Event, Fence};
 use crate::jobs::{BackendReport, Change, ClaimedJob, Finished, JobId, Problem, Status, StoreError, StoreOptions};
 use serde_json::json as object;
 use std::collections::HashMap;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// Calls of a worker that end its attempt. They return the status of the job: one that was
@@ -90,7 +90,7 @@ impl Store {
         how: AttemptEnd,
         effect: AttemptEffect,
     ) -> Result<Status, StoreError> {
-        self.change(call, End { id: claimed.job.id, fence: claimed.fence(), how, effect }).await
+        self.change(call, End::new(claimed, how, effect)).await
     }
 }
 
@@ -103,10 +103,12 @@ const YIELD: &str = "UPDATE jobs SET turn = CASE WHEN other.turn >= jobs.turn TH
 
 /// Ends the attempt of a claimed job.
 pub(super) struct End {
-    pub(super) id: JobId,
-    pub(super) fence: Fence,
-    pub(super) how: AttemptEnd,
-    pub(super) effect: AttemptEffect,
+    id: JobId,
+    fence: Fence,
+    how: AttemptEnd,
+    effect: AttemptEffect,
+    /// True once a run may have ended the attempt without a response.
+    is_tried: AtomicBool,
 }
 
 impl Operation for End {
@@ -116,9 +118,12 @@ impl Operation for End {
 
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Status>, SqlError> {
         let id = self.id;
-        let (state, _) = load(tx, id).await?.ok_or(StoreError::Fenced)?;
-        let next = state.on(&Event::End(self.fence.clone(), self.how), options.max_attempts);
-        let next = next.map_err(|_| StoreError::Fenced)?;
+        let (state, version) = load(tx, id).await?.ok_or(StoreError::Fenced)?;
+        let Ok(next) = state.on(&Event::End(self.fence.clone(), self.how), options.max_attempts) else {
+            let is_done = self.is_tried.load(Ordering::Relaxed) && self.has_ended(tx).await?;
+            let change = Change { id, version: Some(version) };
+            return if is_done { Ok(Done::new(state.status, vec![change])) } else { Err(StoreError::Fenced.into()) };
+        };
         let is_cancelled = next.ended == Some(AttemptEnd::Cancelled);
         let fault = match &self.effect {
             AttemptEffect::Failed(_, problem) | AttemptEffect::Fault(problem) => Some(problem),
@@ -152,7 +157,7 @@ impl Operation for End {
         for end in ends {
             let ended = if end.finished().is_some() { succeeded.remove(&end.id) } else { None };
             results.push(match ended {
-                Some(changes) => Ok(Done::new(Status::Succeeded, changes)),
+                Some(change) => Ok(Done::new(Status::Succeeded, vec![change])),
                 None => or_refusal(end.run(tx, options).await)?,
             });
         }
@@ -167,15 +172,24 @@ impl Operation for End {
     async fn was_committed(&self, tx: &mut Tx<'_>, _done: &Done<Status>) -> Result<bool, SqlError> {
         // Waits at the job's row for a commit that is still under way.
         load(tx, self.id).await?;
-        // Only the holder ends its attempt, and only once; as cancelled if the job was cancelled.
+        self.has_ended(tx).await
+    }
+}
+
+impl End {
+    pub(super) fn new(claimed: &ClaimedJob, how: AttemptEnd, effect: AttemptEffect) -> Self {
+        Self { id: claimed.job.id, fence: claimed.fence(), how, effect, is_tried: AtomicBool::new(false) }
+    }
+
+    /// True if an earlier run has ended the attempt. Only the holder ends its attempt, and only
+    /// once; as cancelled if the job was cancelled.
+    async fn has_ended(&self, tx: &mut Tx<'_>) -> Result<bool, SqlError> {
         let Fence { attempt, worker } = &self.fence;
         let sql = "SELECT 1 AS done FROM attempts \
                    WHERE job_id = $1 AND attempt = $2 AND worker = $3 AND outcome IN ($4, 'cancelled')";
         Ok(tx.optional(sql, values![self.id, *attempt, worker, enum_to_sql(self.how)]).await?.is_some())
     }
-}
 
-impl End {
     /// The result of an attempt that succeeded.
     fn finished(&self) -> Option<&Finished> {
         match &self.effect {
@@ -185,11 +199,13 @@ impl End {
     }
 }
 
-/// Ends those of `ends` that succeeded, in one statement of PostgreSQL, unless the attempt is no
-/// longer held or the job was cancelled. Returns the changes by job.
-async fn succeed_together(tx: &mut Tx<'_>, ends: &[Arc<End>]) -> Result<HashMap<JobId, Vec<Change>>, SqlError> {
+/// Ends those of `ends` that succeeded, by one statement of PostgreSQL that is a transaction by
+/// itself. Returns the changes by job. Left are attempts that are no longer held, and jobs that were
+/// cancelled or that other jobs wait for.
+async fn succeed_together(tx: &mut Tx<'_>, ends: &[Arc<End>]) -> Result<HashMap<JobId, Change>, SqlError> {
     let attempt = |end: &Arc<End>| {
         let Finished { backend, files, summary, engine } = end.finished()?;
+        end.is_tried.store(true, Ordering::Relaxed);
         Some(object!({
             "id": end.id, "attempt": end.fence.attempt, "worker": end.fence.worker, "summary": json(summary),
             "engine": engine, "backend": backend.used, "device": backend.device, "fallback": backend.fallback,
@@ -197,38 +213,14 @@ async fn succeed_together(tx: &mut Tx<'_>, ends: &[Arc<End>]) -> Result<HashMap<
         }))
     };
     let attempts: Vec<_> = ends.iter().filter_map(attempt).collect();
-    let mut changes = HashMap::with_capacity(attempts.len());
     if attempts.is_empty() {
-        return Ok(changes);
+        return Ok(HashMap::new());
     }
-    let sql = format!(
-        "WITH moment AS MATERIALIZED (SELECT COALESCE($2, {}) AS now), \
-         ends AS MATERIALIZED (SELECT * FROM json_to_recordset($1::json) AS e (id text, attempt bigint, worker text, \
-         summary text, engine text, backend text, device text, fallback text, files json)), \
-         held AS MATERIALIZED (SELECT j.id FROM ends e JOIN jobs j ON j.id = e.id WHERE (j.status = 'running') IS TRUE \
-         AND j.attempts = e.attempt AND j.holder = e.worker AND NOT j.cancel_requested ORDER BY j.id FOR UPDATE OF j), \
-         ended AS (UPDATE jobs j SET status = 'succeeded', holder = NULL, lease_until = NULL, \
-         finished_at = (SELECT now FROM moment), checkpoint = NULL, section = NULL, summary = e.summary, \
-         engine_used = e.engine, backend_used = e.backend, device = e.device, fallback = e.fallback, \
-         version = version + 1 FROM held h JOIN ends e ON e.id = h.id WHERE j.id = h.id \
-         RETURNING j.id, j.attempts, j.version), \
-         closed AS (UPDATE attempts a SET ended_at = (SELECT now FROM moment), outcome = 'succeeded' FROM ended d \
-         WHERE a.job_id = d.id AND a.attempt = d.attempts), \
-         stored AS (INSERT INTO files (job_id, ordinal, name, media_type, bytes, sha256, key) \
-         SELECT d.id, f.ordinal - 1, f.name, f.media_type, f.bytes, f.sha256, f.key FROM ended d \
-         JOIN ends e ON e.id = d.id CROSS JOIN LATERAL ROWS FROM (json_to_recordset(e.files) AS \
-         (name text, media_type text, bytes bigint, sha256 text, key text)) WITH ORDINALITY \
-         AS f (name, media_type, bytes, sha256, key, ordinal)) \
-         SELECT id, version FROM ended",
-        Tx::NOW
-    );
-    for row in tx.all(sql, values![object!(attempts).to_string(), tx.known_now()?]).await? {
-        let id = JobId(row.id("id")?);
-        changes.insert(id, vec![Change { id, version: Some(row.count("version")?) }]);
-    }
-    for id in share::awaited(tx, changes.keys()).await? {
-        let settled = share::settle(tx, id, Status::Succeeded).await?;
-        changes.entry(id).or_default().extend(settled);
-    }
-    Ok(changes)
+    let sql = "SELECT * FROM end_jobs($1::json, $2)";
+    let rows = tx.all_alone(sql, values![object!(attempts).to_string(), tx.known_now()?]).await?;
+    let change = |row: &Row| {
+        let id = JobId(row.id("ended_id")?);
+        Ok((id, Change { id, version: Some(row.count("ended_version")?) }))
+    };
+    rows.iter().map(change).collect()
 }

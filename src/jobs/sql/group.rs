@@ -21,15 +21,21 @@ use futures_util::future::BoxFuture;
 use std::any::Any;
 use std::future::Future;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use tokio::sync::oneshot;
 
 /// Maximum number of changes in a group, which limits the time until the first is committed.
 const MEMBERS: usize = 128;
 
+/// Maximum number of times that a leader lets other tasks run before it takes the members.
+const GATHERING: usize = 32;
+
 /// Changes that wait for the next transaction.
 #[derive(Default)]
 pub(super) struct Group {
     waiting: Mutex<Vec<Box<dyn Member>>>,
+    /// Number of members of the last group.
+    last: AtomicUsize,
     /// Held by the leader until its transaction has ended.
     leader: tokio::sync::Mutex<()>,
 }
@@ -138,13 +144,28 @@ impl Group {
                 biased;
                 outcome = &mut outcome => return outcome.unwrap_or(Outcome::Alone(None)),
                 _leader = self.leader.lock() => {
+                    self.gather().await;
                     let mut members = std::mem::take(&mut *self.waiting.lock());
                     let later = members.split_off(members.len().min(MEMBERS));
                     self.waiting.lock().splice(..0, later);
+                    self.last.store(members.len(), Ordering::Relaxed);
                     let end = run(transactions, &mut members).await;
                     members.into_iter().for_each(|member| member.tell(end));
                 }
             }
+        }
+    }
+}
+
+impl Group {
+    /// Lets the callers of the last group, which have just got their results, join this one.
+    /// Otherwise two halves of the callers take turns in groups of half the size.
+    async fn gather(&self) {
+        for _ in 0..GATHERING {
+            if self.waiting.lock().len() >= self.last.load(Ordering::Relaxed) {
+                return;
+            }
+            tokio::task::yield_now().await;
         }
     }
 }

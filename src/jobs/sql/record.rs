@@ -113,9 +113,9 @@ fn known<T: DeserializeOwned>(list: &Value, unread: &mut Option<String>) -> Vec<
 /// Converts a row of [`select_jobs`], without the position in the queue.
 pub(super) fn to_record(row: &Row) -> Result<Record, SqlError> {
     let (outputs, mut unread) = outputs_from_sql(row.get("outputs")?);
-    let spec = serde_json::from_str(row.get("spec")?).unwrap_or_else(|error| {
+    let spec = row.get::<&str>("spec")?.parse().unwrap_or_else(|error| {
         unread = Some(format!("spec: {error}"));
-        Value::Null
+        SharedJson::from(Value::Null)
     });
     let kind = optional_enum(row, "kind")?;
     if kind.is_none() {
@@ -129,7 +129,7 @@ pub(super) fn to_record(row: &Row) -> Result<Record, SqlError> {
         version: row.count("version")?,
         preset: row.get("preset")?,
         seed: row.count("seed")?,
-        spec: SharedJson::from(spec),
+        spec,
         outputs,
         labels: parse(row.get("labels")?)?,
         priority: priority(row.get::<i64>("rank")?.saturating_neg()),

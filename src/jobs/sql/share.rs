@@ -88,25 +88,13 @@ fn includes(outputs: &str, wanted: &Outputs) -> bool {
 
 /// The clauses from FROM that select the jobs `f` that wait for jobs like `l`, whose id is `$1`.
 fn waiting(tx: &Tx<'_>) -> String {
-    waiting_for(tx, "= $1")
-}
-
-/// The same for jobs `l` whose id meets a condition.
-fn waiting_for(tx: &Tx<'_>, condition: &str) -> String {
     format!(
         "FROM jobs l {} jobs f{} ON f.digest = l.digest AND f.preset = l.preset AND f.submitter = l.submitter \
-         AND f.backend_requested = l.backend_requested WHERE l.id {condition} AND f.finished_at IS NULL AND f.shares \
+         AND f.backend_requested = l.backend_requested WHERE l.id = $1 AND f.finished_at IS NULL AND f.shares \
          AND f.status = 'queued'",
         tx.either("CROSS JOIN", "JOIN"),
         tx.either(" INDEXED BY jobs_sharing", ""),
     )
-}
-
-/// Those of `ids` for which other jobs wait, on PostgreSQL.
-pub(super) async fn awaited(tx: &mut Tx<'_>, ids: impl Iterator<Item = &JobId>) -> Result<Vec<JobId>, SqlError> {
-    let ids: Vec<String> = ids.map(ToString::to_string).collect();
-    let sql = format!("SELECT DISTINCT l.id {}", waiting_for(tx, "= ANY ($1)"));
-    tx.all(sql, values![ids]).await?.iter().map(|row| Ok(JobId(row.id("id")?))).collect()
 }
 
 /// Ends or queues the jobs that wait for a job that has ended. No job waits for a waiting job.

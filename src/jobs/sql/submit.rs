@@ -185,7 +185,8 @@ impl Submit {
             far.map(|far| far.id.to_string()),
             until,
         ];
-        let row = if alone { tx.one_alone(SUBMIT, values).await? } else { tx.one(SUBMIT, values).await? };
+        let rows = if alone { tx.all_alone(SUBMIT, values).await? } else { tx.all(SUBMIT, values).await? };
+        let row = rows.first().ok_or(sqlx::Error::RowNotFound)?;
         let Some(turn) = row.get("its_turn")? else { return Ok(None) };
         tx.set_now(row.optional_time("now")?);
         let ahead: u64 = row.count("ahead")?;

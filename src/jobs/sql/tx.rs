@@ -278,12 +278,13 @@ impl<'c> Tx<'c> {
         })
     }
 
-    /// The row of a statement of PostgreSQL that is a transaction by itself, unless the transaction
+    /// The rows of a statement of PostgreSQL that is a transaction by itself, unless the transaction
     /// has begun. If it fails, the outcome is unknown.
-    pub(super) async fn one_alone(&mut self, sql: &'static str, values: Vec<Value>) -> Result<Row, SqlError> {
-        let Connection::Postgres(session) = &mut self.connection else { return self.one(sql, values).await };
+    pub(super) async fn all_alone(&mut self, sql: &'static str, values: Vec<Value>) -> Result<Vec<Row>, SqlError> {
+        let Connection::Postgres(session) = &mut self.connection else { return self.all(sql, values).await };
         let query = for_postgres(constant(sql), values);
-        Ok(Row::Postgres(session.answer_alone(|driver| query.fetch_one(driver)).await?))
+        let rows = session.answer_alone(|driver| query.fetch_all(driver)).await?;
+        Ok(rows.into_iter().map(Row::Postgres).collect())
     }
 
     /// The row of a query that always has one.

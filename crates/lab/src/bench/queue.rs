@@ -97,7 +97,8 @@ fn new_job(spec: &ModelSpec, seed: u64) -> NewJob {
     }
 }
 
-/// Claims and ends queued jobs for `time`. Returns their number and the seconds.
+/// Claims and ends queued jobs for `time`. Returns their number and the seconds. Each worker claims
+/// its next job while it ends one, as workers do that run short models.
 async fn work(store: &Store, time: Duration) -> anyhow::Result<(u64, f64)> {
     let (ended, watch) = (Arc::new(AtomicU64::new(0)), Stopwatch::start());
     let mut tasks = JoinSet::new();
@@ -105,21 +106,21 @@ async fn work(store: &Store, time: Duration) -> anyhow::Result<(u64, f64)> {
         let (store, ended) = (store.clone(), Arc::clone(&ended));
         tasks.spawn(async move {
             let name = format!("bench-{worker}");
-            while watch.elapsed() < time {
-                let claimed = store.claim(&name, ClaimScope::Cpu, LEASE, 1).await?;
-                if claimed.is_empty() {
-                    break;
-                }
-                for claimed in claimed {
-                    let finished = Finished {
-                        backend: claimed.job().backend.clone(),
-                        files: Vec::new(),
-                        summary: json!({}),
-                        engine: oviduct::ENGINE_VERSION.into(),
-                    };
-                    store.finish(claimed, finished).await?;
-                    ended.fetch_add(1, Ordering::Relaxed);
-                }
+            let claim = || store.claim(&name, ClaimScope::Cpu, LEASE, 1);
+            let mut next = claim().await?.pop();
+            while let Some(claimed) = next
+                && watch.elapsed() < time
+            {
+                let finished = Finished {
+                    backend: claimed.job().backend.clone(),
+                    files: Vec::new(),
+                    summary: json!({}),
+                    engine: oviduct::ENGINE_VERSION.into(),
+                };
+                let (finished, more) = tokio::join!(store.finish(claimed, finished), claim());
+                finished?;
+                ended.fetch_add(1, Ordering::Relaxed);
+                next = more?.pop();
             }
             Ok::<_, oviduct::jobs::StoreError>(())
         });

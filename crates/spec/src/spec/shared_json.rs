@@ -4,15 +4,18 @@ use serde::{Serialize, Serializer};
 use serde_json::Value;
 use serde_json::value::{RawValue, to_raw_value};
 use std::ops::Deref;
+use std::str::FromStr;
 use std::sync::{Arc, OnceLock};
 
-/// A JSON value whose text is written once, however often it is stored or sent. Clones share it.
+/// A JSON value whose text is written once, and is read once, however often it is stored or sent.
+/// Clones share it.
 #[derive(Clone, Debug)]
 pub struct SharedJson(Arc<Shared>);
 
+/// At least one of them is set.
 #[derive(Debug)]
 struct Shared {
-    value: Value,
+    value: OnceLock<Value>,
     text: OnceLock<Box<RawValue>>,
 }
 
@@ -20,7 +23,7 @@ impl SharedJson {
     /// The value.
     #[must_use]
     pub fn value(&self) -> &Value {
-        &self.0.value
+        self.0.value.get_or_init(|| serde_json::from_str(self.text()).expect("the text was checked"))
     }
 
     /// The value as JSON text without line breaks.
@@ -30,13 +33,22 @@ impl SharedJson {
     }
 
     fn raw(&self) -> &RawValue {
-        self.0.text.get_or_init(|| to_raw_value(&self.0.value).expect("a value is JSON"))
+        self.0.text.get_or_init(|| to_raw_value(self.value()).expect("a value is JSON"))
     }
 }
 
 impl From<Value> for SharedJson {
     fn from(value: Value) -> Self {
-        Self(Arc::new(Shared { value, text: OnceLock::new() }))
+        Self(Arc::new(Shared { value: value.into(), text: OnceLock::new() }))
+    }
+}
+
+impl FromStr for SharedJson {
+    type Err = serde_json::Error;
+
+    fn from_str(text: &str) -> Result<Self, serde_json::Error> {
+        let text: Box<RawValue> = serde_json::from_str(text)?;
+        Ok(Self(Arc::new(Shared { value: OnceLock::new(), text: text.into() })))
     }
 }
 
@@ -69,6 +81,9 @@ mod tests {
     fn text_and_value_are_equal_however_they_are_written() {
         let value = json!({ "a": [1, 2.5, -0.0, "\u{e9}\n"], "b": null });
         let shared = SharedJson::from(value.clone());
+        let read: SharedJson = shared.text().parse().unwrap();
+        assert_eq!((read.text(), read.value(), &read), (shared.text(), &value, &shared));
+        assert!("{\"a\": [1, }".parse::<SharedJson>().is_err());
         assert_eq!(serde_json::to_string(&json!({ "spec": shared })).unwrap(), format!("{{\"spec\":{value}}}"));
         assert_eq!(serde_json::to_string(&shared).unwrap(), value.to_string());
         assert_eq!(serde_json::to_value(&shared).unwrap(), value);

@@ -77,3 +77,47 @@ BEGIN
 EXCEPTION
     WHEN feature_not_supported OR syntax_error THEN NULL;
 END $$;
+
+-- Ends attempts that have succeeded; see sql/end.rs, which handles those that this function leaves:
+-- attempts that are no longer held, and jobs that were cancelled or that equal jobs wait for. "ends"
+-- is an array of attempts, "at" their time unless it is that of the database.
+CREATE FUNCTION end_jobs(ends json, at bigint) RETURNS TABLE (ended_id text, ended_version bigint)
+LANGUAGE plpgsql AS $$
+#variable_conflict use_column
+DECLARE
+    moment bigint := COALESCE(at, EXTRACT(EPOCH FROM clock_timestamp()) * 1000000);
+    held text[];
+BEGIN
+    -- From here on, no submission begins to wait for these jobs.
+    held := ARRAY(
+        SELECT j.id FROM json_to_recordset(ends) AS e (id text, attempt bigint, worker text) JOIN jobs j ON j.id = e.id
+        WHERE (j.status = 'running') IS TRUE AND j.attempts = e.attempt AND j.holder = e.worker
+        AND NOT j.cancel_requested ORDER BY j.id FOR UPDATE OF j
+    );
+    RETURN QUERY
+    WITH ended AS (
+        UPDATE jobs j SET status = 'succeeded', holder = NULL, lease_until = NULL, finished_at = moment,
+            checkpoint = NULL, section = NULL, summary = e.summary, engine_used = e.engine, backend_used = e.backend,
+            device = e.device, fallback = e.fallback, version = version + 1
+        FROM json_to_recordset(ends) AS e (
+            id text, summary text, engine text, backend text, device text, fallback text
+        )
+        WHERE j.id = e.id AND e.id = ANY (held) AND (
+            SELECT f.id FROM jobs f WHERE f.finished_at IS NULL AND f.shares AND f.digest = j.digest
+            AND f.preset = j.preset AND f.submitter = j.submitter AND f.backend_requested = j.backend_requested
+            AND f.status = 'queued' ORDER BY f.rank, f.id LIMIT 1
+        ) IS NULL
+        RETURNING j.id, j.attempts, j.version
+    ), closed AS (
+        UPDATE attempts a SET ended_at = moment, outcome = 'succeeded' FROM ended
+        WHERE a.job_id = ended.id AND a.attempt = ended.attempts
+    ), stored AS (
+        INSERT INTO files (job_id, ordinal, name, media_type, bytes, sha256, key)
+        SELECT ended.id, f.ordinal - 1, f.name, f.media_type, f.bytes, f.sha256, f.key
+        FROM ended JOIN json_to_recordset(ends) AS e (id text, files json) ON e.id = ended.id
+        CROSS JOIN LATERAL ROWS FROM (
+            json_to_recordset(e.files) AS (name text, media_type text, bytes bigint, sha256 text, key text)
+        ) WITH ORDINALITY AS f (name, media_type, bytes, sha256, key, ordinal)
+    )
+    SELECT id, version FROM ended;
+END $$;
