@@ -58,7 +58,7 @@ const PLANS: [(&str, &str); 6] = [
 ];
 
 /// Migrations of the tables, oldest first.
-const MIGRATIONS: [(&str, &str); 14] = migrations![
+const MIGRATIONS: [(&str, &str); 15] = migrations![
     "0001_jobs",
     "0002_priorities",
     "0003_traces",
@@ -73,6 +73,7 @@ const MIGRATIONS: [(&str, &str); 14] = migrations![
     "0012_worker_conditions",
     "0013_fit_lane",
     "0014_operations",
+    "0015_packs",
 ];
 
 /// The connections to a PostgreSQL database.
