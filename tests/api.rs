@@ -26,6 +26,7 @@ mod api {
     mod net;
     mod obstacles;
     mod operators;
+    mod packs;
     mod prefix;
     mod preview;
     mod replays;

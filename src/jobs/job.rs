@@ -7,6 +7,7 @@ use crate::spec::SharedJson;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 /// Identity of a job and of its model: a UUIDv7.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -140,9 +141,22 @@ pub struct File {
     pub bytes: u64,
     /// SHA-256, lower-case hex.
     pub sha256: String,
-    /// Key in the artifact store (never shown to clients). Several jobs may name the same key
-    /// (reuse).
+    /// Key of the object in the artifact store (never shown to clients). Several jobs may name the
+    /// same key (reuse).
     pub key: String,
+    /// Position of the first byte in a *pack*, an object with several files of an attempt. `None`
+    /// if the object is this file alone.
+    #[serde(default)]
+    pub start: Option<u64>,
+}
+
+impl File {
+    /// The bytes of the object that `range` of this file occupies. Never reaches into another file.
+    #[must_use]
+    pub fn place(&self, range: Range<u64>) -> Range<u64> {
+        let start = self.start.unwrap_or_default();
+        start + range.start.min(self.bytes)..start + range.end.min(self.bytes)
+    }
 }
 
 /// Latest section, thinned to at most 512 points per contour, for drawing the growing tube.

@@ -10,6 +10,7 @@ use super::job::NewJob;
 use super::sql::Store;
 use futures_util::future::BoxFuture;
 use futures_util::{FutureExt, StreamExt, TryStreamExt};
+use std::collections::BTreeSet;
 
 /// Number of jobs whose files are searched for concurrently.
 const CONCURRENT: usize = 16;
@@ -31,7 +32,9 @@ pub async fn exclude_missing_files(
 async fn exclude(store: &Store, artifacts: &Artifacts, new: &mut NewJob) -> Result<(), StoreError> {
     // Each round excludes the model that it found, and all models that share the missing file.
     while let Some(model) = store.reusable(new).await? {
-        let keys: Vec<String> = model.files.into_iter().map(|file| file.key).collect();
+        // Packed files share a key.
+        let keys: BTreeSet<String> = model.files.into_iter().map(|file| file.key).collect();
+        let keys = Vec::from_iter(keys);
         match artifacts.missing(&keys).await {
             Ok(missing) if missing.is_empty() => break,
             Ok(missing) => {

@@ -17,23 +17,27 @@ const UNREADABLE: u32 = 10;
 pub enum Difference {
     /// Records name a file that does not exist.
     Missing {
-        /// Key of the file.
+        /// Name of the file.
+        name: String,
+        /// Key of its object.
         key: String,
         /// Jobs whose records name it.
         jobs: Vec<JobId>,
     },
     /// A file is not the one that records describe, or cannot be read.
     Damaged {
-        /// Key of the file.
+        /// Name of the file.
+        name: String,
+        /// Key of its object.
         key: String,
         /// Jobs whose records name it.
         jobs: Vec<JobId>,
         /// The difference, or the error.
         detail: String,
     },
-    /// No record names the file, and no attempt that writes it runs.
+    /// No record names the object, and no attempt that writes it runs.
     Unknown {
-        /// Key of the file.
+        /// Key of the object.
         key: String,
     },
 }
@@ -59,11 +63,11 @@ pub async fn scrub(
     mut found: impl FnMut(Difference),
 ) -> Result<Scrubbed, ArtifactError> {
     let mut scrubbed = Scrubbed::default();
-    let (mut after, mut unreadable) = (String::new(), 0);
+    let (mut after, mut unreadable) = (None, 0);
     loop {
-        let page = store.files_after(&after, PAGE).await?;
+        let page = store.files_after(after.as_ref(), PAGE).await?;
         let Some(last) = page.last() else { break };
-        after.clone_from(&last.key);
+        after = Some(last.clone());
         let reads = page.into_iter().map(async |file| {
             let read = read(artifacts, &file).await;
             (file, read)
@@ -76,17 +80,17 @@ pub async fn scrub(
                 unreadable = 0;
                 continue;
             };
-            let File { key, .. } = file;
-            let jobs = store.jobs_with_file(&key).await?;
+            let jobs = store.jobs_with_file(&file).await?;
+            let File { name, key, .. } = file;
             let is_differing = matches!(error, ArtifactError::NotFound { .. } | ArtifactError::Damaged { .. });
             unreadable = if is_differing { 0 } else { unreadable + 1 };
             match error {
                 // Deleted since the page was read.
                 _ if jobs.is_empty() => {}
-                ArtifactError::NotFound { .. } => found(Difference::Missing { key, jobs }),
-                ArtifactError::Damaged { detail, .. } => found(Difference::Damaged { key, jobs, detail }),
+                ArtifactError::NotFound { .. } => found(Difference::Missing { name, key, jobs }),
+                ArtifactError::Damaged { detail, .. } => found(Difference::Damaged { name, key, jobs, detail }),
                 error if unreadable >= UNREADABLE => return Err(error),
-                error => found(Difference::Damaged { key, jobs, detail: error.to_string() }),
+                error => found(Difference::Damaged { name, key, jobs, detail: error.to_string() }),
             }
         }
     }
@@ -110,5 +114,5 @@ pub async fn scrub(
 
 /// Reads a file to its end.
 async fn read(artifacts: &Artifacts, file: &File) -> Result<(), ArtifactError> {
-    artifacts.open(file, None).await?.stream.try_for_each(async |_| Ok(())).await
+    artifacts.open(file, None).await?.try_for_each(async |_| Ok(())).await
 }

@@ -334,6 +334,7 @@ mod tests {
                 bytes: 100,
                 sha256: String::new(),
                 key: crate::jobs::artifacts::key(claimed.job().id, 1, "model.glb"),
+                start: None,
             };
             let finished = Finished {
                 backend: claimed.job().backend.clone(),

@@ -15,6 +15,7 @@ use crate::jobs::scratch::{AttemptDir, drop_blocking};
 use crate::jobs::state::AttemptEnd;
 use crate::jobs::{BackendReport, ClaimedJob, File, Finished, JobId, JobKind, Status, StoreError};
 use crate::metrics::Fallback;
+use crate::spec::ModelSpec;
 use crate::trace;
 use std::sync::Arc;
 use std::time::Duration;
@@ -52,6 +53,8 @@ pub(super) struct Attempt<'a> {
     /// True if the generation is predicted to take so little time that its worker claims the next
     /// job at once.
     is_short: bool,
+    /// The spec of a model, once it has been read.
+    spec: Option<ModelSpec>,
     /// A generation that was told to stop and still runs.
     stopping: Option<Generation>,
 }
@@ -151,6 +154,7 @@ impl<'a> Attempt<'a> {
                     checkpoints,
                     cancel,
                     is_short: false,
+                    spec: None,
                     stopping: None,
                 })
             }
@@ -165,6 +169,7 @@ impl<'a> Attempt<'a> {
     pub(super) fn task(&self) -> Task {
         Task {
             job: self.claim.job.job().clone(),
+            spec: self.spec.clone(),
             dir: Arc::clone(&self.dir),
             sink: Arc::clone(&self.sink),
             cancel: self.cancel.clone(),
@@ -220,7 +225,9 @@ impl<'a> Attempt<'a> {
     /// Waits for the output of the generation. Its threads are then free, unless it was told to
     /// stop and still runs.
     async fn follow(&mut self, start: Start, cpu: &Cpu) -> Result<GenerationOutput, NoResult> {
-        let predicted = backend::predict(self.claim.job.job()).map(|predicted| predicted.seconds);
+        let (predicted, spec) =
+            backend::predict(self.claim.job.job()).map(|predicted| (predicted.seconds, predicted.spec)).unzip();
+        self.spec = spec.flatten();
         self.is_short = predicted.is_some_and(|seconds| seconds < NEARLY_FREE);
         let mut time = self.time_limit(predicted);
         let mut generation = match start {

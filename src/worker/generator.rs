@@ -4,6 +4,7 @@ use crate::fit::FitError;
 use crate::generate::{CancelToken, GenerateError, Outcome, Sink, UsedBackend};
 use crate::jobs::Job;
 use crate::sim::Plan;
+use crate::spec::ModelSpec;
 use rayon::ThreadPool;
 use std::path::Path;
 
@@ -12,6 +13,8 @@ use std::path::Path;
 pub struct GenerationInput<'a> {
     /// The job; its `spec` is the resolved spec in canonical form.
     pub job: &'a Job,
+    /// The spec of a model, if it has been read already.
+    pub spec: Option<&'a ModelSpec>,
     /// The backend to use.
     pub backend: UsedBackend,
     /// Existing directory for the files.

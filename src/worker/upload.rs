@@ -8,6 +8,7 @@ use crate::jobs::artifacts::{self, ArtifactError, Stored};
 use crate::jobs::fault::Injected;
 use crate::jobs::{ClaimedJob, File};
 use futures_util::future::join_all;
+use std::collections::BTreeSet;
 use std::io;
 use std::path::{Path, PathBuf};
 use tokio_util::sync::CancellationToken;
@@ -16,6 +17,11 @@ use tokio_util::sync::CancellationToken;
 const RETRY_LIMIT: u32 = 60;
 /// Maximum wait between two retries, in the same units.
 const MAX_WAIT: u32 = 5;
+/// Maximum size of a file that is stored in the pack of its attempt, bytes. The pack costs one write
+/// to disk or one request, which takes longer than to copy the bytes.
+const SMALL: u64 = 256 << 10;
+/// Name of the pack of an attempt, in its key.
+const PACK: &str = "pack";
 
 /// Reason why the files of an attempt are not in the artifact store.
 #[derive(Debug, thiserror::Error)]
@@ -35,18 +41,27 @@ pub(super) enum UploadError {
 }
 
 /// The output files as the record of the job will name them. Their keys belong to this attempt
-/// alone.
+/// alone. Several small files share the key of a pack.
 pub(super) fn files(claimed: &ClaimedJob, outputs: &[FileOutput]) -> Vec<File> {
-    outputs
-        .iter()
-        .map(|file| File {
+    let is_small = |file: &FileOutput| (1..=SMALL).contains(&file.bytes);
+    let packs = outputs.iter().filter(|file| is_small(file)).count() > 1;
+    let mut end = 0;
+    let mut file = |file: &FileOutput| {
+        let start = (packs && is_small(file)).then_some(end);
+        if start.is_some() {
+            end += file.bytes;
+        }
+        let object = if start.is_some() { PACK } else { &file.name };
+        File {
             name: file.name.clone(),
             media_type: file.media_type.clone(),
             bytes: file.bytes,
             sha256: file.sha256.clone(),
-            key: artifacts::key(claimed.job().id, claimed.attempt(), &file.name),
-        })
-        .collect()
+            key: artifacts::key(claimed.job().id, claimed.attempt(), object),
+            start,
+        }
+    };
+    outputs.iter().map(&mut file).collect()
 }
 
 /// Stores `files` from `dir` concurrently. Each upload is retried for about a minute while the
@@ -64,14 +79,16 @@ pub(super) async fn upload(
     let watch = Stopwatch::start();
     context.options.faults.point("store").await?;
     context.options.faults.point("before-upload").await?;
-    // Once one file has failed, the others are not retried.
+    // Once one object has failed, the others are not retried.
     let stop = stop.child_token();
-    let put = async |file| {
-        let put = put_with_retries(context, file, dir, &stop).await;
+    let put = async |files: &[&File]| {
+        let put = put_with_retries(context, files, dir, &stop).await;
         put.inspect_err(|_| stop.cancel())
     };
-    let failed = join_all(files.iter().map(put)).await.into_iter().filter_map(Result::err);
-    // The file that failed first has the most tries.
+    let (packed, alone): (Vec<&File>, Vec<&File>) = files.iter().partition(|file| file.start.is_some());
+    let objects = alone.chunks(1).chain(packed.chunks(packed.len().max(1)));
+    let failed = join_all(objects.map(put)).await.into_iter().filter_map(Result::err);
+    // The object that failed first has the most tries.
     let tries = |error: &UploadError| if let UploadError::Store { tries, .. } = error { *tries } else { u32::MAX };
     if let Some(error) = failed.max_by_key(tries) {
         return Err(error);
@@ -83,30 +100,42 @@ pub(super) async fn upload(
     Ok(())
 }
 
+/// Stores the files of one object: a file alone, or those of the pack in their order.
 async fn put_with_retries(
     context: &Context,
-    file: &File,
+    files: &[&File],
     dir: &Path,
     stop: &CancellationToken,
 ) -> Result<(), UploadError> {
     let unit = context.options.storage_wait;
+    let key = &files[0].key;
     let (mut wait, since) = (unit / 2, Stopwatch::start());
     for tries in 1.. {
-        let error = match context.artifacts.put_file(&file.key, &dir.join(&file.name)).await {
-            Ok(stored) if stored.bytes == file.bytes && stored.sha256 == file.sha256 => break,
-            Ok(read) => {
-                return Err(UploadError::Damaged { name: file.name.clone(), read, written: file.bytes });
+        let put = match files {
+            [file] => context.artifacts.put_file(key, &dir.join(&file.name)).await.map(|stored| vec![stored]),
+            _ => context.artifacts.put_pack(key, files.iter().map(|file| dir.join(&file.name)).collect()).await,
+        };
+        let error = match put {
+            Ok(stored) => {
+                let differs =
+                    |(file, read): &(&&File, Stored)| (file.bytes, &file.sha256) != (read.bytes, &read.sha256);
+                return match files.iter().zip(stored).find(differs) {
+                    None => Ok(()),
+                    Some((file, read)) => {
+                        Err(UploadError::Damaged { name: file.name.clone(), read, written: file.bytes })
+                    }
+                };
             }
             Err(ArtifactError::Scratch { path, source }) => return Err(UploadError::Unreadable { path, source }),
             Err(error) => error,
         };
-        tracing::debug!(file = file.key, %error, tries, "could not store a file");
+        tracing::debug!(key, %error, tries, "could not store an object");
         if tries == 1 {
             context.storage.write_failed(&error);
         }
         let retries = since.elapsed() + wait < unit * RETRY_LIMIT;
         if !retries || stop.run_until_cancelled(tokio::time::sleep(wait)).await.is_none() {
-            return Err(UploadError::Store { name: file.name.clone(), source: error, tries });
+            return Err(UploadError::Store { name: files[0].name.clone(), source: error, tries });
         }
         wait = (wait * 2).min(unit * MAX_WAIT);
     }
@@ -134,8 +163,10 @@ pub(super) async fn remove_unused(context: &Context, files: &[File]) {
     remove_keys(context, keys).await;
 }
 
+/// The keys of the objects of files; that of a pack comes once.
 fn keys_of(files: &[File]) -> Vec<String> {
-    files.iter().map(|file| file.key.clone()).collect()
+    let keys: BTreeSet<String> = files.iter().map(|file| file.key.clone()).collect();
+    keys.into_iter().collect()
 }
 
 async fn remove_keys(context: &Context, keys: Vec<String>) {

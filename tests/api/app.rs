@@ -11,7 +11,7 @@ use jiff::Timestamp;
 use oviduct::clock::Clock;
 use oviduct::generate::{Backend, Progress, Stage, UsedBackend};
 use oviduct::http::{AccessOptions, AppState, Limits, REQUEST_ID, WithoutKeys, execute_operations, router};
-use oviduct::jobs::artifacts::{Artifacts, key};
+use oviduct::jobs::artifacts::{Artifacts, Stored, key};
 use oviduct::jobs::keys::{KeyLimits, NewKey, Scope, Secret};
 use oviduct::jobs::{
     BackendReport, BulkAction, ClaimScope, ClaimedJob, Directive, File, Finished, JobId, JobProgress, ListFilter,
@@ -256,8 +256,33 @@ impl App {
                 bytes: stored.bytes,
                 sha256: stored.sha256,
                 key,
+                start: None,
             });
         }
+        self.succeed(job, files).await;
+    }
+
+    /// Stores files in one object and ends the model as succeeded.
+    pub(super) async fn finish_packed(&self, job: ClaimedJob, contents: &[(&str, &str, Vec<u8>)]) {
+        let path = |name: &str| self.dir.path().join(format!("scratch-{name}"));
+        for (name, _, bytes) in contents {
+            std::fs::write(path(name), bytes).unwrap();
+        }
+        let key = key(job.job().id, job.attempt(), "pack");
+        let paths = contents.iter().map(|(name, ..)| path(name)).collect();
+        let stored = self.artifacts.put_pack(&key, paths).await.unwrap();
+        let mut end = 0;
+        let file = |((name, media_type, _), stored): (&(&str, &str, Vec<u8>), Stored)| {
+            let start = Some(end);
+            end += stored.bytes;
+            let (name, media_type, key) = ((*name).into(), (*media_type).into(), key.clone());
+            File { name, media_type, bytes: stored.bytes, sha256: stored.sha256, key, start }
+        };
+        let files = contents.iter().zip(stored).map(file).collect();
+        self.succeed(job, files).await;
+    }
+
+    async fn succeed(&self, job: ClaimedJob, files: Vec<File>) {
         let summary = json!({ "sections": 201, "particles": { "start": 710, "end": 8300 }, "vertices": 790_211,
             "triangles": 1_580_422, "min_gap_um": 6.2, "volume_mm3": 41.7, "area_mm2": 2710.5 });
         self.store

@@ -3,23 +3,11 @@
 use super::{Server, TINY, code, folder, json, run, said};
 use std::io::{Read, Write};
 use std::net::TcpStream;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-/// Paths of the model's files with this name.
-fn files(at: &Path, name: &str) -> Vec<std::path::PathBuf> {
-    let mut folders = vec![at.join("data/artifacts")];
-    let mut found = Vec::new();
-    while let Some(folder) = folders.pop() {
-        for entry in std::fs::read_dir(folder).expect("a directory") {
-            let path = entry.expect("read").path();
-            if path.is_dir() {
-                folders.push(path);
-            } else if path.ends_with(name) {
-                found.push(path);
-            }
-        }
-    }
-    found
+/// Path of the pack with the files of a model.
+fn pack(at: &Path, model: &str) -> PathBuf {
+    at.join(format!("data/artifacts/models/{model}/1/pack"))
 }
 
 /// Sends a request over a connection of its own. Returns the head and the body of the response.
@@ -44,8 +32,10 @@ fn announced(head: &str) -> usize {
 fn differences_are_listed_and_nothing_is_changed() {
     let at = folder();
     let server = Server::start_with(at.path(), &["--gpu", "off"]);
-    let asked = [&["submit", "--url", &server.url, "--wait", "--json"][..], &TINY].concat();
-    let model = json(&run(at.path(), &asked))["id"].as_str().expect("an id").to_owned();
+    let [model, other] = ["1", "2"].map(|seed| {
+        let asked = [&["submit", "--url", &server.url, "--wait", "--json", "--seed", seed][..], &TINY].concat();
+        json(&run(at.path(), &asked))["id"].as_str().expect("an id").to_owned()
+    });
     // The service has the database open.
     let whole = json(&run(at.path(), &["scrub", "--json"]));
     assert_eq!(whole["ok"], true, "{whole}");
@@ -56,30 +46,39 @@ fn differences_are_listed_and_nothing_is_changed() {
     let (head, body) = get(&server.url, &path);
     assert_eq!(announced(&head), body.len());
 
-    let report = files(at.path(), "report.json").pop().expect("a report");
-    let mut bytes = std::fs::read(&report).expect("read");
-    bytes[0] ^= 1;
-    std::fs::write(&report, &bytes).expect("written");
+    let damaged = pack(at.path(), &model);
+    let mut bytes = std::fs::read(&damaged).expect("read");
+    // The report comes last.
+    *bytes.last_mut().expect("not empty") ^= 1;
+    std::fs::write(&damaged, &bytes).expect("written");
     let (head, body) = get(&server.url, &path);
     assert!(head.starts_with("HTTP/1.1 200") && announced(&head) > body.len(), "{head}");
     drop(server);
-    std::fs::remove_file(files(at.path(), "model.glb").pop().expect("a model")).expect("removed");
-    std::fs::write(report.with_file_name("other.glb#3"), "half an upload").expect("written");
+    std::fs::remove_file(pack(at.path(), &other)).expect("removed");
+    std::fs::write(damaged.with_file_name("other.glb#3"), "half an upload").expect("written");
     let output = run(at.path(), &["scrub"]);
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    assert_eq!((code(&output), text.lines().count()), (1, 4), "{text}{}", said(&output));
-    for expected in
-        ["missing  models/", "damaged  models/", "unknown  models/", "other.glb#3", "1 missing, 1 damaged; 1 "]
-    {
+    assert_eq!((code(&output), text.lines().count()), (1, 9), "{text}{}", said(&output));
+    for expected in [
+        "missing  model.glb at models/",
+        "missing  sections.bin at models/",
+        "missing  model.lod2.glb at models/",
+        "missing  report.json at models/",
+        "damaged  report.json at models/",
+        "unknown  models/",
+        "other.glb#3",
+        "6 missing, 1 damaged; 1 ",
+    ] {
         assert!(text.contains(expected), "{expected}: {text}");
     }
     let output = run(at.path(), &["scrub", "--json"]);
     assert_eq!(code(&output), 1);
     let found: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
     assert_eq!((&found["ok"], &found["files"]), (&false.into(), &whole["files"]));
-    assert!(found["missing"][0]["models"][0] == *model && found["damaged"][0]["models"][0] == *model, "{found}");
+    assert!(found["missing"][0]["models"][0] == *other && found["damaged"][0]["models"][0] == *model, "{found}");
+    assert_eq!(found["damaged"][0]["name"], "report.json");
     assert!(found["damaged"][0]["detail"].as_str().expect("a reason").contains("SHA-256"), "{found}");
-    assert_eq!(std::fs::read(&report).expect("read"), bytes);
+    assert_eq!(std::fs::read(&damaged).expect("read"), bytes);
 }
 
 #[test]

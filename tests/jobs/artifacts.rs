@@ -1,7 +1,7 @@
 //! One suite over both kinds of artifact stores: a local folder and an S3 bucket.
 
 use crate::bucket::Bucket;
-use crate::scripted::{Place, content, scripted};
+use crate::scripted::{OBJECTS, Place, scripted};
 use bytes::Bytes;
 use futures_util::TryStreamExt;
 use oviduct::clock::{Clock, Stopwatch};
@@ -103,7 +103,7 @@ async fn an_outage_of(time: Duration) {
     let waiting = *ids.last().unwrap();
     assert_eq!(place.store.cancel(waiting).await.unwrap().unwrap().status, Status::Cancelled);
     let keys = place.store.delete(made.id).await.unwrap().unwrap();
-    assert_eq!(keys.len(), 2);
+    assert_eq!(keys.len(), OBJECTS);
     tokio::time::sleep(time.saturating_sub(watch.elapsed())).await;
     for id in &ids[..2] {
         assert_eq!(place.store.get(*id).await.unwrap().unwrap().status, Status::Running, "it waits for the bucket");
@@ -139,7 +139,7 @@ async fn a_bucket_that_stays_away_releases_the_job_until_it_is_back() {
     bucket.set_up(true);
     let job = place.ended(id).await;
     assert_eq!(job.status, Status::Succeeded, "{:?}", job.problem);
-    assert!(place.artifacts.read_all(&job.files[0].key).await.unwrap() == content(2, &job.files[0].name));
+    place.check_files(&job).await;
     pool.shutdown(Duration::from_secs(5)).await;
 }
 

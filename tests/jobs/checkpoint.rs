@@ -3,7 +3,7 @@
 
 use crate::bounds::best_of_five;
 use crate::bucket::Bucket;
-use crate::scripted::{Place, scripted};
+use crate::scripted::{OBJECTS, Place, scripted};
 use crate::suite::new_job;
 use oviduct::clock::Clock;
 use oviduct::generate::{Backend, CancelToken, Checkpoint, Outcome, Output, Progress, Request, Sink, generate, resume};
@@ -252,7 +252,7 @@ async fn retention_is_by_age_and_by_size() {
     let swept = sweep(Some(Duration::from_secs(3600)), Some(7999)).await;
     assert_eq!((swept.removed, swept.stored_bytes), (1, Some(6000)), "the model that ended first is removed");
     assert!(place.store.get(made[0].id).await.unwrap().is_none());
-    assert_eq!(place.visible().len(), 6, "with its files");
+    assert_eq!(place.visible().len(), 3 * OBJECTS, "with its files");
     clock.advance(Duration::from_secs(3601));
     let swept = sweep(Some(Duration::from_secs(3600)), None).await;
     assert_eq!((swept.removed, swept.stored_bytes), (3, None));

@@ -6,8 +6,8 @@
 //! - If the kernel lets a process mount a tmpfs in its own namespace (root, or user namespaces),
 //!   the child runs on a tmpfs of a few megabytes. Writes then fail with `ENOSPC`.
 
-use crate::scripted::{Place, generate, scripted};
-use crate::suite::new_job;
+use crate::scripted::{OBJECTS, Place, generate, scripted};
+use crate::suite::{new_job, objects};
 use crate::watched::Heartbeats;
 use axum::body::Body;
 use axum::http::{Method, Request};
@@ -257,12 +257,12 @@ async fn a_full_artifact_store_costs_no_attempt() {
         // remain, not even partially. Seed 2 has a large file.
         let waits = place.queue("ok", 2).await;
         released_for_storage(&place, waits).await;
-        assert_eq!(files(&folder.join("artifacts")).len(), first.files.len() + second.files.len());
+        assert_eq!(files(&folder.join("artifacts")).len(), 2 * OBJECTS);
         assert!(place.scratch().is_empty());
         let behind = NewJob { backend: Backend::Gpu, ..scripted("ok", 9) };
         let behind = place.store.submit(behind).await.unwrap().job().id;
         service.goes_on(&first, behind).await;
-        left(&folder.join("artifacts"), second.files.len()).await;
+        left(&folder.join("artifacts"), OBJECTS).await;
         let paused = place.store.get(waits).await.unwrap().unwrap();
         assert_eq!((paused.status, paused.attempts), (Status::Queued, 1), "it was claimed although the disk is full");
         full.store(false, Ordering::Relaxed);
@@ -299,7 +299,10 @@ async fn a_full_artifact_store_costs_no_attempt() {
         assert_eq!(next.status, Status::Succeeded);
         service.reads(&next).await;
         pool.shutdown(Duration::from_secs(5)).await;
-        assert_eq!(files(&folder.join("artifacts")).len(), 3 * next.files.len());
+        assert_eq!(
+            files(&folder.join("artifacts")).len(),
+            objects([second, job, next].iter().flat_map(|job| &job.files))
+        );
     };
     on_full_disks("disk::a_full_artifact_store_costs_no_attempt", "artifacts", body).await;
 }
@@ -344,7 +347,7 @@ async fn a_full_scratch_directory_costs_no_attempt_and_no_partial_file_is_stored
         disk.fill();
         let waits = ask(7).await;
         released_for_storage(&place, waits).await;
-        assert_eq!(files(&folder.join("artifacts")).len(), whole.files.len(), "half a model was stored");
+        assert_eq!(files(&folder.join("artifacts")).len(), objects(&whole.files), "half a model was stored");
         let behind = NewJob { backend: Backend::Gpu, ..scripted("ok", 9) };
         service.goes_on(&whole, place.store.submit(behind).await.unwrap().job().id).await;
         tokio::time::sleep(Duration::from_millis(500)).await;
@@ -365,7 +368,7 @@ async fn a_full_scratch_directory_costs_no_attempt_and_no_partial_file_is_stored
         service.reads(&next).await;
         pool.shutdown(Duration::from_secs(5)).await;
         assert!(place.scratch().is_empty());
-        assert_eq!(files(&folder.join("artifacts")).len(), job.files.len() + next.files.len());
+        assert_eq!(files(&folder.join("artifacts")).len(), objects(&job.files) + objects(&next.files));
     };
     let test = "disk::a_full_scratch_directory_costs_no_attempt_and_no_partial_file_is_stored";
     on_full_disks(test, "scratch", body).await;

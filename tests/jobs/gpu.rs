@@ -3,8 +3,8 @@
 
 use crate::bounds::{best_of_five, within};
 use crate::gate;
-use crate::scripted::{FakeGpu, Fate, Place, ROOM, scripted};
-use crate::suite::LEASE;
+use crate::scripted::{FakeGpu, Fate, OBJECTS, Place, ROOM, scripted};
+use crate::suite::{LEASE, objects};
 use oviduct::clock::{Clock, Stopwatch};
 use oviduct::generate::{Backend, Stage, UsedBackend};
 use oviduct::jobs::state::AttemptEnd;
@@ -85,7 +85,7 @@ async fn jobs_that_fit_run_together_and_end_individually() {
     pool.shutdown(Duration::from_secs(5)).await;
     assert_eq!(place.store.workers().await.unwrap(), [], "a worker that has stopped is not listed");
     assert!(place.scratch().is_empty());
-    assert_eq!(place.visible().len(), 4, "files of two models");
+    assert_eq!(place.visible().len(), OBJECTS + objects(&job.files), "files of two models");
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

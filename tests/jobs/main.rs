@@ -24,6 +24,7 @@ mod gpu;
 mod kill;
 mod mismatch;
 mod outage;
+mod packs;
 mod postgres;
 mod protocol;
 #[path = "../common/queue.rs"]

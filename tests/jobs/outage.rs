@@ -16,7 +16,7 @@ use oviduct::jobs::artifacts::Artifacts;
 use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{Attempt, JobId, JobProgress, Status, StoreOptions};
 use oviduct::status::{self, Condition};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::sync::watch;
 
@@ -36,9 +36,11 @@ enum Mode {
 
 /// An in-memory object store whose writes can be refused.
 #[derive(Debug)]
-struct Switch {
+pub struct Switch {
     store: InMemory,
     mode: watch::Sender<Mode>,
+    /// Keys of all writes, in their order.
+    written: Mutex<Vec<String>>,
 }
 
 impl std::fmt::Display for Switch {
@@ -49,7 +51,12 @@ impl std::fmt::Display for Switch {
 
 impl Switch {
     fn new() -> Arc<Self> {
-        Arc::new(Self { store: InMemory::new(), mode: watch::Sender::new(Mode::Up) })
+        Arc::new(Self { store: InMemory::new(), mode: watch::Sender::new(Mode::Up), written: Mutex::default() })
+    }
+
+    /// The keys of the writes since the last call, in their order.
+    pub fn written(&self) -> Vec<String> {
+        std::mem::take(&mut self.written.lock().unwrap())
     }
 
     fn set(&self, mode: Mode) {
@@ -57,6 +64,7 @@ impl Switch {
     }
 
     async fn write(&self, location: &Path, is_small: bool) -> Result<()> {
+        self.written.lock().unwrap().push(location.to_string());
         let is_model = location.as_ref().starts_with("models");
         let mut mode = self.mode.subscribe();
         let mode = *mode.wait_for(|mode| *mode != Mode::Slow || !is_model).await.unwrap();
@@ -112,7 +120,7 @@ impl ObjectStore for Switch {
 }
 
 /// A place with an artifact store that can be switched off. Jobs may use only one counted attempt.
-async fn place(database: Database) -> (Place, Arc<Switch>) {
+pub async fn place(database: Database) -> (Place, Arc<Switch>) {
     let mut place = Place::on(database, StoreOptions { max_attempts: 1, ..StoreOptions::default() }).await;
     let switch = Switch::new();
     place.artifacts = Artifacts::over(Arc::<Switch>::clone(&switch));

@@ -1,6 +1,6 @@
 //! A seeded schedule of 500 faults over four workers: each job ends once, with the right bytes.
 
-use crate::scripted::{Database, NAMES, Place};
+use crate::scripted::{Database, OBJECTS, Place};
 use oviduct::clock::{Clock, Stopwatch};
 use oviduct::jobs::fault::Faults;
 use oviduct::jobs::state::AttemptEnd;
@@ -82,7 +82,7 @@ async fn survives(database: Database) {
     assert_eq!(jobs, queued, "jobs were lost");
     let far = "2200-01-01T00:00:00Z".parse().unwrap();
     place.sweep_orphans(far, Duration::ZERO).await;
-    assert_eq!(place.visible().len() as u64, jobs * NAMES.len() as u64);
+    assert_eq!(place.visible().len() as u64, jobs * OBJECTS as u64);
     assert!(place.scratch().is_empty());
     eprintln!("{database:?}: {FAULTS} faults, {jobs} jobs, {attempts} attempts, {vanished} of them by lost leases");
     assert!(vanished > 0, "no lease was lost: the test shows too little");

@@ -40,31 +40,50 @@ async fn every_difference_is_found(database: Database, bucket: Option<&Bucket>) 
     assert_eq!(compare(&place).await, (whole, vec![]));
 
     let named = |job: usize, name: &str| key(jobs[job].id, 1, name);
-    let missing = named(0, "report.json");
+    let missing = named(0, "pack");
     place.artifacts.delete(std::slice::from_ref(&missing)).await.unwrap();
     let mut changed = content(2, "model.glb");
     changed[8_999_999] ^= 1;
     put(&named(1, "model.glb"), changed).await;
-    put(&named(2, "model.glb"), vec![7; 999]).await;
+    put(&named(1, "report.json"), vec![7; 999]).await;
+    // Of a pack, one byte of the second file.
+    let mut pack = [content(3, "report.json"), content(3, "model.glb")].concat();
+    pack[1000] ^= 1;
+    put(&named(2, "pack"), pack.clone()).await;
     let unknown = [named(0, "other"), "models/none/1/model.glb".to_owned()];
     for key in &unknown {
         put(key, b"unknown".to_vec()).await;
     }
     let (scrubbed, found) = compare(&place).await;
-    assert_eq!((scrubbed, found.len()), (whole, 5), "{found:?}");
-    assert!(found.contains(&Difference::Missing { key: missing, jobs: vec![jobs[0].id, shared] }));
-    for (job, reason) in [(1, "SHA-256"), (2, "999 bytes instead of 1000")] {
-        let is_it = |difference: &Difference| {
-            matches!(difference, Difference::Damaged { key, jobs: of, detail }
-                if *key == named(job, "model.glb") && *of == [jobs[job].id] && detail.contains(reason))
+    assert_eq!((scrubbed, found.len()), (whole, 7), "{found:?}");
+    for name in ["report.json", "model.glb"] {
+        let (name, key, jobs) = (name.to_owned(), missing.clone(), vec![jobs[0].id, shared]);
+        assert!(found.contains(&Difference::Missing { name, key, jobs }), "{found:?}");
+    }
+    let damaged = |found: &[Difference], job: usize, name: &str, object: &str, reason: &str| {
+        let is_it = |difference: &&Difference| {
+            matches!(difference, Difference::Damaged { name: file, key, jobs: of, detail }
+                if file == name && *key == named(job, object) && *of == [jobs[job].id] && detail.contains(reason))
         };
-        assert_eq!(found.iter().filter(|difference| is_it(difference)).count(), 1, "{found:?}");
+        found.iter().filter(is_it).count()
+    };
+    for (job, name, object, reason) in [
+        (1, "model.glb", "model.glb", "SHA-256"),
+        (1, "report.json", "report.json", "999 bytes instead of 1000"),
+        (2, "model.glb", "pack", "SHA-256"),
+    ] {
+        assert_eq!(damaged(&found, job, name, object, reason), 1, "{found:?}");
     }
     for key in unknown {
         assert!(found.contains(&Difference::Unknown { key }), "{found:?}");
     }
     // Nothing was changed.
     assert_eq!(compare(&place).await, (scrubbed, found));
+    // A pack that ends too early.
+    pack.truncate(1999);
+    put(&named(2, "pack"), pack).await;
+    let (_, found) = compare(&place).await;
+    assert_eq!(damaged(&found, 2, "model.glb", "pack", "999 bytes instead of 1000"), 1, "{found:?}");
 }
 
 /// Each database with each artifact store.

@@ -4,11 +4,11 @@
 use crate::cluster::Cluster;
 use crate::relay::{Line, Way};
 use crate::scripted::Database;
-use crate::suite::{finished, new_job};
+use crate::suite::{finished, new_job, objects};
 use oviduct::clock::Stopwatch;
 use oviduct::jobs::artifacts::Artifacts;
 use oviduct::jobs::state::AttemptEnd;
-use oviduct::jobs::{ClaimScope, Status, Store, StoreOptions};
+use oviduct::jobs::{ClaimScope, File, Status, Store, StoreOptions};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::AsyncReadExt;
@@ -87,7 +87,7 @@ async fn a_commit_without_an_answer_takes_effect_once() {
     assert_eq!((claimed.job().id, claimed.attempt()), (id, 1));
     let silence = lose();
     let done = finished(&claimed);
-    let files = done.files.len();
+    let files = objects(&done.files);
     let status = within(limit, "the end", store.finish(claimed, done)).await.unwrap();
     silence.await.unwrap();
     assert_eq!(status, Status::Succeeded);
@@ -154,12 +154,20 @@ async fn a_silent_object_store_fails_every_request() {
     std::fs::write(&path, vec![0; 9_000_000]).unwrap();
     let keys = ["models/a/1/model.glb".to_owned()];
     let (key, ranges) = (keys[0].as_str(), [0..10, 20..30]);
+    let file = File {
+        name: "model.glb".into(),
+        media_type: "model/gltf-binary".into(),
+        bytes: 9_000_000,
+        sha256: String::new(),
+        key: key.into(),
+        start: None,
+    };
     // One request is not answered; it may have been retried once.
     let limit = Duration::from_secs(22);
-    let (read, part, file, bytes, missing, deleted, checked) = within(limit, "all requests", async {
+    let (read, part, put, bytes, missing, deleted, checked) = within(limit, "all requests", async {
         tokio::join!(
             artifacts.read_all(key),
-            artifacts.get_ranges(key, &ranges),
+            artifacts.get_ranges(&file, &ranges),
             artifacts.put_file(key, &path),
             artifacts.put_bytes(key, "x".into()),
             artifacts.missing(&keys),
@@ -171,7 +179,7 @@ async fn a_silent_object_store_fails_every_request() {
     let outcomes = [
         read.is_err(),
         part.is_err(),
-        file.is_err(),
+        put.is_err(),
         bytes.is_err(),
         missing.is_err(),
         deleted.is_err(),

@@ -1,7 +1,7 @@
 //! The worker pool: success, every kind of failure, cancellation, lost leases, shutdown, restart.
 
 use crate::bounds::{best_of_five, within};
-use crate::scripted::{Database, Place, scripted};
+use crate::scripted::{Database, OBJECTS, Place, scripted};
 use crate::suite::LEASE;
 use crate::watched::Heartbeats;
 use futures_util::FutureExt;
@@ -51,7 +51,7 @@ async fn a_job_succeeds_with_its_files() {
     assert_eq!(job.backend.device.as_deref(), Some("scripted, 1 threads"));
     assert_eq!(job.backend.used, Some(UsedBackend::CpuSingle));
     pool.shutdown(Duration::from_secs(5)).await;
-    assert_eq!(place.visible().len(), 4);
+    assert_eq!(place.visible().len(), 2 * OBJECTS);
     assert!(place.scratch().is_empty());
     assert_eq!(place.store.workers().await.unwrap(), [], "a worker that has stopped is not listed");
 }
@@ -257,9 +257,9 @@ async fn a_deleted_job_stops_and_leaves_nothing() {
     let id = place.queue("wait", 1).await;
     place.until(id, |job| job.progress.is_some()).await;
     place.store.delete(id).await.unwrap().unwrap();
-    assert_eq!(place.ended(place.queue("ok", 2).await).await.status, Status::Succeeded);
+    assert_eq!(place.ended(place.queue("ok", 3).await).await.status, Status::Succeeded);
     pool.shutdown(Duration::from_secs(5)).await;
-    assert_eq!(place.visible().len(), 2);
+    assert_eq!(place.visible().len(), OBJECTS);
     assert!(place.scratch().is_empty());
 }
 
@@ -305,11 +305,11 @@ async fn a_worker_that_lost_its_lease_stops_and_writes_nothing() {
     clock.advance(LEASE);
     let other = place.store.claim("other", ClaimScope::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
     assert_eq!((other.job().id, other.attempt()), (id, 2));
-    assert_eq!(place.ended(place.queue("ok", 2).await).await.status, Status::Succeeded);
+    assert_eq!(place.ended(place.queue("ok", 3).await).await.status, Status::Succeeded);
     pool.shutdown(Duration::from_secs(5)).await;
     let job = place.store.get(id).await.unwrap().unwrap();
     assert_eq!((job.status, job.attempts, job.version), (Status::Running, 2, other.job().version));
-    assert_eq!(place.visible().len(), 2);
+    assert_eq!(place.visible().len(), OBJECTS);
     place.store.release(other, None).await.unwrap();
 }
 
@@ -406,7 +406,7 @@ async fn errors_at_all_points(database: Database) {
         let unharmed = matches!(point, "during-renewal" | "after-commit");
         assert_eq!(job.attempts, if unharmed { 1 } else { 2 }, "{point}");
         pool.shutdown(Duration::from_secs(5)).await;
-        assert_eq!(place.visible().len(), 2, "{point}: files of the failed attempt were left");
+        assert_eq!(place.visible().len(), OBJECTS, "{point}: files of the failed attempt were left");
         place.store.close().await;
     };
     join_all(POINTS.into_iter().map(run)).await;
@@ -432,10 +432,10 @@ async fn the_sweep_removes_files_that_no_job_names_and_no_others() {
     let now = Clock::System.now() + Duration::from_secs(60);
     let sweep = async |age| place.sweep_orphans(now, age).await;
     assert_eq!(sweep(Duration::from_secs(3600)).await, 0, "a young file may still be committed");
-    assert!(staged.exists() && place.visible().len() == 3);
+    assert!(staged.exists() && place.visible().len() == OBJECTS + 1);
     assert_eq!(sweep(Duration::ZERO).await, 2);
     assert!(!staged.parent().unwrap().exists());
     place.check_files(shared.job()).await;
-    assert_eq!(place.visible().len(), 2);
+    assert_eq!(place.visible().len(), OBJECTS);
     pool.shutdown(Duration::from_secs(5)).await;
 }

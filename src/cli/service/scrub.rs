@@ -24,6 +24,7 @@ struct ScrubReport {
 /// A file that differs from its record.
 #[derive(Serialize)]
 struct Differing {
+    name: String,
     key: String,
     models: Vec<JobId>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -73,9 +74,11 @@ pub(in crate::cli) async fn run(args: ScrubArgs) -> Ended {
 impl ScrubReport {
     fn add(&mut self, difference: Difference) {
         match difference {
-            Difference::Missing { key, jobs } => self.missing.push(Differing { key, models: jobs, detail: None }),
-            Difference::Damaged { key, jobs, detail } => {
-                self.damaged.push(Differing { key, models: jobs, detail: Some(detail) });
+            Difference::Missing { name, key, jobs } => {
+                self.missing.push(Differing { name, key, models: jobs, detail: None });
+            }
+            Difference::Damaged { name, key, jobs, detail } => {
+                self.damaged.push(Differing { name, key, models: jobs, detail: Some(detail) });
             }
             Difference::Unknown { key } => self.unknown.push(key),
         }
@@ -103,8 +106,10 @@ impl ScrubReport {
 fn line(difference: &Difference) -> String {
     let of = |jobs: &[JobId]| jobs.iter().map(JobId::to_string).collect::<Vec<_>>().join(", ");
     match difference {
-        Difference::Missing { key, jobs } => format!("missing  {key} (models {})", of(jobs)),
-        Difference::Damaged { key, jobs, detail } => format!("damaged  {key} (models {}): {detail}", of(jobs)),
+        Difference::Missing { name, key, jobs } => format!("missing  {name} at {key} (models {})", of(jobs)),
+        Difference::Damaged { name, key, jobs, detail } => {
+            format!("damaged  {name} at {key} (models {}): {detail}", of(jobs))
+        }
         Difference::Unknown { key } => format!("unknown  {key}"),
     }
 }

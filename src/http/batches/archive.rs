@@ -9,11 +9,12 @@ use super::read::{each_model, find_batch};
 use super::study::StoredStudy;
 use crate::http::AppState;
 use crate::http::access::Caller;
-use crate::http::models::files::{DownloadPermit, FileStream, body_with_permit, open, permit};
+use crate::http::models::files::{DownloadPermit, body_with_permit, open, permit};
 use crate::http::wire::extract::{BatchId, Parameters};
 use crate::http::wire::faults::RequestFault;
 use crate::http::wire::problem::Problem;
 use crate::http::wire::responses::{BadParameters, BatchMissing, DownloadUnavailable};
+use crate::jobs::artifacts::Chunks;
 use crate::jobs::{Batch, File, Job};
 use axum::body::Body;
 use axum::extract::State;
@@ -247,7 +248,7 @@ async fn pack(
     state: AppState,
     mut packer: Packer,
     ArchiveContents { manifest: (entry, manifest), files }: ArchiveContents,
-    mut first: Option<FileStream>,
+    mut first: Option<Chunks>,
     sender: mpsc::Sender<Bytes>,
     _permit: DownloadPermit,
 ) -> io::Result<()> {

@@ -14,14 +14,13 @@ use crate::http::wire::problem::{Kind, Problem};
 use crate::http::wire::range::{Selection, select};
 use crate::http::wire::responses::{DownloadUnavailable, FileMissing, RangeOutside, StoresUnavailable};
 use crate::http::wire::shares::Share;
-use crate::jobs::artifacts::ArtifactError;
+use crate::jobs::artifacts::{ArtifactError, Chunks};
 use crate::jobs::{BackendReport, File, Job, JobId};
 use axum::body::Body;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
-use futures_util::stream::BoxStream;
 use futures_util::{Stream, StreamExt, TryStreamExt};
 use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
@@ -95,7 +94,9 @@ async fn redirect(
     headers: &HeaderMap,
 ) -> Result<Option<Response>, Problem> {
     let known = ETag::strong(&file.sha256).matches_none(headers);
-    if !state.limits.redirect_downloads || method != Method::GET || known || refuses_redirect(headers) {
+    // A signed address is that of a whole object.
+    let is_packed = file.start.is_some();
+    if !state.limits.redirect_downloads || method != Method::GET || known || is_packed || refuses_redirect(headers) {
         return Ok(None);
     }
     let Some(url) = state.artifacts.signed_url(&file.key, name, &file.media_type, SIGNED_FOR).await? else {
@@ -231,16 +232,13 @@ fn manifest_of(job: &Job) -> Manifest {
     Manifest::new(origin, &job.outputs, &job.files.iter().map(file).collect::<Vec<_>>())
 }
 
-/// Bytes of a file as they are read.
-pub(in crate::http) type FileStream = BoxStream<'static, Result<Bytes, ArtifactError>>;
-
 /// Opens a file, or its bytes in `range`. A whole file is compared with its record while it is
 /// read; if it is damaged, the stream ends with an error before the last bytes.
 pub(in crate::http) async fn open(
     state: &AppState,
     file: &File,
     range: Option<Range<u64>>,
-) -> Result<FileStream, ArtifactError> {
+) -> Result<Chunks, ArtifactError> {
     let metrics = state.metrics.clone();
     let noted = move |error: &ArtifactError| {
         if matches!(error, ArtifactError::Damaged { .. }) {
@@ -252,8 +250,8 @@ pub(in crate::http) async fn open(
             );
         }
     };
-    let opened = state.artifacts.open(file, range).await.inspect_err(&noted)?;
-    Ok(opened.stream.inspect_err(noted).boxed())
+    let chunks = state.artifacts.open(file, range).await.inspect_err(&noted)?;
+    Ok(chunks.inspect_err(noted).boxed())
 }
 
 /// Reads a whole file and compares it with its record.

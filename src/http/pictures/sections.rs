@@ -257,14 +257,14 @@ pub(super) async fn read_entries(
 ) -> Result<Vec<Section>, Problem> {
     let range = |entry: &SectionEntry| entry.offset..entry.offset + u64::from(entry.length);
     let ranges: Vec<Range<u64>> = entries.iter().map(range).collect();
-    let parts = state.artifacts.get_ranges(&file.key, &ranges).await?;
+    let parts = state.artifacts.get_ranges(file, &ranges).await?;
     let read = move || entries.iter().zip(parts).map(|(entry, bytes)| read_section_from_bytes(entry, &bytes)).collect();
     let sections: Result<Vec<Section>, SectionsError> = blocking("Reading the sections", held, read).await?;
     sections.map_err(|error| damaged(&error))
 }
 
 async fn part(state: &AppState, file: &File, range: Range<u64>) -> Result<Bytes, Problem> {
-    let parts = state.artifacts.get_ranges(&file.key, &[range]).await?;
+    let parts = state.artifacts.get_ranges(file, &[range]).await?;
     parts.into_iter().next().ok_or_else(|| damaged(&SectionsError::NotSections))
 }
 

@@ -7,7 +7,8 @@ use futures_util::stream::{self, BoxStream};
 use futures_util::{StreamExt, TryStreamExt};
 use sha2::{Digest, Sha256};
 
-type Chunks = BoxStream<'static, Result<Bytes, ArtifactError>>;
+/// Bytes of a file as they are read.
+pub type Chunks = BoxStream<'static, Result<Bytes, ArtifactError>>;
 
 /// A file that is read to its end.
 struct Reading {
@@ -68,8 +69,8 @@ pub(super) fn check_size(file: &File, bytes: u64) -> Result<(), ArtifactError> {
     Err(damaged(file, format!("it has {bytes} bytes instead of {}", file.bytes)))
 }
 
-fn damaged(file: &File, detail: String) -> ArtifactError {
-    ArtifactError::Damaged { key: file.key.clone(), detail }
+pub(super) fn damaged(file: &File, detail: String) -> ArtifactError {
+    ArtifactError::Damaged { name: file.name.clone(), key: file.key.clone(), detail }
 }
 
 #[cfg(test)]
@@ -83,6 +84,7 @@ mod tests {
             bytes: content.len() as u64,
             sha256: hex::encode(Sha256::digest(content)),
             key: "models/a/1/model.glb".into(),
+            start: None,
         }
     }
 

@@ -14,8 +14,10 @@ pub enum ArtifactError {
         key: String,
     },
     /// The file is not the one that its record describes.
-    #[error("{key} is damaged: {detail}")]
+    #[error("{name} at {key} is damaged: {detail}")]
     Damaged {
+        /// Name of the file.
+        name: String,
         /// The key.
         key: String,
         /// The difference.

@@ -6,6 +6,7 @@
 //! - A key shows either nothing or the whole file. A local file is staged in the same folder,
 //!   synced and renamed; an object store shows an upload once it is complete.
 //! - A key belongs to one attempt ([`key()`]), so two attempts never write the same key.
+//! - An object is one file, or a *pack* of small files of one attempt, which costs one write.
 //! - A file is an artifact only once the record of a job names it.
 //!   [`Sweeper`](super::sweep::Sweeper) removes orphans.
 //! - A file is hashed while it is uploaded, and its size is compared afterwards. A recorded file
@@ -16,21 +17,25 @@
 //! | `local`, `s3` | the two kinds of store |
 //! | `checked` | comparison of a file with its record while it is read |
 //! | `listing` | objects in pages, for sweeps |
+//! | `small` | files that are written in one request, alone or in a pack |
 
 mod checked;
 mod error;
 mod listing;
 mod local;
 mod s3;
+mod small;
 
+pub use checked::Chunks;
 pub use error::ArtifactError;
 pub(super) use listing::Listing;
+pub use small::Stored;
 
 use super::error::with_causes;
 use super::job::{File, JobId};
 use crate::availability::Availability;
 use bytes::Bytes;
-use checked::{check_size, checked};
+use checked::{check_size, checked, damaged};
 use futures_util::future::BoxFuture;
 use futures_util::stream::BoxStream;
 use futures_util::{FutureExt, StreamExt, TryStreamExt};
@@ -39,15 +44,13 @@ use object_store::buffered::BufWriter;
 use object_store::path::Path as Key;
 use object_store::{GetOptions, GetRange, ObjectMeta, ObjectStore, ObjectStoreExt};
 use sha2::{Digest, Sha256};
+use small::{PART, read_pack, read_small};
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
-/// Maximum size of a file that is uploaded in one request, and of the parts of larger files, bytes.
-/// S3 requires 5 MiB or more.
-const PART: usize = 8 << 20;
 /// Size of a read from a scratch file, bytes.
 const CHUNK: usize = 1 << 20;
 /// Size of the file that a check writes, bytes.
@@ -59,15 +62,6 @@ pub(super) const PROBES: &str = "probe";
 /// Number of concurrent requests for the existence of keys.
 const HEADS: usize = 16;
 
-/// Result of an upload.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Stored {
-    /// Size of the file.
-    pub bytes: u64,
-    /// SHA-256 of the uploaded bytes, lower-case hex.
-    pub sha256: String,
-}
-
 /// A download of a file or a part of it.
 pub struct Download {
     /// Size of the whole file, bytes.
@@ -75,7 +69,7 @@ pub struct Download {
     /// Range of the file that `stream` contains.
     pub range: Range<u64>,
     /// The bytes.
-    pub stream: BoxStream<'static, Result<Bytes, ArtifactError>>,
+    pub stream: Chunks,
 }
 
 impl std::fmt::Debug for Download {
@@ -143,6 +137,35 @@ impl Artifacts {
         Ok(Key::from(key))
     }
 
+    /// Stores the files at `paths`, which must be small, one after the other as one object under
+    /// `key`. Nothing is visible until all are complete.
+    ///
+    /// # Errors
+    /// [`ArtifactError::Scratch`], [`ArtifactError::Link`], [`ArtifactError::Store`]; then nothing
+    /// is visible.
+    pub async fn put_pack(&self, key: &str, paths: Vec<PathBuf>) -> Result<Vec<Stored>, ArtifactError> {
+        self.noted(self.write_pack(key, paths).await)
+    }
+
+    async fn write_pack(&self, key: &str, paths: Vec<PathBuf>) -> Result<Vec<Stored>, ArtifactError> {
+        let location = self.location(key).await?;
+        let (bytes, stored) = read_pack(paths).await?;
+        let size = bytes.len() as u64;
+        self.store.put(&location, bytes.into()).await?;
+        self.check_written(&location, size).await?;
+        Ok(stored)
+    }
+
+    /// Compares the size of a new object with the bytes written.
+    async fn check_written(&self, location: &Key, bytes: u64) -> Result<(), ArtifactError> {
+        let size = self.store.head(location).await?.size;
+        if size != bytes {
+            let detail = format!("{location} has {size} bytes after an upload of {bytes}");
+            return Err(ArtifactError::Store(detail.into()));
+        }
+        Ok(())
+    }
+
     /// Stores the file at `path` under `key`, streaming it; nothing is visible until it is
     /// complete.
     ///
@@ -162,11 +185,7 @@ impl Artifacts {
             }
             None => self.write_in_parts(&location, path).await?,
         };
-        let size = self.store.head(&location).await?.size;
-        if size != stored.bytes {
-            let detail = format!("{key} has {size} bytes after an upload of {}", stored.bytes);
-            return Err(ArtifactError::Store(detail.into()));
-        }
+        self.check_written(&location, stored.bytes).await?;
         Ok(stored)
     }
 
@@ -242,33 +261,44 @@ impl Artifacts {
 
     /// Opens a recorded file, or its bytes in `range`. A whole file is compared with its record
     /// while it is read: the stream ends with [`ArtifactError::Damaged`] before the last bytes of a
-    /// damaged file. Of a file that is read in part, only the size is compared.
+    /// damaged file. Of a file that is read in part, only the size is compared; of one in a pack,
+    /// whether the pack is long enough.
     ///
     /// # Errors
     /// [`ArtifactError::Damaged`] for another size than the recorded one; the others of
     /// [`Artifacts::get_range`].
-    pub async fn open(&self, file: &File, range: Option<Range<u64>>) -> Result<Download, ArtifactError> {
+    pub async fn open(&self, file: &File, range: Option<Range<u64>>) -> Result<Chunks, ArtifactError> {
         let range = range.filter(|range| *range != (0..file.bytes));
         let is_whole = range.is_none();
-        let download = match self.get_range(&file.key, range).await {
-            Err(ArtifactError::Range(detail)) => {
-                return Err(ArtifactError::Damaged { key: file.key.clone(), detail });
-            }
+        let place = match (range, file.start) {
+            (None, None) => None,
+            (range, _) => Some(file.place(range.unwrap_or(0..file.bytes))),
+        };
+        let download = match self.get_range(&file.key, place).await {
+            Err(ArtifactError::Range(detail)) => return Err(damaged(file, detail)),
             opened => opened?,
         };
-        check_size(file, download.size)?;
-        let stream = if is_whole { checked(download.stream, file) } else { download.stream };
-        Ok(Download { stream, ..download })
+        let held = match file.start {
+            None => download.size,
+            Some(start) => download.size.saturating_sub(start).min(file.bytes),
+        };
+        check_size(file, held)?;
+        Ok(if is_whole { checked(download.stream, file) } else { download.stream })
     }
 
-    /// The bytes of the file under `key` in each of `ranges`, which must not be empty or extend
-    /// beyond the end. One request reads all ranges of an object store with gaps below one
-    /// mebibyte.
+    /// The bytes of a recorded file in each of `ranges`, which must not be empty or extend beyond
+    /// the end. One request reads all ranges of an object store with gaps below one mebibyte.
     ///
     /// # Errors
+    /// [`ArtifactError::Damaged`] for a range beyond the end of the recorded file;
     /// [`ArtifactError::NotFound`], [`ArtifactError::Link`], [`ArtifactError::Store`].
-    pub async fn get_ranges(&self, key: &str, ranges: &[Range<u64>]) -> Result<Vec<Bytes>, ArtifactError> {
-        Ok(self.store.get_ranges(&self.location(key).await?, ranges).await?)
+    pub async fn get_ranges(&self, file: &File, ranges: &[Range<u64>]) -> Result<Vec<Bytes>, ArtifactError> {
+        if let Some(outside) = ranges.iter().find(|range| range.end > file.bytes) {
+            let detail = format!("bytes {}..{} of {}", outside.start, outside.end, file.bytes);
+            return Err(damaged(file, detail));
+        }
+        let places: Vec<Range<u64>> = ranges.iter().map(|range| file.place(range.clone())).collect();
+        Ok(self.store.get_ranges(&self.location(&file.key).await?, &places).await?)
     }
 
     /// The whole file under `key`.
@@ -433,25 +463,9 @@ impl Artifacts {
     }
 }
 
-/// Reads a file that is uploaded in one request, in one blocking task; `None` for a larger file.
-async fn read_small(path: &Path) -> Result<Option<(Bytes, Stored)>, ArtifactError> {
-    let from = path.to_owned();
-    let read = tokio::task::spawn_blocking(move || {
-        if std::fs::metadata(&from)?.len() > PART as u64 {
-            return Ok(None);
-        }
-        let bytes = Bytes::from(std::fs::read(&from)?);
-        let stored = Stored { bytes: bytes.len() as u64, sha256: hex::encode(Sha256::digest(&bytes)) };
-        Ok(Some((bytes, stored)))
-    });
-    let read = read.await.unwrap_or_else(|error| Err(std::io::Error::other(error)));
-    read.map_err(|source| ArtifactError::Scratch { path: path.to_owned(), source })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::path::PathBuf;
 
     fn fixture(bytes: usize) -> (tempfile::TempDir, Artifacts, PathBuf, Vec<u8>) {
         let dir = tempfile::tempdir().unwrap();
@@ -479,13 +493,19 @@ mod tests {
             assert!(read.concat() == data[100..900]);
             let tail = artifacts.get_range("models/a/1/model.glb", Some(bytes as u64 - 5..u64::MAX)).await.unwrap();
             assert_eq!(tail.range, bytes as u64 - 5..bytes as u64);
-            let parts = artifacts.get_ranges("models/a/1/model.glb", &[900..950, 0..7, 7..20]).await.unwrap();
+            let file = recorded("models/a/1/model.glb", bytes as u64);
+            let parts = artifacts.get_ranges(&file, &[900..950, 0..7, 7..20]).await.unwrap();
             assert!(parts == [&data[900..950], &data[..7], &data[7..20]]);
             for bad in [bytes as u64..bytes as u64 + 1, 5..5] {
                 let error = artifacts.get_range("models/a/1/model.glb", Some(bad)).await.unwrap_err();
                 assert!(matches!(error, ArtifactError::Range(_)), "{error}");
             }
         }
+    }
+
+    fn recorded(key: &str, bytes: u64) -> File {
+        let [name, media_type, sha256] = std::array::from_fn(|_| String::new());
+        File { name, media_type, bytes, sha256, key: key.to_owned(), start: None }
     }
 
     #[tokio::test]
@@ -535,7 +555,8 @@ mod tests {
             is_link(artifacts.read_all(key).await.map(drop));
             is_link(artifacts.get_range(key, None).await.map(drop));
             is_link(artifacts.get_range(key, Some(0..1)).await.map(drop));
-            is_link(artifacts.get_ranges(key, &[0..1, 2..3]).await.map(drop));
+            let file = recorded(key, 6);
+            is_link(artifacts.get_ranges(&file, &[0..1, 2..3]).await.map(drop));
             is_link(artifacts.put_file(key, &path).await.map(drop));
             is_link(artifacts.put_bytes(key, Bytes::from_static(b"new")).await);
             is_link(artifacts.missing(&keys).await.map(drop));

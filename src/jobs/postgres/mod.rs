@@ -59,7 +59,7 @@ const PLANS: [(&str, &str); 7] = [
 ];
 
 /// Migrations of the tables, oldest first.
-const MIGRATIONS: [(&str, &str); 15] = migrations![
+const MIGRATIONS: [(&str, &str); 16] = migrations![
     "0001_jobs",
     "0002_priorities",
     "0003_traces",
@@ -74,6 +74,7 @@ const MIGRATIONS: [(&str, &str); 15] = migrations![
     "0012_worker_conditions",
     "0013_fit_lane",
     "0014_operations",
+    "0015_packs",
     "0016_functions",
 ];
 

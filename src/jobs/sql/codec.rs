@@ -37,6 +37,7 @@ value_from! {
     Option<u32>: n => Self::Int(n.map(i64::from));
     // Saturates at the largest integer of the database, which no count reaches.
     u64: n => Self::Int(Some(i64::try_from(n).unwrap_or(i64::MAX)));
+    Option<u64>: n => n.map_or(Self::Int(None), Self::from);
     Timestamp: at => Self::Int(Some(at.as_microsecond()));
     Option<Timestamp>: at => Self::Int(at.map(Timestamp::as_microsecond));
     // Microseconds.

@@ -56,12 +56,12 @@ impl Store {
         tx.all(sql, values![before]).await?.iter().map(|row| Ok(JobId(row.id("id")?))).collect()
     }
 
-    /// Bytes of all files that jobs name; each key counts once.
+    /// Bytes of all files that jobs name; a file of several jobs counts once.
     pub async fn stored_bytes(&self) -> Result<u64, StoreError> {
         let tx = &mut self.read("stored_bytes").await?;
         let sql = format!(
             "SELECT CAST(COALESCE(SUM(bytes), 0) AS BIGINT) AS n \
-             FROM (SELECT MAX(bytes) AS bytes FROM files{} GROUP BY key) AS kept",
+             FROM (SELECT MAX(bytes) AS bytes FROM files{} GROUP BY key, start) AS kept",
             tx.either(" INDEXED BY files_by_key", ""),
         );
         Ok(tx.one(sql, values![]).await?.count("n")?)

@@ -29,13 +29,15 @@ pub(super) fn select_jobs(tx: &Tx<'_>) -> &'static str {
         "SELECT j.*, \
          (SELECT t.worker FROM attempts t WHERE t.job_id = j.id ORDER BY t.attempt DESC LIMIT 1) AS worker, \
          (SELECT json_group_array(json_object('name', f.name, 'media_type', f.media_type, 'bytes', f.bytes, \
-         'sha256', f.sha256, 'key', f.key)) FROM (SELECT * FROM files WHERE job_id = j.id ORDER BY ordinal) f) \
+         'sha256', f.sha256, 'key', f.key, 'start', f.start)) \
+         FROM (SELECT * FROM files WHERE job_id = j.id ORDER BY ordinal) f) \
          AS files, \
          (SELECT json_group_object(l.name, l.value) FROM labels l WHERE l.job_id = j.id) AS labels ",
         "SELECT j.*, \
          (SELECT t.worker FROM attempts t WHERE t.job_id = j.id ORDER BY t.attempt DESC LIMIT 1) AS worker, \
          (SELECT COALESCE(json_agg(json_build_object('name', f.name, 'media_type', f.media_type, 'bytes', f.bytes, \
-         'sha256', f.sha256, 'key', f.key) ORDER BY f.ordinal), '[]')::text FROM files f WHERE f.job_id = j.id) \
+         'sha256', f.sha256, 'key', f.key, 'start', f.start) ORDER BY f.ordinal), '[]')::text \
+         FROM files f WHERE f.job_id = j.id) \
          AS files, \
          (SELECT COALESCE(json_object_agg(l.name, l.value), '{}')::text FROM labels l WHERE l.job_id = j.id) AS labels ",
     )

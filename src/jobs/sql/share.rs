@@ -147,8 +147,9 @@ async fn succeed(tx: &mut Tx<'_>, job: &Job, outputs: &str, wanted: &Outputs) ->
     let rows = tx.all(sql, values).await?;
     let names = job.files.iter().map(|file| &file.name).filter(|name| wanted.want(name));
     let sql = format!(
-        "INSERT INTO files (job_id, ordinal, name, media_type, bytes, sha256, key) \
-         SELECT j.id, o.ordinal, o.name, o.media_type, o.bytes, o.sha256, o.key FROM files o CROSS JOIN jobs j \
+        "INSERT INTO files (job_id, ordinal, name, media_type, bytes, sha256, key, start) \
+         SELECT j.id, o.ordinal, o.name, o.media_type, o.bytes, o.sha256, o.key, o.start \
+         FROM files o CROSS JOIN jobs j \
          WHERE o.job_id = $1 AND o.name {in_list}$2)) AND j.id {in_list}$3))",
         in_list = tx.either("IN (SELECT value FROM json_each(", "= ANY (("),
     );

@@ -456,9 +456,9 @@ pub(super) async fn insert_files(
     files: impl Iterator<Item = &File>,
 ) -> Result<(), SqlError> {
     let row = |(ordinal, file): (u64, &File)| {
-        values![id, ordinal, &file.name, &file.media_type, file.bytes, &file.sha256, &file.key]
+        values![id, ordinal, &file.name, &file.media_type, file.bytes, &file.sha256, &file.key, file.start]
     };
-    let sql = "INSERT INTO files (job_id, ordinal, name, media_type, bytes, sha256, key) VALUES ";
+    let sql = "INSERT INTO files (job_id, ordinal, name, media_type, bytes, sha256, key, start) VALUES ";
     insert_rows(tx, sql, (0..).zip(files).map(row).collect()).await
 }
 

@@ -2,7 +2,7 @@
 //! state that outlives processes.
 
 use super::codec::{json, parse, until, values};
-use super::error::SqlError;
+use super::error::{SqlError, broken};
 use super::operation::{Done, Run, Uncertain};
 use super::store::Store;
 use super::tx::{Row, Tx};
@@ -122,13 +122,14 @@ impl Store {
         self.apply("record_round", seen, |seen, tx, options| Box::pin(record(seen, options, tx)), RECORDS).await
     }
 
-    /// Files that records name, by key: the `limit` ones after the key `after`. A file of several
-    /// jobs comes once.
-    pub async fn files_after(&self, after: &str, limit: u32) -> Result<Vec<File>, StoreError> {
+    /// Files that records name, by key and position: the `limit` ones after the file `after`. A file
+    /// of several jobs comes once.
+    pub async fn files_after(&self, after: Option<&File>, limit: u32) -> Result<Vec<File>, StoreError> {
         let tx = &mut self.read("files_after").await?;
         let sql = format!(
-            "SELECT key, MIN(name) AS name, MIN(media_type) AS media_type, MIN(bytes) AS bytes, MIN(sha256) AS sha256 \
-             FROM files{} WHERE key > $1 GROUP BY key ORDER BY key LIMIT {limit}",
+            "SELECT key, start, MIN(name) AS name, MIN(media_type) AS media_type, MIN(bytes) AS bytes, \
+             MIN(sha256) AS sha256 FROM files{} WHERE key >= $1 AND (key > $1 OR start > $2) \
+             GROUP BY key, start ORDER BY key, start LIMIT {limit}",
             tx.either(" INDEXED BY files_by_key", ""),
         );
         let file = |row: &Row| {
@@ -138,15 +139,18 @@ impl Store {
                 bytes: row.count("bytes")?,
                 sha256: row.get("sha256")?,
                 key: row.get("key")?,
+                start: row.get::<Option<i64>>("start")?.map(u64::try_from).transpose().map_err(broken)?,
             })
         };
-        tx.all(sql, values![after]).await?.iter().map(file).collect()
+        let (key, start) = after.map_or(("", None), |file| (&*file.key, file.start));
+        tx.all(sql, values![key, start]).await?.iter().map(file).collect()
     }
 
-    /// Jobs whose records name the file under `key`.
-    pub async fn jobs_with_file(&self, key: &str) -> Result<Vec<JobId>, StoreError> {
+    /// Jobs whose records name this file.
+    pub async fn jobs_with_file(&self, file: &File) -> Result<Vec<JobId>, StoreError> {
         let tx = &mut self.read("jobs_with_file").await?;
-        let rows = tx.all("SELECT DISTINCT job_id FROM files WHERE key = $1 ORDER BY job_id", values![key]).await?;
+        let sql = "SELECT DISTINCT job_id FROM files WHERE key = $1 AND COALESCE(start, 0) = $2 ORDER BY job_id";
+        let rows = tx.all(sql, values![&file.key, file.start.unwrap_or_default()]).await?;
         rows.iter().map(|row| Ok(JobId(row.id("job_id")?))).collect()
     }
 

@@ -32,7 +32,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Migrations of the tables, oldest first.
-const MIGRATIONS: [(&str, &str); 16] = migrations![
+const MIGRATIONS: [(&str, &str); 17] = migrations![
     "0001_jobs",
     "0002_operations",
     "0003_fair_share",
@@ -49,6 +49,7 @@ const MIGRATIONS: [(&str, &str); 16] = migrations![
     "0014_worker_conditions",
     "0015_fit_lane",
     "0016_operations",
+    "0017_packs",
 ];
 
 /// Maximum wait of a connection for a lock of another process.

@@ -121,14 +121,17 @@ impl Cpu {
             JobKind::Fit => {}
         }
         let thread = tokio::task::spawn_blocking(move || {
-            let Task { job, dir, sink, cancel, memory_limit_bytes, checkpoint } = &task;
-            let (memory_limit_bytes, checkpoint) = (*memory_limit_bytes, checkpoint.as_deref());
-            let input = GenerationInput { job, backend, dir: dir.path(), memory_limit_bytes, checkpoint };
+            let Task { job, spec, dir, sink, cancel, memory_limit_bytes, checkpoint } = &task;
+            let (spec, memory_limit_bytes, checkpoint) = (spec.as_ref(), *memory_limit_bytes, checkpoint.as_deref());
+            let input = GenerationInput { job, spec, backend, dir: dir.path(), memory_limit_bytes, checkpoint };
             match job.kind {
                 JobKind::Model => {
                     let _computing = gate.model();
                     let generate = || generator(input, &**sink, cancel).map(GenerationOutput::from);
-                    pool.install(|| sink.span.in_scope(generate))
+                    let made = pool.install(|| sink.span.in_scope(generate));
+                    // The next model of this worker begins here.
+                    drop(permit);
+                    made
                 }
                 JobKind::Fit => {
                     let _present = gate.fit();
@@ -145,7 +148,7 @@ impl Cpu {
                 Err(error) => Err(GenerateFailure::Verdict(verdict::of_join(error))),
             }
         };
-        Generation::new(result, cancel, Some(permit))
+        Generation::new(result, cancel)
     }
 
     fn pool(&self, backend: UsedBackend) -> &Arc<ThreadPool> {

@@ -94,7 +94,7 @@ impl Gpu {
                     Err(_) => Err(GenerateFailure::Verdict(verdict::of_silence())),
                 }
             };
-            generations.push(Generation::new(result, task.cancel.clone(), None));
+            generations.push(Generation::new(result, task.cancel.clone()));
         }
         if tasks.is_empty() {
             return generations;
@@ -123,10 +123,17 @@ impl Gpu {
 }
 
 fn member<'a>(task: &'a Task, plan: Option<&'a Plan>) -> BatchMember<'a> {
-    let Task { job, dir, sink, cancel, memory_limit_bytes, .. } = task;
+    let Task { job, spec, dir, sink, cancel, memory_limit_bytes, .. } = task;
     let (backend, memory_limit_bytes) = (UsedBackend::Gpu, *memory_limit_bytes);
     BatchMember {
-        input: GenerationInput { job, backend, dir: dir.path(), memory_limit_bytes, checkpoint: None },
+        input: GenerationInput {
+            job,
+            spec: spec.as_ref(),
+            backend,
+            dir: dir.path(),
+            memory_limit_bytes,
+            checkpoint: None,
+        },
         plan,
         sink: &**sink,
         cancel,

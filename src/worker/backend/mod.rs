@@ -15,11 +15,12 @@ use std::future::Future;
 use std::path::PathBuf;
 use std::pin::Pin;
 use std::sync::Arc;
-use tokio::sync::OwnedSemaphorePermit;
 
 /// Input of a generation. Owned, because the thread may outlive the attempt that started it.
 pub(super) struct Task {
     pub(super) job: Job,
+    /// The spec of a model, read before the threads were free.
+    pub(super) spec: Option<ModelSpec>,
     pub(super) dir: Arc<AttemptDir>,
     pub(super) sink: Arc<AttemptSink>,
     pub(super) cancel: CancelToken,
@@ -72,23 +73,17 @@ impl From<Outcome> for GenerationOutput {
 pub(super) struct Generation {
     result: Pin<Box<dyn Future<Output = Result<GenerationOutput>> + Send>>,
     cancel: CancelToken,
-    /// Right to use the CPU threads, for a generation on the CPU.
-    _threads: Option<OwnedSemaphorePermit>,
 }
 
 impl Generation {
     /// A generation whose `result` resolves when its threads have stopped, even after `cancel`.
-    fn new(
-        result: impl Future<Output = Result<GenerationOutput>> + Send + 'static,
-        cancel: CancelToken,
-        threads: Option<OwnedSemaphorePermit>,
-    ) -> Self {
-        Self { result: Box::pin(result), cancel, _threads: threads }
+    fn new(result: impl Future<Output = Result<GenerationOutput>> + Send + 'static, cancel: CancelToken) -> Self {
+        Self { result: Box::pin(result), cancel }
     }
 
     /// A generation that a GPU could not begin.
     pub(super) fn refused(reason: String) -> Self {
-        Self::new(async move { Err(GenerateFailure::Gpu(reason)) }, CancelToken::default(), None)
+        Self::new(async move { Err(GenerateFailure::Gpu(reason)) }, CancelToken::default())
     }
 
     /// Waits for the result. May be dropped and called again until it has resolved.
@@ -114,17 +109,20 @@ pub(super) struct Prediction {
     pub(super) seconds: f64,
     /// Size of all files, bytes.
     pub(super) bytes: u64,
+    /// The spec of a model.
+    pub(super) spec: Option<ModelSpec>,
 }
 
 /// Predicts the cost of a job; `None` if its spec is not valid for this engine.
 pub(super) fn predict(job: &Job) -> Option<Prediction> {
     if job.kind == JobKind::Fit {
-        return fit_of(job).ok().map(|fit| Prediction { seconds: fit.predicted_seconds(), bytes: 0 });
+        return fit_of(job).ok().map(|fit| Prediction { seconds: fit.predicted_seconds(), bytes: 0, spec: None });
     }
-    let cost = Cost::new(&resolve(job).ok()?, &job.outputs);
+    let spec = resolve(job).ok()?;
+    let cost = Cost::new(&spec, &job.outputs);
     let bytes = cost.bytes.values().fold(0_u64, |sum, bytes| sum.saturating_add(*bytes));
     let seconds = cost.seconds.values().map(|estimate| estimate.seconds).fold(0.0, f64::max);
-    Some(Prediction { seconds, bytes })
+    Some(Prediction { seconds, bytes, spec: Some(spec) })
 }
 
 /// The request of a fit.
@@ -147,7 +145,7 @@ fn request(input: GenerationInput<'_>) -> std::result::Result<Request, WorkError
     let job = input.job;
     Ok(Request {
         preset: job.preset.clone(),
-        spec: resolve(job)?,
+        spec: input.spec.map_or_else(|| resolve(job), |spec| Ok(spec.clone()))?,
         seed: job.seed,
         backend: input.backend.into(),
         outputs: job.outputs.clone(),

@@ -75,6 +75,7 @@ pub async fn a_batch_is_removed_with_all_its_jobs(factory: Factory) {
     let mut removed = bench.store.delete_batch(batch.id).await.unwrap().unwrap();
     removed.sort();
     keys.sort();
+    keys.dedup();
     assert_eq!(removed, keys, "the reused model still names its files");
     assert_eq!(bench.beat(&running).await, Directive::Lost);
     assert_eq!(bench.store.batch(batch.id).await.unwrap(), None);

@@ -166,6 +166,7 @@ impl History {
             gone.into_iter().map(|file| file.key).filter(|key| !kept.iter().any(|file| file.key == *key)).collect();
         keys.sort();
         alone.sort();
+        alone.dedup();
         assert_eq!(keys, alone);
     }
 

@@ -41,7 +41,7 @@ use oviduct::jobs::{
     WorkerKind, WorkerState, Workforce,
 };
 use oviduct::model::{BodyKind, LengthUnit};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::time::Duration;
 
 /// Creates an empty store. The second value owns resources that the store needs, such as its
@@ -193,24 +193,32 @@ fn progress(fraction: f64) -> JobProgress {
     })
 }
 
-fn file(claimed: &ClaimedJob, name: &str) -> File {
+fn file(claimed: &ClaimedJob, name: &str, object: &str, start: Option<u64>) -> File {
     File {
         name: name.into(),
         media_type: "application/octet-stream".into(),
         bytes: 5,
         sha256: "00".repeat(32),
-        key: oviduct::jobs::artifacts::key(claimed.job().id, claimed.attempt(), name),
+        key: oviduct::jobs::artifacts::key(claimed.job().id, claimed.attempt(), object),
+        start,
     }
 }
 
+/// A result with two files in a pack and one alone.
 pub fn finished(claimed: &ClaimedJob) -> Finished {
-    let names = ["sections.bin", "report.json", "model.glb"];
+    let [packed, second] =
+        [("sections.bin", 0), ("report.json", 5)].map(|(name, start)| file(claimed, name, "pack", Some(start)));
     Finished {
         backend: by_cpu(),
-        files: names.iter().map(|name| file(claimed, name)).collect(),
+        files: vec![packed, second, file(claimed, "model.glb", "model.glb", None)],
         summary: serde_json::json!({ "vertices": 790_211 }),
         engine: oviduct::ENGINE_VERSION.into(),
     }
+}
+
+/// Number of objects that have these files.
+pub fn objects<'a>(files: impl IntoIterator<Item = &'a File>) -> usize {
+    files.into_iter().map(|file| &file.key).collect::<BTreeSet<_>>().len()
 }
 
 struct Bench {

@@ -111,7 +111,8 @@ pub async fn an_owner_has_a_quota(factory: Factory) {
 }
 
 fn file(name: &str, bytes: u64, key: &str) -> File {
-    File { name: name.into(), media_type: "text/plain".into(), bytes, sha256: "0".repeat(64), key: key.into() }
+    let sha256 = "0".repeat(64);
+    File { name: name.into(), media_type: "text/plain".into(), bytes, sha256, key: key.into(), start: None }
 }
 
 pub(super) fn new_key(secret: &Secret, owner: &str, expires_at: Option<Timestamp>) -> NewKey {

@@ -68,6 +68,7 @@ pub async fn delete_in_every_state(factory: Factory) {
     keys.sort();
     let mut named: Vec<_> = succeeded.files.iter().map(|file| file.key.clone()).collect();
     named.sort();
+    named.dedup();
     assert_eq!(keys, named);
     assert!(!bench.uses(&keys[0]).await);
     for id in [queued, running, succeeded.id] {
@@ -176,7 +177,8 @@ pub async fn bodies_and_units_are_kept_and_decide_what_is_reused(factory: Factor
     let id = bench.submit(made.clone()).await.id;
     assert_eq!(bench.get(id).await.outputs, made.outputs);
     let claimed = bench.claim("w").await.unwrap();
-    let files = ["model.glb", "lumen.glb", "model.stl", "lumen.stl", "report.json"].map(|name| file(&claimed, name));
+    let files = ["model.glb", "lumen.glb", "model.stl", "lumen.stl", "report.json"]
+        .map(|name| file(&claimed, name, name, None));
     let finished = Finished { files: files.to_vec(), ..finished(&claimed) };
     bench.store.finish(claimed, finished).await.unwrap();
     let names = |job: &Job| job.files.iter().map(|file| file.name.clone()).collect::<Vec<_>>();
@@ -200,7 +202,7 @@ pub async fn shared_files_go_with_the_last_job(factory: Factory) {
     let third = bench.store.submit(new_job("d")).await.unwrap().job().clone();
     assert_eq!(third.reused_from, Some(second.id));
     assert_eq!(bench.store.delete(third.id).await.unwrap(), Some(vec![]));
-    assert_eq!(bench.store.delete(second.id).await.unwrap().unwrap().len(), made.files.len());
+    assert_eq!(bench.store.delete(second.id).await.unwrap().unwrap().len(), objects(&made.files));
     assert!(matches!(bench.store.submit(new_job("d")).await.unwrap(), Submitted::Queued(_)));
 }
 

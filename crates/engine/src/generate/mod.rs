@@ -90,6 +90,10 @@ fn begin(
     match request.backend {
         Backend::Gpu => Err(GenerateError::Backend { detail: "a GPU needs a device: use generate_batch".into() }),
         Backend::Auto | Backend::Cpu => run(request, from, sink, cancel),
+        // The caller has a pool of one thread already.
+        Backend::CpuSingle if rayon::current_thread_index().is_some() && rayon::current_num_threads() == 1 => {
+            run(request, from, sink, cancel)
+        }
         Backend::CpuSingle => rayon::ThreadPoolBuilder::new()
             .num_threads(1)
             .build()

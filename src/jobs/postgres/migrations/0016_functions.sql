@@ -112,12 +112,13 @@ BEGIN
         UPDATE attempts a SET ended_at = moment, outcome = 'succeeded' FROM ended
         WHERE a.job_id = ended.id AND a.attempt = ended.attempts
     ), stored AS (
-        INSERT INTO files (job_id, ordinal, name, media_type, bytes, sha256, key)
-        SELECT ended.id, f.ordinal - 1, f.name, f.media_type, f.bytes, f.sha256, f.key
+        INSERT INTO files (job_id, ordinal, name, media_type, bytes, sha256, key, start)
+        SELECT ended.id, f.ordinal - 1, f.name, f.media_type, f.bytes, f.sha256, f.key, f.start
         FROM ended JOIN json_to_recordset(ends) AS e (id text, files json) ON e.id = ended.id
         CROSS JOIN LATERAL ROWS FROM (
-            json_to_recordset(e.files) AS (name text, media_type text, bytes bigint, sha256 text, key text)
-        ) WITH ORDINALITY AS f (name, media_type, bytes, sha256, key, ordinal)
+            json_to_recordset(e.files)
+            AS (name text, media_type text, bytes bigint, sha256 text, key text, start bigint)
+        ) WITH ORDINALITY AS f (name, media_type, bytes, sha256, key, start, ordinal)
     )
     SELECT id, version FROM ended;
 END $$;
