@@ -17,8 +17,8 @@ use tokio_util::sync::CancellationToken;
 const RETRY_LIMIT: u32 = 60;
 /// Maximum wait between two retries, in the same units.
 const MAX_WAIT: u32 = 5;
-/// Maximum size of a file that is stored in the pack of its attempt, bytes. The pack costs one write
-/// to disk or one request, which takes longer than to copy the bytes.
+/// Maximum size of a file that is stored in the pack of its attempt, bytes. A write to disk or a
+/// request takes longer than to copy so many bytes.
 const SMALL: u64 = 256 << 10;
 /// Name of the pack of an attempt, in its key.
 const PACK: &str = "pack";

@@ -200,8 +200,8 @@ impl End {
 }
 
 /// Ends those of `ends` that succeeded, by one statement of PostgreSQL that is a transaction by
-/// itself. Returns the changes by job. Left are attempts that are no longer held, and jobs that were
-/// cancelled or that other jobs wait for.
+/// itself. Returns the changes by job. Attempts that are no longer held, and jobs that were
+/// cancelled or that other jobs wait for, are left to [`Operation::run`].
 async fn succeed_together(tx: &mut Tx<'_>, ends: &[Arc<End>]) -> Result<HashMap<JobId, Change>, SqlError> {
     let attempt = |end: &Arc<End>| {
         let Finished { backend, files, summary, engine } = end.finished()?;

@@ -18,7 +18,7 @@ pub(in crate::jobs) struct Place {
 #[derive(Debug, Default)]
 pub(super) struct FarPlace(Mutex<Option<(Place, i64)>>);
 
-/// Maximum number of changes of the queue in transactions that are under way while jobs are counted.
+/// Maximum number of changes of the queue by transactions that run while jobs are counted.
 const CHANGES_UNDER_WAY: i64 = 1000;
 
 impl FarPlace {

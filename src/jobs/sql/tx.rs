@@ -278,8 +278,8 @@ impl<'c> Tx<'c> {
         })
     }
 
-    /// The rows of a statement of PostgreSQL that is a transaction by itself, unless the transaction
-    /// has begun. If it fails, the outcome is unknown.
+    /// The rows of a statement of PostgreSQL that is a transaction by itself, unless one has begun.
+    /// If it fails, the outcome is unknown.
     pub(super) async fn all_alone(&mut self, sql: &'static str, values: Vec<Value>) -> Result<Vec<Row>, SqlError> {
         let Connection::Postgres(session) = &mut self.connection else { return self.all(sql, values).await };
         let query = for_postgres(constant(sql), values);
