@@ -251,7 +251,7 @@ def main(binary, folder, primary, replica, bucket):
     assert listener.events[-1:] == ["end"], listener.events
     assert b.call("DELETE", f"/models/{endless}")[0] == 204
 
-    named = set()
+    sizes = {}
     for model, seed in models.items():
         found = b.ended(model)
         assert found["status"] == "succeeded", found
@@ -263,14 +263,22 @@ def main(binary, folder, primary, replica, bucket):
                 assert status == 200 and hashlib.sha256(content).hexdigest() == file["sha256"], (file, status)
         if seed in (0, 1, MODELS - 1, MODELS + 1):
             assert whole == generated(binary, folder, seed), f"the bytes differ from those of the generator, seed {seed}"
-        named.update((model, file["name"], file["bytes"]) for file in found["files"])
+        sizes[model] = {file["name"]: file["bytes"] for file in found["files"]}
     listed = a.json("GET", "/models?limit=100")["models"]
     assert sorted(model["id"] for model in listed) == sorted(models), "these are not the accepted models"
 
     there = bucket.keys()
-    for model, name, size in named:
-        sizes = [bytes for key, bytes in there.items() if f"/{model}/" in key and key.endswith(f"/{name}")]
-        assert size in sizes, f"{name} of {model} is not in the bucket"
+    for model, files in sizes.items():
+        attempts = {}
+        for key, size in there.items():
+            if f"/{model}/" in key:
+                attempt, name = key.rsplit("/", 2)[1:]
+                attempts.setdefault(attempt, {})[name] = size
+        # Small files are one object, the pack of the attempt.
+        whole = [objects for objects in attempts.values()
+                 if sum(objects.values()) == sum(files.values())
+                 and all(files.get(name) == size for name, size in objects.items() if name != "pack")]
+        assert len(whole) == 1, f"the files of {model} are not in the bucket: {files}, {attempts}"
     assert bucket.unfinished() == [], "an upload was left open"
     for model in models:
         status, _, _ = a.call("DELETE", f"/models/{model}")

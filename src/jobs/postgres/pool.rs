@@ -104,8 +104,8 @@ impl Session {
         self.answer_alone(|connection| sqlx::raw_sql(sql).execute(connection)).await.map(drop)
     }
 
-    /// The answer to a statement that begins no transaction. If none has begun, the statement is one
-    /// by itself.
+    /// The answer to a statement that begins no transaction. If none has begun, the statement is
+    /// one by itself.
     pub(in crate::jobs) async fn answer_alone<'s, T, F>(
         &'s mut self,
         send: impl FnOnce(&'s mut PgConnection) -> F + Send,

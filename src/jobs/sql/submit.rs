@@ -156,7 +156,7 @@ impl Submit {
         self.new.quota == Quota::default() && self.new.retry_of.is_none()
     }
 
-    /// Queues a job on PostgreSQL in one statement; if it is `alone`, this is the whole transaction.
+    /// Queues a job on PostgreSQL in one statement, the whole transaction if it is `alone`.
     /// `None` if the job needs [`Operation::run`].
     async fn place_plain(&self, tx: &mut Tx<'_>, options: &StoreOptions, alone: bool) -> Result<Option<Job>, SqlError> {
         const SUBMIT: &str = "SELECT * FROM submit_job($1::json, $2, $3::json, $4, $5, $6, $7, $8, $9)";

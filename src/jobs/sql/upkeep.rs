@@ -122,8 +122,8 @@ impl Store {
         self.apply("record_round", seen, |seen, tx, options| Box::pin(record(seen, options, tx)), RECORDS).await
     }
 
-    /// Files that records name, by key and position: the `limit` ones after the file `after`. A file
-    /// of several jobs comes once.
+    /// Files that records name, by key and position: the `limit` ones after the file `after`. A
+    /// file of several jobs comes once.
     pub async fn files_after(&self, after: Option<&File>, limit: u32) -> Result<Vec<File>, StoreError> {
         let tx = &mut self.read("files_after").await?;
         let sql = format!(

@@ -1,6 +1,6 @@
 //! `bench queue`: what the job store does in a second.
 //!
-//! Jobs are submitted by one caller and by many at a time. Then workers claim them and end them
+//! Jobs are submitted by one caller and by many at a time. Then a worker claims them and ends them
 //! without computing anything. The store is new: SQLite in a temporary directory, or the empty
 //! PostgreSQL database of `--database`. `scripts/bench-queue` runs this next to graphile-worker.
 
@@ -20,8 +20,8 @@ use tokio::task::JoinSet;
 
 /// Numbers of concurrent callers that submit.
 const CALLERS: [u64; 2] = [1, 64];
-/// Number of concurrent workers.
-const WORKERS: u64 = 8;
+/// Number of jobs that a claim takes, and that end at a time.
+const JOBS: u32 = 8;
 /// A lease that does not expire during the benchmark.
 const LEASE: Duration = Duration::from_secs(600);
 
@@ -45,7 +45,7 @@ pub(super) async fn run(quick: bool, database: Option<String>) -> anyhow::Result
     }
     let (count, seconds) = work(&store, time).await?;
     let ends = count as f64 / seconds;
-    lines.push(format!("  claims and ends, {WORKERS} at a time: {ends:.0}"));
+    lines.push(format!("  claims and ends, {JOBS} at a time: {ends:.0}"));
     store.close().await;
     let json = json!({ "store": kind, "submissions_per_second": submissions, "ends_per_second": ends });
     Ok(Report { lines, json, files: Vec::new() })
@@ -97,36 +97,28 @@ fn new_job(spec: &ModelSpec, seed: u64) -> NewJob {
     }
 }
 
-/// Claims and ends queued jobs for `time`. Returns their number and the seconds. Each worker claims
-/// its next job while it ends one, as workers do that run short models.
+/// Claims and ends queued jobs for `time`. Returns their number and the seconds. As the worker of a
+/// GPU, one worker claims the next [`JOBS`] jobs at once, while it ends those before.
 async fn work(store: &Store, time: Duration) -> anyhow::Result<(u64, f64)> {
-    let (ended, watch) = (Arc::new(AtomicU64::new(0)), Stopwatch::start());
-    let mut tasks = JoinSet::new();
-    for worker in 0..WORKERS {
-        let (store, ended) = (store.clone(), Arc::clone(&ended));
-        tasks.spawn(async move {
-            let name = format!("bench-{worker}");
-            let claim = || store.claim(&name, ClaimScope::Cpu, LEASE, 1);
-            let mut next = claim().await?.pop();
-            while let Some(claimed) = next
-                && watch.elapsed() < time
-            {
-                let finished = Finished {
-                    backend: claimed.job().backend.clone(),
-                    files: Vec::new(),
-                    summary: json!({}),
-                    engine: oviduct::ENGINE_VERSION.into(),
-                };
-                let (finished, more) = tokio::join!(store.finish(claimed, finished), claim());
-                finished?;
-                ended.fetch_add(1, Ordering::Relaxed);
-                next = more?.pop();
-            }
-            Ok::<_, oviduct::jobs::StoreError>(())
-        });
+    let (mut ended, watch) = (0, Stopwatch::start());
+    let claim = || store.claim("bench", ClaimScope::Cpu, LEASE, JOBS);
+    let mut claimed = claim().await?;
+    while watch.elapsed() < time && !claimed.is_empty() {
+        ended += claimed.len() as u64;
+        let mut ends = JoinSet::new();
+        for job in claimed {
+            let finished = Finished {
+                backend: job.job().backend.clone(),
+                files: Vec::new(),
+                summary: json!({}),
+                engine: oviduct::ENGINE_VERSION.into(),
+            };
+            let store = store.clone();
+            ends.spawn(async move { store.finish(job, finished).await });
+        }
+        let (ends, next) = tokio::join!(ends.join_all(), claim());
+        ends.into_iter().collect::<Result<Vec<_>, _>>()?;
+        claimed = next?;
     }
-    while let Some(result) = tasks.join_next().await {
-        result.context("a worker panicked")??;
-    }
-    Ok((ended.load(Ordering::Relaxed), watch.seconds()))
+    Ok((ended, watch.seconds()))
 }

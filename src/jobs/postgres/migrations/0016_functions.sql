@@ -50,7 +50,8 @@ BEGIN
         its_turn := GREATEST(COALESCE(running, head, 0), head, own + 1);
     END IF;
     INSERT INTO jobs (id, status, preset, seed, digest, outputs, backend_requested, available_at, created_at,
-        idempotency_key, idempotency_body, spec, engine, submitter, turn, rank, trace, batch_key, retry_of, kind, weight)
+        idempotency_key, idempotency_body, spec, engine, submitter, turn, rank, trace, batch_key, retry_of, kind,
+        weight)
     VALUES (job.id, 'queued', job.preset, job.seed, job.digest, job.outputs, job.backend_requested, 0, job.created_at,
         job.idempotency_key, job.idempotency_body, its_spec, job.engine, job.submitter, its_turn, job.rank, job.trace,
         job.batch_key, job.retry_of, job.kind, job.weight);
@@ -70,7 +71,7 @@ BEGIN
     now := EXTRACT(EPOCH FROM clock_timestamp()) * 1000000;
 END $$;
 
--- Specs are compressed by each submission; lz4 takes a fraction of the time, where the server has it.
+-- Each submission compresses its spec; lz4 takes a fraction of the time, where the server has it.
 DO $$
 BEGIN
     EXECUTE 'ALTER TABLE jobs ALTER COLUMN spec SET COMPRESSION lz4';
@@ -79,8 +80,8 @@ EXCEPTION
 END $$;
 
 -- Ends attempts that have succeeded; see sql/end.rs, which handles those that this function leaves:
--- attempts that are no longer held, and jobs that were cancelled or that equal jobs wait for. "ends"
--- is an array of attempts, "at" their time unless it is that of the database.
+-- attempts that are no longer held, and jobs that were cancelled or that equal jobs wait for.
+-- "ends" is an array of attempts, "at" their time unless it is that of the database.
 CREATE FUNCTION end_jobs(ends json, at bigint) RETURNS TABLE (ended_id text, ended_version bigint)
 LANGUAGE plpgsql AS $$
 #variable_conflict use_column
