@@ -268,17 +268,20 @@ def main(binary, folder, primary, replica, bucket):
     assert sorted(model["id"] for model in listed) == sorted(models), "these are not the accepted models"
 
     there = bucket.keys()
+    tried = {model["id"]: model["attempts"] for model in listed}
     for model, files in sizes.items():
         attempts = {}
         for key, size in there.items():
             if f"/{model}/" in key:
                 attempt, name = key.rsplit("/", 2)[1:]
-                attempts.setdefault(attempt, {})[name] = size
+                attempts.setdefault(int(attempt), {})[name] = size
+        # An attempt that was killed, or whose end was lost in the fail-over, may have left its files.
+        assert max(attempts) == tried[model], f"attempt {tried[model]} of {model} ended: {attempts}"
         # Small files are one object, the pack of the attempt.
-        whole = [objects for objects in attempts.values()
-                 if sum(objects.values()) == sum(files.values())
-                 and all(files.get(name) == size for name, size in objects.items() if name != "pack")]
-        assert len(whole) == 1, f"the files of {model} are not in the bucket: {files}, {attempts}"
+        objects = attempts[tried[model]]
+        assert (sum(objects.values()) == sum(files.values())
+                and all(files.get(name) == size for name, size in objects.items() if name != "pack")
+                ), f"the files of {model} are not in the bucket: {files}, {attempts}"
     assert bucket.unfinished() == [], "an upload was left open"
     for model in models:
         status, _, _ = a.call("DELETE", f"/models/{model}")
