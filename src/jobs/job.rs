@@ -329,6 +329,9 @@ pub struct NewJob {
     /// Key of the jobs that a GPU may simulate together with this one, see
     /// [`crate::spec::batch_key`]. With `None`, a GPU simulates the job alone.
     pub batch_key: Option<String>,
+    /// True if the model is predicted to take at most [`NewJob::SHORT_SECONDS`] on one core, so that
+    /// a CPU worker may run it beside a longer one.
+    pub short: bool,
     /// Idempotency key and a hash of the canonical request body.
     pub idempotency: Option<(String, String)>,
     /// Submitter: the owner of the job, whose turn it takes in the queue. `None` without keys; all
@@ -342,6 +345,11 @@ pub struct NewJob {
     pub trace: Option<String>,
     /// The failed job that this one repeats. It joins the batch of that job.
     pub retry_of: Option<JobId>,
+}
+
+impl NewJob {
+    /// Maximum predicted time of a short model on one core, seconds.
+    pub const SHORT_SECONDS: f64 = 1.0;
 }
 
 /// Result of [`Store::submit`](super::Store::submit).

@@ -21,6 +21,7 @@ impl NewJob {
             reuse: false,
             missing: Vec::new(),
             batch_key: None,
+            short: false,
             idempotency: None,
             owner: None,
             quota: Quota::default(),

@@ -258,6 +258,10 @@ pub enum ClaimScope {
     Cpu,
     /// The claim of a CPU worker that leaves models of `auto` to a GPU worker.
     CpuOnly,
+    /// The claim of a CPU worker that runs a longer model: the short models of [`Self::Cpu`].
+    CpuShort,
+    /// The short models of [`Self::CpuOnly`].
+    CpuOnlyShort,
     /// The claim of a CPU worker that takes a fit.
     Fits,
 }
@@ -268,10 +272,15 @@ impl ClaimScope {
     pub fn lanes(self) -> &'static [Lane] {
         match self {
             Self::Gpu => &[Lane::Auto, Lane::Gpu],
-            Self::Cpu => &[Lane::Auto, Lane::Cpu, Lane::CpuSingle],
-            Self::CpuOnly => &[Lane::Cpu, Lane::CpuSingle],
+            Self::Cpu | Self::CpuShort => &[Lane::Auto, Lane::Cpu, Lane::CpuSingle],
+            Self::CpuOnly | Self::CpuOnlyShort => &[Lane::Cpu, Lane::CpuSingle],
             Self::Fits => &[Lane::Fit],
         }
+    }
+
+    /// True for claims of short models; see [`NewJob::short`](super::NewJob::short).
+    pub(super) fn is_of_short_models(self) -> bool {
+        matches!(self, Self::CpuShort | Self::CpuOnlyShort)
     }
 }
 

@@ -1,7 +1,7 @@
 //! One attempt at a job, from its claim to its end. If a GPU could not grow a job of `auto`, the
 //! same attempt grows it on the CPU.
 
-use super::backend::cpu::{Cpu, Threads};
+use super::backend::cpu::{Cpu, ThreadUse, Threads};
 use super::backend::{self, GenerateFailure, Generation, GenerationOutput, Task};
 use super::checkpoint::{Checkpoints, Mailbox};
 use super::context::Context;
@@ -50,9 +50,8 @@ pub(super) struct Attempt<'a> {
     sink: Arc<AttemptSink>,
     checkpoints: Checkpoints<'a>,
     cancel: CancelToken,
-    /// True if the generation is predicted to take so little time that its worker claims the next
-    /// job at once.
-    is_short: bool,
+    /// Threads that a generation on the CPU uses.
+    threads_used: ThreadUse,
     /// The spec of a model, once it has been read.
     spec: Option<ModelSpec>,
     /// A generation that was told to stop and still runs.
@@ -153,7 +152,7 @@ impl<'a> Attempt<'a> {
                     sink,
                     checkpoints,
                     cancel,
-                    is_short: false,
+                    threads_used: ThreadUse::Long,
                     spec: None,
                     stopping: None,
                 })
@@ -228,11 +227,15 @@ impl<'a> Attempt<'a> {
         let (predicted, spec) =
             backend::predict(self.claim.job.job()).map(|predicted| (predicted.seconds, predicted.spec)).unzip();
         self.spec = spec.flatten();
-        self.is_short = predicted.is_some_and(|seconds| seconds < NEARLY_FREE);
+        self.threads_used = match start {
+            Start::Cpu(Threads::Beside(_)) => ThreadUse::Beside,
+            _ if predicted.is_some_and(|seconds| seconds < NEARLY_FREE) => ThreadUse::Short,
+            _ => ThreadUse::Long,
+        };
         let mut time = self.time_limit(predicted);
         let mut generation = match start {
             Start::Running(generation) => generation,
-            Start::Cpu(Threads::Free(permit)) => self.generate_on(cpu, permit).await?,
+            Start::Cpu(Threads::Free(permit) | Threads::Beside(permit)) => self.generate_on(cpu, permit).await?,
             Start::Cpu(Threads::Soon(free)) => {
                 let free = timeout(THREAD_WAIT, free);
                 let permit = self.lease.hold(&self.claim, &self.sink.progress, free).await?;
@@ -275,7 +278,7 @@ impl<'a> Attempt<'a> {
         let checkpoint = self.lease.hold(&self.claim, &self.sink.progress, checkpoint).await?;
         let backend = self.claim.report.used.unwrap_or(UsedBackend::Cpu);
         let task = Task { checkpoint, ..self.task() };
-        Ok(cpu.generate(Arc::clone(&self.context.generator), backend, task, self.is_short, permit))
+        Ok(cpu.generate(Arc::clone(&self.context.generator), backend, task, self.threads_used, permit))
     }
 
     /// Time limit of all generations of this attempt together. `None`, for no limit, if the spec is

@@ -13,7 +13,8 @@ pub const ALIVE_HEARTBEATS: u32 = 10;
 /// Settings of a pool.
 #[derive(Clone, Debug)]
 pub struct PoolOptions {
-    /// Number of CPU workers. Each grows one model at a time, and runs one fit beside the models.
+    /// Number of CPU workers. Each grows one model at a time, and beside it one short model and one
+    /// fit.
     pub workers: u32,
     /// Number of threads of each worker for `cpu`; at least 1.
     pub threads: usize,

@@ -37,7 +37,7 @@ const MAX_CLAIM_WAIT: Duration = Duration::from_secs(10);
 /// Maximum time for which a shutdown waits for generations that were told to stop.
 const STOP_WAIT: Duration = Duration::from_secs(10);
 /// Maximum number of claims (of a model or a GPU batch) of a worker: it computes one while it
-/// stores the files of the previous. A fit is claimed beside them.
+/// stores the files of the previous. A fit and a short model are claimed beside them.
 const CLAIMS: usize = 2;
 /// Number of heartbeat intervals between two reports of a worker in the same state.
 const SEEN_EVERY: u32 = 5;
@@ -66,10 +66,12 @@ struct Slot {
     stopped: tokio::sync::Mutex<bool>,
 }
 
-/// Jobs that a loop of a worker claims. A CPU worker has a loop for each.
+/// Jobs that a loop of a worker claims. A CPU worker has a loop for each, a GPU worker one for models.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Work {
     Models,
+    /// Short models, while a longer one runs.
+    ShortModels,
     Fits,
 }
 
@@ -192,12 +194,12 @@ async fn run_slot(slot: Arc<Slot>, opening: Arc<Opening>) {
         slot.open(gpu).await;
     }
     drop(opening);
-    let fits = async {
+    let beside = async {
         if slot.gpu.is_none() {
-            claim_until_drained(&slot, Work::Fits).await;
+            tokio::join!(claim_until_drained(&slot, Work::ShortModels), claim_until_drained(&slot, Work::Fits));
         }
     };
-    tokio::join!(claim_until_drained(&slot, Work::Models), fits);
+    tokio::join!(claim_until_drained(&slot, Work::Models), beside);
     slot.stop().await;
 }
 
@@ -260,7 +262,7 @@ async fn claim_jobs(slot: &Arc<Slot>, work: Work, attempts: &mut JoinSet<()>) {
         tokio::select! {
             _ = phase.changed() => {}
             () = sleep(wait) => {}
-            // A fit can wait for the next poll.
+            // Other work can wait for the next poll.
             () = new_job(&mut changes), if !unavailable && work == Work::Models => {}
         }
     }
@@ -329,6 +331,7 @@ impl Slot {
         let compute = match (&self.gpu, work) {
             (Some(gpu), _) => Threads::Free(gpu.free().await),
             (None, Work::Models) => self.cpu.free_soon().await,
+            (None, Work::ShortModels) => self.cpu.free_beside_long().await,
             (None, Work::Fits) => Threads::Free(self.cpu.free_for_fit().await),
         };
         self.context.storage.wait_until_available(&self.context.artifacts, &self.context.scratch).await;
@@ -374,7 +377,12 @@ impl Slot {
             None => {
                 let surfaces_lag = self.context.surfaces_lag.load(Ordering::Relaxed);
                 let fallback = cpu_fallback(store, options, surfaces_lag).await?;
-                let scope = if fallback.is_some() { ClaimScope::Cpu } else { ClaimScope::CpuOnly };
+                let scope = match (work, &fallback) {
+                    (Work::ShortModels, Some(_)) => ClaimScope::CpuShort,
+                    (Work::ShortModels, None) => ClaimScope::CpuOnlyShort,
+                    (_, Some(_)) => ClaimScope::Cpu,
+                    (_, None) => ClaimScope::CpuOnly,
+                };
                 (fallback, scope, 1)
             }
         };

@@ -77,6 +77,7 @@ fn new_job(n: usize) -> NewJob {
         reuse: true,
         missing: Vec::new(),
         batch_key: Some("size 1".into()),
+        short: false,
         idempotency: Some((format!("key {n}"), String::new())),
         owner: Some("key 3".into()),
         quota: Default::default(),

@@ -172,6 +172,7 @@ impl Place {
             reuse: false,
             missing: Vec::new(),
             batch_key: Some(oviduct::spec::batch_key(spec)),
+            short: false,
             idempotency: None,
         };
         self.store.submit(new).await.unwrap().job().id

@@ -188,6 +188,29 @@ async fn the_next_job_is_claimed_during_the_certificate_of_the_one_before_and_wa
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn short_models_run_beside_a_long_one() {
+    let place = Place::fresh(|_| {}).await;
+    let pool = place.start(|_| {});
+    let long = place.queue("hold", 1).await;
+    place.until(long, |job| job.status == Status::Running).await;
+    let waiting = place.queue("ok", 2).await;
+    for seed in 3..6 {
+        let short = place.store.submit(NewJob { short: true, ..scripted("ok", seed) }).await.unwrap().job().id;
+        let ended = place.ended(short).await;
+        assert_eq!((ended.status, ended.attempts), (Status::Succeeded, 1), "{ended:?}");
+        assert_eq!(ended.backend.device.as_deref(), Some("scripted, 1 threads"));
+    }
+    for (id, status) in [(long, Status::Running), (waiting, Status::Queued)] {
+        assert_eq!(place.store.get(id).await.unwrap().unwrap().status, status);
+    }
+    place.open_gate();
+    for id in [long, waiting] {
+        assert_eq!(place.ended(id).await.status, Status::Succeeded);
+    }
+    pool.shutdown(Duration::ZERO).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn the_next_job_is_claimed_once_the_threads_are_free() {
     let place = Place::fresh(|_| {}).await;
     let pool = place.start(|options| options.heartbeat = Duration::from_millis(100));

@@ -116,7 +116,7 @@ pub(in crate::cli) struct ProcessArgs {
     /// `file:PATH` or a path [default: DATA/artifacts]
     #[arg(long, value_name = "URL")]
     pub(in crate::cli) artifacts: Option<String>,
-    /// Number of CPU workers; each grows one model at a time, and runs one fit beside the models
+    /// Number of CPU workers; each grows one model at a time, and beside it one short model and one fit
     /// [0: none]
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub(in crate::cli) cpu_workers: u32,

@@ -6,10 +6,11 @@ use super::submit;
 use crate::cli::args::{DemoArgs, ServeArgs};
 use crate::cli::exit::{Ended, Failure};
 use crate::cli::interrupt::Signals;
-use crate::cli::service::Service;
+use crate::cli::service::{Service, connections};
 use crate::cli::{term, units};
 use anyhow::{Context, anyhow};
 use serde_json::{Value, json};
+use std::net::Ipv4Addr;
 use std::path::Path;
 use std::time::Duration;
 use tokio::net::TcpListener;
@@ -30,7 +31,7 @@ pub(in crate::cli) async fn run(args: DemoArgs) -> Ended {
     // When the demo stops, no other model is running.
     serve.process.grace = Duration::ZERO;
     let mut signals = Signals::listen();
-    let mut service = Service::start(&serve, listen().await?, None).await?;
+    let mut service = Service::start(&serve, listen()?, None).await?;
     let url = format!("http://{}", service.address());
     let shown = tokio::select! {
         shown = show(&url, &body, &args) => shown,
@@ -51,13 +52,13 @@ pub(in crate::cli) async fn run(args: DemoArgs) -> Ended {
 }
 
 /// Listens on the first free port from 8080 on, or on a random free port.
-async fn listen() -> anyhow::Result<TcpListener> {
+fn listen() -> anyhow::Result<TcpListener> {
     for port in PORT..PORT + PORTS {
-        if let Ok(listener) = TcpListener::bind(("127.0.0.1", port)).await {
+        if let Ok(listener) = connections::listen((Ipv4Addr::LOCALHOST, port).into()) {
             return Ok(listener);
         }
     }
-    TcpListener::bind(("127.0.0.1", 0)).await.context("no port is free")
+    connections::listen((Ipv4Addr::LOCALHOST, 0).into()).context("no port is free")
 }
 
 /// Requests the model, follows it, saves it and checks its certificate.

@@ -1,5 +1,6 @@
 //! `oviduct serve`, `oviduct worker` and `oviduct migrate`.
 
+use super::connections::listen;
 use super::{Runtime, Service, database, location, process_limits, serve_probes};
 use crate::cli::args::{DatabaseArgs, ServeArgs, WorkerArgs};
 use crate::cli::exit::{Ended, Failure};
@@ -20,9 +21,9 @@ pub(in crate::cli) async fn serve(args: ServeArgs) -> Ended {
     }
     // Before the address is printed, since its reader may send a signal.
     let mut signals = Signals::listen();
-    let listener = bind("--addr", args.addr).await?;
+    let listener = bind("--addr", args.addr)?;
     let probes = match args.metrics_addr {
-        Some(address) => Some(bind("--metrics-addr", address).await?),
+        Some(address) => Some(bind("--metrics-addr", address)?),
         None => None,
     };
     let mut service = tokio::select! {
@@ -46,8 +47,8 @@ pub(in crate::cli) async fn serve(args: ServeArgs) -> Ended {
 }
 
 /// Listens at the address of an option.
-async fn bind(option: &str, address: SocketAddr) -> anyhow::Result<TcpListener> {
-    TcpListener::bind(address).await.with_context(|| format!("{option} {address}"))
+fn bind(option: &str, address: SocketAddr) -> anyhow::Result<TcpListener> {
+    listen(address).with_context(|| format!("{option} {address}"))
 }
 
 /// Grows models for services on other machines until a signal asks it to stop.
@@ -64,7 +65,7 @@ pub(in crate::cli) async fn work(args: WorkerArgs) -> Ended {
     };
     let shutdown = CancellationToken::new();
     if let Some(address) = args.metrics_addr {
-        let listener = bind("--metrics-addr", address).await?;
+        let listener = bind("--metrics-addr", address)?;
         serve_probes(listener, watch_router(runtime.state(process_limits(&args.process), &shutdown)), &shutdown);
     }
     tracing::info!(workers = args.process.cpu_workers, "started");

@@ -96,8 +96,8 @@ async fn submit(
     let (by, priority) = (caller.clone(), request.priority);
     let (mut jobs, seeds) = blocking("Making the batch", turn.clone(), move || {
         let mut jobs = Vec::with_capacity(points.len() * seeds.len());
-        for CheckedPoint { spec, .. } in &points {
-            let new = new_job(&by, request.clone(), spec);
+        for CheckedPoint { spec, cost } in &points {
+            let new = new_job(&by, request.clone(), spec, cost);
             jobs.extend(seeds.iter().map(|&seed| NewJob { seed, digest: spec.digest(seed), ..new.clone() }));
         }
         (jobs, seeds)

@@ -116,6 +116,7 @@ fn new_job(caller: &Caller, CheckedFit { fit, labels, priority }: CheckedFit) ->
         reuse: false,
         missing: Vec::new(),
         batch_key: None,
+        short: false,
         idempotency: None,
         owner: caller.owner().map(str::to_owned),
         quota: caller.quota(),

@@ -162,8 +162,8 @@ pub(in crate::http) async fn create(
     let key = key_of(&headers, &body)?;
     let checked = check_body(&state, &body).await.and_then(|checked| check_storage(&state).map(|()| checked));
     let submitted = match checked {
-        Ok(CheckedModel { request, spec, .. }) => {
-            let new = NewJob { idempotency: key, ..new_job(&caller, request, &spec) };
+        Ok(CheckedModel { request, spec, cost }) => {
+            let new = NewJob { idempotency: key, ..new_job(&caller, request, &spec, &cost) };
             queue(&state, &caller, "model created", new).await?
         }
         // A repeated request gets its model, even if limits, live workers or storage have changed
@@ -235,7 +235,7 @@ pub(in crate::http) async fn earlier(
 }
 
 /// The job of a checked request.
-pub(in crate::http) fn new_job(caller: &Caller, request: ModelRequest, spec: &ModelSpec) -> NewJob {
+pub(in crate::http) fn new_job(caller: &Caller, request: ModelRequest, spec: &ModelSpec, cost: &Cost) -> NewJob {
     let seed = request.seed.unwrap_or_else(draw_seed);
     NewJob {
         kind: JobKind::Model,
@@ -251,6 +251,7 @@ pub(in crate::http) fn new_job(caller: &Caller, request: ModelRequest, spec: &Mo
         reuse: request.reuse,
         missing: Vec::new(),
         batch_key: Some(batch_key(spec)),
+        short: cost.longest_seconds() <= NewJob::SHORT_SECONDS,
         idempotency: None,
         owner: caller.owner().map(str::to_owned),
         quota: caller.quota(),

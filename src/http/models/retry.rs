@@ -64,8 +64,8 @@ pub(in crate::http) async fn retry(
     };
     let checked = check_again(&state, &failed).await.and_then(|checked| check_storage(&state).map(|()| checked));
     let submitted = match checked {
-        Ok(CheckedModel { request, spec, .. }) => {
-            let new = new_job(&caller, request, &spec);
+        Ok(CheckedModel { request, spec, cost }) => {
+            let new = new_job(&caller, request, &spec, &cost);
             let new = NewJob { idempotency: key, owner, quota, retry_of: Some(id), ..new };
             queue(&state, &caller, "model retried", new).await?
         }

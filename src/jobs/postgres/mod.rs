@@ -59,7 +59,7 @@ const PLANS: [(&str, &str); 7] = [
 ];
 
 /// Migrations of the tables, oldest first.
-const MIGRATIONS: [(&str, &str); 16] = migrations![
+const MIGRATIONS: [(&str, &str); 17] = migrations![
     "0001_jobs",
     "0002_priorities",
     "0003_traces",
@@ -75,7 +75,8 @@ const MIGRATIONS: [(&str, &str); 16] = migrations![
     "0013_fit_lane",
     "0014_operations",
     "0015_packs",
-    "0016_functions",
+    "0016_short_models",
+    "0017_functions",
 ];
 
 /// The connections to a PostgreSQL database.

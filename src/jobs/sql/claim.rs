@@ -114,11 +114,11 @@ async fn look(tx: &mut Tx<'_>, worker: &str, scope: ClaimScope) -> Result<Look, 
     let now = tx.steady().await?;
     let mut values = values![now, until(now, MAX_RETRY_DELAY), worker, until(now, MAX_LEASE)];
     // Not EXISTS: for EXISTS, PostgreSQL may read the table in the hope of an early match.
-    let jobs = order::lanes(tx);
+    let (jobs, queued) = queue(tx, scope);
     let lane = |lane| {
         values.push(Value::from(enum_to_sql(lane)));
         format!(
-            "(SELECT 1 FROM {jobs} WHERE status = 'queued' AND NOT shares AND lane = ${} \
+            "(SELECT 1 FROM {jobs} WHERE {queued} AND NOT shares AND lane = ${} \
              AND (available_at <= $1 OR available_at > $2) ORDER BY rank, turn, id LIMIT 1) IS NOT NULL",
             values.len()
         )
@@ -133,6 +133,16 @@ async fn look(tx: &mut Tx<'_>, worker: &str, scope: ClaimScope) -> Result<Look, 
     );
     let row = tx.one(sql, values).await?;
     Ok(Look { at: now, leases_expired: row.get("expired")?, jobs_due: row.get("due")? })
+}
+
+/// The table with the index of jobs that a claim may take, and the condition that fits this index.
+fn queue(tx: &Tx<'_>, scope: ClaimScope) -> (&'static str, &'static str) {
+    if scope.is_of_short_models() {
+        let queued = tx.either("status = 'queued' AND short", "(status = 'queued') IS TRUE AND short");
+        (tx.either("jobs INDEXED BY jobs_short", "jobs"), queued)
+    } else {
+        (order::lanes(tx), "status = 'queued'")
+    }
 }
 
 /// The jobs claimed so far.
@@ -319,25 +329,26 @@ impl Claim {
         batch_key: Option<&str>,
     ) -> Result<Vec<Record>, SqlError> {
         let (now, steady) = (tx.now().await?, tx.steady().await?);
-        let lanes: Vec<(&str, &str, String)> = match batch_key {
-            Some(key) => vec![("jobs_claimable_by_batch_key", "batch_key", key.to_owned())],
-            None => {
-                let lane = |lane| ("jobs_lanes", "lane", enum_to_sql(lane));
-                self.scope.lanes().iter().map(lane).collect()
-            }
+        let (jobs, queued) = match batch_key {
+            Some(_) => ("jobs INDEXED BY jobs_claimable_by_batch_key", "status = 'queued'"),
+            None => queue(tx, self.scope),
+        };
+        let lanes: Vec<(&str, String)> = match batch_key {
+            Some(key) => vec![("batch_key", key.to_owned())],
+            None => self.scope.lanes().iter().map(|lane| ("lane", enum_to_sql(lane))).collect(),
         };
         let mut queues = Vec::new();
-        for (index, column, value) in lanes {
+        for (column, value) in lanes {
             let sql = format!(
-                "SELECT rank, id FROM jobs INDEXED BY {index} WHERE status = 'queued' AND NOT shares \
+                "SELECT rank, id FROM {jobs} WHERE {queued} AND NOT shares \
                  AND {column} = $1 AND (available_at <= $2 OR available_at > $3) AND {} \
                  ORDER BY rank, turn, id LIMIT $4",
                 unpaused("$5")
             );
             let values = values![value, steady, until(steady, MAX_RETRY_DELAY), limit, &self.worker];
-            let queue = tx.all(sql, values).await?;
-            let queue = queue.iter().map(|row| Ok((row.get("rank")?, JobId(row.id("id")?))));
-            queues.push(queue.collect::<Result<VecDeque<_>, SqlError>>()?);
+            let heads = tx.all(sql, values).await?;
+            let heads = heads.iter().map(|row| Ok((row.get("rank")?, JobId(row.id("id")?))));
+            queues.push(heads.collect::<Result<VecDeque<_>, SqlError>>()?);
         }
         let ids = due(queues, limit);
         let mut taken = Vec::with_capacity(ids.len());
@@ -360,8 +371,9 @@ impl Claim {
         batch_key: Option<&str>,
     ) -> Result<Vec<Record>, SqlError> {
         let (jobs, unpaused, limit) = (select_jobs(tx), all_unpaused("$3"), holders.len());
+        let (_, queued) = queue(tx, self.scope);
         let is_due = format!(
-            "status = 'queued' AND NOT shares AND {unpaused} AND (available_at <= (SELECT now FROM moment) \
+            "{queued} AND NOT shares AND {unpaused} AND (available_at <= (SELECT now FROM moment) \
              OR available_at > (SELECT now FROM moment) + {})",
             MAX_RETRY_DELAY.as_micros()
         );

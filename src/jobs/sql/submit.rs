@@ -168,7 +168,7 @@ impl Submit {
             "outputs": outputs_to_sql(&job.outputs), "backend_requested": new.backend,
             "created_at": created_at.as_microsecond(), "engine": job.engine,
             "submitter": submitter(new.owner.as_deref()), "rank": rank(new.priority), "trace": job.trace,
-            "batch_key": batch_key(new), "kind": new.kind, "weight": new.weight,
+            "batch_key": batch_key(new), "short": short(new), "kind": new.kind, "weight": new.weight,
             "idempotency_key": new.idempotency.as_ref().map(|(key, _)| scoped(new.owner.as_deref(), key)),
             "idempotency_body": new.idempotency.as_ref().map(|(_, body)| body),
         });
@@ -369,6 +369,11 @@ fn batch_key(new: &NewJob) -> Option<String> {
     new.batch_key.clone().filter(|_| ClaimScope::Gpu.lanes().contains(&Lane::of(new.kind, new.backend)))
 }
 
+/// True if a CPU worker may run the job beside a longer one.
+fn short(new: &NewJob) -> bool {
+    new.short && ClaimScope::CpuShort.lanes().contains(&Lane::of(new.kind, new.backend))
+}
+
 async fn insert(
     tx: &mut Tx<'_>,
     id: JobId,
@@ -389,9 +394,9 @@ async fn insert(
         "INSERT INTO jobs (id, status, preset, seed, digest, outputs, backend_requested, backend_used, device, \
          fallback, available_at, created_at, finished_at, reused_from, idempotency_key, idempotency_body, summary, \
          spec, engine, engine_used, batch, submitter, turn, rank, trace, batch_key, batch_index, retry_of, shares, \
-         kind, weight) \
+         kind, weight, short) \
          VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, 0, $11, $12, $13, $14, $15, $16, $17, $18, $19, $20, $21, \
-         $22, $23, $24, $25, $26, $27, $28, $29, $30) RETURNING ({}) AS ahead",
+         $22, $23, $24, $25, $26, $27, $28, $29, $30, $31) RETURNING ({}) AS ahead",
         if is_counted && !is_far { order::ahead(tx) } else { "CAST(0 AS BIGINT)" },
     );
     let row = tx
@@ -428,6 +433,7 @@ async fn insert(
                 shares,
                 enum_to_sql(new.kind),
                 new.weight,
+                short(new),
             ],
         )
         .await?;

@@ -32,7 +32,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Migrations of the tables, oldest first.
-const MIGRATIONS: [(&str, &str); 17] = migrations![
+const MIGRATIONS: [(&str, &str); 18] = migrations![
     "0001_jobs",
     "0002_operations",
     "0003_fair_share",
@@ -50,6 +50,7 @@ const MIGRATIONS: [(&str, &str); 17] = migrations![
     "0015_fit_lane",
     "0016_operations",
     "0017_packs",
+    "0018_short_models",
 ];
 
 /// Maximum wait of a connection for a lock of another process.

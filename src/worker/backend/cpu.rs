@@ -1,4 +1,4 @@
-//! Work on the CPU of a worker: one model at a time, and one fit beside the models.
+//! Work on the CPU of a worker: one model at a time, and beside it one fit and one short model.
 
 use super::{GenerateFailure, Generation, GenerationOutput, Task, fit_of, request};
 use crate::fit::{FitError, FitProgress, FitSink, fit};
@@ -22,6 +22,19 @@ pub(in crate::worker) enum Threads {
     Free(OwnedSemaphorePermit),
     /// The generation that uses them nearly ends.
     Soon(Queued),
+    /// A longer model uses them. A thread of its own runs a short one.
+    Beside(OwnedSemaphorePermit),
+}
+
+/// How a generation uses the threads of its worker.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::worker) enum ThreadUse {
+    /// It uses all threads.
+    Long,
+    /// It uses all threads for so short a time that the worker claims the next model at once.
+    Short,
+    /// It uses the thread for short models, beside a generation that uses all others.
+    Beside,
 }
 
 /// The threads of a worker.
@@ -30,7 +43,12 @@ pub(in crate::worker) struct Cpu {
     all: Arc<ThreadPool>,
     /// Thread for `cpu-single`.
     single: Arc<ThreadPool>,
+    /// Thread for a short model beside a longer one.
+    beside: Arc<ThreadPool>,
     free: Arc<Semaphore>,
+    beside_free: Arc<Semaphore>,
+    /// True while a model runs that is not short.
+    runs_long: watch::Sender<bool>,
     /// True once the running generation nearly ends.
     nearly_free: watch::Sender<bool>,
     /// Right to run a fit.
@@ -46,11 +64,13 @@ impl Cpu {
     /// # Errors
     /// The error of creating threads.
     pub(in crate::worker) fn new(worker: &str, count: usize, nice: u8) -> io::Result<Self> {
-        let (all, single) = (threads(worker, count, nice)?, threads(worker, 1, nice)?);
         Ok(Self {
-            all,
-            single,
+            all: threads(worker, count, nice)?,
+            single: threads(worker, 1, nice)?,
+            beside: threads(&format!("{worker}/short"), 1, nice)?,
             free: Arc::new(Semaphore::new(1)),
+            beside_free: Arc::new(Semaphore::new(1)),
+            runs_long: watch::Sender::new(false),
             nearly_free: watch::Sender::new(false),
             fit: Arc::new(Semaphore::new(1)),
             gate: Gate::new(),
@@ -62,7 +82,7 @@ impl Cpu {
     /// The report of a job that runs here, by its requested backend.
     pub(in crate::worker) fn report(&self, requested: Backend) -> BackendReport {
         let used = if requested == Backend::CpuSingle { UsedBackend::CpuSingle } else { UsedBackend::Cpu };
-        let count = self.pool(used).current_num_threads();
+        let count = self.pool(used, ThreadUse::Long).current_num_threads();
         BackendReport { requested, used: Some(used), device: Some(device(count)), fallback: None }
     }
 
@@ -92,6 +112,13 @@ impl Cpu {
         threads
     }
 
+    /// Waits until a model runs that is not short, and no short one beside it.
+    pub(in crate::worker) async fn free_beside_long(&self) -> Threads {
+        let free = Arc::clone(&self.beside_free).acquire_owned().await.expect("the semaphore is never closed");
+        let _ = self.runs_long.subscribe().wait_for(|runs_long| *runs_long).await;
+        Threads::Beside(free)
+    }
+
     /// Waits until no fit runs.
     pub(in crate::worker) async fn free_for_fit(&self) -> OwnedSemaphorePermit {
         Arc::clone(&self.fit).acquire_owned().await.expect("the semaphore is never closed")
@@ -103,22 +130,26 @@ impl Cpu {
     }
 
     /// Starts a generation or a fit on a thread that may block and whose panics are caught. It
-    /// keeps `permit` until it has stopped. The threads count as nearly free at once if it
-    /// `is_short`.
+    /// keeps `permit` until it has stopped.
     pub(in crate::worker) fn generate(
         &self,
         generator: Arc<Generator>,
         backend: UsedBackend,
         task: Task,
-        is_short: bool,
+        threads_used: ThreadUse,
         permit: OwnedSemaphorePermit,
     ) -> Generation {
-        let (pool, gate, cancel) = (Arc::clone(self.pool(backend)), Arc::clone(&self.gate), task.cancel.clone());
+        let (pool, gate, cancel) =
+            (Arc::clone(self.pool(backend, threads_used)), Arc::clone(&self.gate), task.cancel.clone());
         let (worker, count, nice) = (format!("{}/fit", self.worker), pool.current_num_threads(), self.nice);
-        match task.job.kind {
-            JobKind::Model if is_short => drop(self.nearly_free.send_replace(true)),
-            JobKind::Model => task.sink.announce_end(self.nearly_free.clone()),
-            JobKind::Fit => {}
+        let mut long = None;
+        match (task.job.kind, threads_used) {
+            (JobKind::Model, ThreadUse::Short) => drop(self.nearly_free.send_replace(true)),
+            (JobKind::Model, ThreadUse::Long) => {
+                task.sink.announce_end(self.nearly_free.clone());
+                long = Some(RunningLong::new(&self.runs_long));
+            }
+            (JobKind::Fit, _) | (JobKind::Model, ThreadUse::Beside) => {}
         }
         let thread = tokio::task::spawn_blocking(move || {
             let Task { job, spec, dir, sink, cancel, memory_limit_bytes, checkpoint } = &task;
@@ -130,7 +161,7 @@ impl Cpu {
                     let generate = || generator(input, &**sink, cancel).map(GenerationOutput::from);
                     let made = pool.install(|| sink.span.in_scope(generate));
                     // The next model of this worker begins here.
-                    drop(permit);
+                    drop((long, permit));
                     made
                 }
                 JobKind::Fit => {
@@ -151,8 +182,28 @@ impl Cpu {
         Generation::new(result, cancel)
     }
 
-    fn pool(&self, backend: UsedBackend) -> &Arc<ThreadPool> {
-        if backend == UsedBackend::CpuSingle { &self.single } else { &self.all }
+    fn pool(&self, backend: UsedBackend, threads_used: ThreadUse) -> &Arc<ThreadPool> {
+        match (threads_used, backend) {
+            (ThreadUse::Beside, _) => &self.beside,
+            (_, UsedBackend::CpuSingle) => &self.single,
+            _ => &self.all,
+        }
+    }
+}
+
+/// A model that runs and is not short.
+struct RunningLong(watch::Sender<bool>);
+
+impl RunningLong {
+    fn new(runs_long: &watch::Sender<bool>) -> Self {
+        runs_long.send_replace(true);
+        Self(runs_long.clone())
+    }
+}
+
+impl Drop for RunningLong {
+    fn drop(&mut self) {
+        self.0.send_replace(false);
     }
 }
 

@@ -121,8 +121,7 @@ pub(super) fn predict(job: &Job) -> Option<Prediction> {
     let spec = resolve(job).ok()?;
     let cost = Cost::new(&spec, &job.outputs);
     let bytes = cost.bytes.values().fold(0_u64, |sum, bytes| sum.saturating_add(*bytes));
-    let seconds = cost.seconds.values().map(|estimate| estimate.seconds).fold(0.0, f64::max);
-    Some(Prediction { seconds, bytes, spec: Some(spec) })
+    Some(Prediction { seconds: cost.longest_seconds(), bytes, spec: Some(spec) })
 }
 
 /// The request of a fit.

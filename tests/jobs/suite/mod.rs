@@ -91,6 +91,7 @@ macro_rules! over {
             fits_and_models_are_claimed_separately
             fits_of_different_owners_take_turns
             a_fit_counts_by_its_weight
+            short_models_are_claimed_alone_or_with_all_others
             claims_keep_to_their_backend
             a_gpu_claims_due_jobs_of_one_batch_key
             a_gpu_claim_passes_over_jobs_that_are_not_due
@@ -159,6 +160,7 @@ pub fn new_job(digest: &str) -> NewJob {
         reuse: true,
         missing: Vec::new(),
         batch_key: Some("size".into()),
+        short: false,
         idempotency: None,
         owner: None,
         quota: Default::default(),

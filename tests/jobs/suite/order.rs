@@ -324,6 +324,39 @@ pub async fn fits_of_different_owners_take_turns(factory: Factory) {
     assert!(!bench.store.fit_waits(&urgent).await.unwrap(), "less urgent ones do not count");
 }
 
+/// A CPU worker that runs a long model claims short ones in their order; all other claims ignore
+/// the length.
+pub async fn short_models_are_claimed_alone_or_with_all_others(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let ask = async |digest: &str, backend, who: &str, priority, short| {
+        bench.submit(NewJob { backend, short, owner: Some(who.into()), ..urgent(digest, priority) }).await;
+    };
+    use Backend::{Auto, Cpu, CpuSingle, Gpu};
+    ask("long", Cpu, "x", 9, false).await;
+    ask("x 1", Auto, "x", 0, true).await;
+    ask("x 2", Auto, "x", 0, true).await;
+    ask("y 1", Auto, "y", 0, true).await;
+    ask("gpu", Gpu, "x", 9, true).await;
+    ask("single", CpuSingle, "y", 1, true).await;
+    let claim = async |scope, limit| {
+        let claimed = bench.store.claim("w", scope, LEASE, limit).await.unwrap();
+        let digests: Vec<String> = claimed.iter().map(|claimed| claimed.job().digest.clone()).collect();
+        for claimed in claimed {
+            bench.store.release(claimed, None).await.unwrap();
+        }
+        digests
+    };
+    for limit in [1, 9] {
+        assert_eq!(claim(ClaimScope::CpuShort, limit).await, ["single", "x 1", "y 1", "x 2"][..limit.min(4) as usize]);
+    }
+    assert_eq!(claim(ClaimScope::CpuOnlyShort, 9).await, ["single"]);
+    assert_eq!(claim(ClaimScope::Cpu, 9).await, ["long", "single", "x 1", "y 1", "x 2"]);
+    assert_eq!(claim(ClaimScope::Gpu, 9).await, ["gpu", "x 1", "y 1", "x 2"]);
+    let claimed = bench.store.claim("w", ClaimScope::CpuShort, LEASE, 9).await.unwrap();
+    assert_eq!(claimed.len(), 4);
+    assert!(claim(ClaimScope::CpuShort, 9).await.is_empty(), "the long one stays");
+}
+
 pub async fn a_fit_counts_by_its_weight(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let quota = Quota { unfinished: Some(10), bytes: None };

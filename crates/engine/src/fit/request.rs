@@ -148,10 +148,7 @@ impl FitSpec {
     /// Predicted seconds on one core for the maximum number of candidates, each like the start.
     #[must_use]
     pub fn predicted_seconds(&self) -> f64 {
-        let seconds = |spec: &ModelSpec| {
-            let seconds = Cost::new(spec, &Outputs::none()).seconds;
-            seconds.values().map(|estimate| estimate.seconds).fold(0.0, f64::max)
-        };
+        let seconds = |spec: &ModelSpec| Cost::new(spec, &Outputs::none()).longest_seconds();
         let [reduced, whole] = [self.explored() * self.seeds, self.refined() * self.seeds + self.models].map(f64::from);
         reduced * seconds(&self.reduced(self.start.clone())) + whole * seconds(&self.start)
     }

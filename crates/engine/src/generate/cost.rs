@@ -185,6 +185,12 @@ pub struct Estimate {
 }
 
 impl Cost {
+    /// The longest of the predicted times, seconds.
+    #[must_use]
+    pub fn longest_seconds(&self) -> f64 {
+        self.seconds.values().map(|estimate| estimate.seconds).fold(0.0, f64::max)
+    }
+
     /// Predicts the cost of growing `spec` with these outputs.
     #[must_use]
     pub fn new(spec: &ModelSpec, outputs: &Outputs) -> Self {

@@ -89,7 +89,7 @@ impl CostLimits {
     /// # Errors
     /// Returns every limit that the model would exceed.
     pub fn check(&self, cost: &Cost) -> Result<(), Vec<OverLimit>> {
-        let slowest = cost.seconds.values().map(|estimate| estimate.seconds).fold(0.0, f64::max);
+        let slowest = cost.longest_seconds();
         let bytes = cost.bytes.values().fold(0_u64, |sum, bytes| sum.saturating_add(*bytes));
         let over: Vec<OverLimit> = [
             ("seconds", slowest, self.max_cost_seconds, "seconds"),

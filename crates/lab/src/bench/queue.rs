@@ -88,6 +88,7 @@ fn new_job(spec: &ModelSpec, seed: u64) -> NewJob {
         reuse: true,
         missing: Vec::new(),
         batch_key: Some(batch_key(spec)),
+        short: false,
         idempotency: None,
         owner: None,
         quota: Default::default(),

@@ -14,9 +14,10 @@ use hyper_util::service::TowerToHyperService;
 use pace::Paced;
 use std::convert::Infallible;
 use std::io;
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio::sync::Semaphore;
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
@@ -41,6 +42,23 @@ const PROBES: usize = 64;
 const BUFFER: usize = 72 << 10;
 /// Pause after a failed accept, which fails while the process has no free descriptor.
 const PAUSE: Duration = Duration::from_millis(200);
+
+/// Maximum number of connections that wait to be accepted; Linux also limits it by
+/// `net.core.somaxconn`. A client beyond the maximum tries again after a second.
+const BACKLOG: u32 = 4096;
+
+/// Listens at an address.
+///
+/// # Errors
+/// Any error of the operating system.
+pub(in crate::cli) fn listen(address: SocketAddr) -> io::Result<TcpListener> {
+    let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
+    // On Windows, the option would let two processes use the address.
+    #[cfg(not(windows))]
+    socket.set_reuseaddr(true)?;
+    socket.bind(address)?;
+    socket.listen(BACKLOG)
+}
 
 /// Limits of connections.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

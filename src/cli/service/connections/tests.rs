@@ -4,7 +4,6 @@ use super::*;
 use axum::body::{Body, Bytes};
 use axum::routing::get;
 use futures_util::StreamExt;
-use std::net::SocketAddr;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::sync::OwnedSemaphorePermit;
 use tokio::task::JoinHandle;
@@ -298,4 +297,17 @@ fn the_numbers_of_connections_and_downloads_follow_the_descriptors() {
     assert_eq!(Connections::new(Some(20_000), LONG).most, 20_000);
     assert_eq!(Connections::new(None, LONG).most as u64, (descriptors() / 4 * 3).min(10_000));
     assert!(descriptors() >= 64 && downloads() as u64 <= descriptors() / 8);
+}
+
+#[tokio::test]
+async fn many_connections_wait_to_be_accepted() {
+    const MANY: usize = 600;
+    let queue = std::fs::read_to_string("/proc/sys/net/core/somaxconn");
+    let queue: usize = queue.map_or(MANY, |text| text.trim().parse().expect("a number"));
+    let listener = listen((std::net::Ipv4Addr::LOCALHOST, 0).into()).expect("a port is free");
+    let address = listener.local_addr().expect("it has an address");
+    // A connection beyond the queue would need a second.
+    let connect = |_| std::net::TcpStream::connect_timeout(&address, Duration::from_millis(700));
+    let waiting: io::Result<Vec<_>> = (0..MANY.min(queue)).map(connect).collect();
+    waiting.expect("all connections wait");
 }

@@ -51,10 +51,10 @@ BEGIN
     END IF;
     INSERT INTO jobs (id, status, preset, seed, digest, outputs, backend_requested, available_at, created_at,
         idempotency_key, idempotency_body, spec, engine, submitter, turn, rank, trace, batch_key, retry_of, kind,
-        weight)
+        weight, short)
     VALUES (job.id, 'queued', job.preset, job.seed, job.digest, job.outputs, job.backend_requested, 0, job.created_at,
         job.idempotency_key, job.idempotency_body, its_spec, job.engine, job.submitter, its_turn, job.rank, job.trace,
-        job.batch_key, job.retry_of, job.kind, job.weight);
+        job.batch_key, job.retry_of, job.kind, job.weight, job.short);
     INSERT INTO labels (job_id, name, value) SELECT job.id, key, value FROM json_each_text(labels);
     IF far_until > (SELECT last_value FROM count_changes)
         AND (far_rank, far_turn, far_id COLLATE "C") < (job.rank, its_turn, job.id)
