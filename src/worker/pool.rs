@@ -66,7 +66,8 @@ struct Slot {
     stopped: tokio::sync::Mutex<bool>,
 }
 
-/// Jobs that a loop of a worker claims. A CPU worker has a loop for each, a GPU worker one for models.
+/// Jobs that a loop of a worker claims. A CPU worker has a loop for each, a GPU worker one for
+/// models.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Work {
     Models,

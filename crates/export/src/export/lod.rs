@@ -160,7 +160,7 @@ fn distance(full: &FullSurface<'_>, level: &PatchTriangles<'_>) -> f64 {
         let source = &full.mesh.triangles[patch.triangles.clone()];
         let vertices = vertices(source, full.cells.len());
         let moved = moved(full, &vertices);
-        if triangles.len() == source.len() { moved } else { moved.max(simplified(full, source, &vertices, triangles)) }
+        if triangles.len() == source.len() { moved } else { simplified(full, source, vertices, triangles, moved) }
     };
     full.patches.iter().zip(level).map(of_patch).fold(0.0, f64::max)
 }
@@ -182,12 +182,35 @@ fn moved(full: &FullSurface<'_>, vertices: &[u32]) -> f64 {
 }
 
 /// Maximum distance between samples of a patch and its simplification in both directions, metres.
-/// The patch has the triangles `source` and the given vertices.
-fn simplified(full: &FullSurface<'_>, source: &[[u32; 3]], vertices: &[u32], triangles: &[[u32; 3]]) -> f64 {
-    let position = |v: u32| full.mesh.positions[v as usize].map(f64::from);
-    let corners = |i: usize| triangles[i].map(|v| full.placed(v).map(f64::from));
-    let there = Triangles::new(triangles.len(), corners)
-        .farthest(vertices.len(), |i: usize, visit: &mut dyn FnMut([f64; 3])| visit(position(vertices[i])));
+/// The patch has the triangles `source` and the given vertices, which rounding moves by at most
+/// `moved`.
+fn simplified(
+    full: &FullSurface<'_>,
+    source: &[[u32; 3]],
+    mut vertices: Vec<u32>,
+    triangles: &[[u32; 3]],
+    moved: f64,
+) -> f64 {
+    let mut is_kept = vec![false; full.cells.len()];
+    triangles.as_flattened().iter().for_each(|&v| is_kept[v as usize] = true);
+    vertices.retain(|&v| !is_kept[v as usize]);
+    drop(is_kept);
+    let wide = |[x, y, z]: [f32; 3]| [f64::from(x), f64::from(y), f64::from(z)];
+    let position = |v: u32| wide(full.mesh.positions[v as usize]);
+    let placed = |v: u32| wide(full.placed(v));
+    let corners = |i: usize| {
+        let [a, b, c] = triangles[i];
+        [placed(a), placed(b), placed(c)]
+    };
+    let source_corners = |i: usize| {
+        let [a, b, c] = source[i];
+        [position(a), position(b), position(c)]
+    };
+    let there = Triangles::new(triangles.len(), corners).farthest(
+        moved,
+        vertices.len(),
+        |i: usize, visit: &mut dyn FnMut([f64; 3])| visit(position(vertices[i])),
+    );
     let sample = |i: usize, visit: &mut dyn FnMut([f64; 3])| {
         let [a, b, c] = corners(i);
         let mean = |points: &[[f64; 3]]| -> [f64; 3] {
@@ -204,8 +227,7 @@ fn simplified(full: &FullSurface<'_>, source: &[[u32; 3]], vertices: &[u32], tri
         }
     };
     // The vertices of the level need no test, because they are vertices of the full surface.
-    let back = Triangles::new(source.len(), |i| source[i].map(position)).farthest(triangles.len(), sample);
-    there.max(back)
+    Triangles::new(source.len(), source_corners).farthest(there, triangles.len(), sample)
 }
 
 #[cfg(test)]

@@ -34,7 +34,8 @@ impl Grid {
 
     /// Position of a cell in metres.
     pub(super) fn position(&self, cell: Cell) -> [f32; 3] {
-        std::array::from_fn(|a| (f64::from(self.origin[a]) + f64::from(cell[a]) * f64::from(self.step[a])) as f32)
+        let along = |a: usize| (f64::from(self.origin[a]) + f64::from(cell[a]) * f64::from(self.step[a])) as f32;
+        [along(0), along(1), along(2)]
     }
 
     pub(super) fn nearest(&self, position: [f32; 3]) -> Cell {

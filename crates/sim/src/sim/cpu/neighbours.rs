@@ -11,9 +11,9 @@
 //! segment to the particle. The slack |q| − D changes by at most [`lists::SLOPE`] times the change
 //! of q, plus half of the difference of the two ranges times the change of the normal.
 //!
-//! In a large loop a few particles may be restless: pressed against another wall, they move and
-//! turn in the stages of a step, and the guard holds them back at its end. In this case, only the
-//! lists of their groups, and of groups that see their segments, are rebuilt.
+//! Each particle has a reference position and a reference normal, and a list contains the segments
+//! within D plus the skin at the references. Particles that have moved far get new references. Only
+//! the lists of their groups, and those that lack one of their segments, are then rebuilt.
 
 mod grid;
 mod lists;
@@ -25,23 +25,21 @@ use crate::spec::Search;
 use crate::vectorize::{Simd, Vectors, WithSimd};
 use grid::Grid;
 pub(super) use lists::OwnSegments;
-use lists::{Groups, Lists, Restless, SLOPE, Sight, Tables};
+use lists::{Groups, Lists, OwnParticles, References, Restless, SLOPE, Sight, Tables, square};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Factor of the skin, µm. With a skin s, the length of lists grows in proportion to s, and lists
-/// last for s/v evaluations if motion uses up slack at the rate v. The sum of both costs is minimal
-/// at √(`THRIFT`·v). Measured with the presets `paper` and `pig`.
-const THRIFT: f32 = 60.0;
+/// Factor of the skin, µm. With a skin s, the length of lists grows in proportion to s, and a
+/// particle gets a new reference after s/v evaluations if it uses up slack at the rate v. The sum
+/// of both costs is minimal at √(`THRIFT`·v). Measured with the presets `paper` and `pig`.
+const THRIFT: f32 = 800.0;
 /// Bounds of the skin, and the first skin, µm.
 const SKINS: [f32; 2] = [5.0, 30.0];
 const FIRST_SKIN: f32 = 10.0;
 /// Part of the skin reserved for rounding, µm.
 const ROUNDING: f32 = 0.01;
-/// Limits of a partial rebuild: one particle in `RESTLESS` may be restless, and one cell of
-/// segments in `NEAR` may be near a restless particle. Above either limit, all lists are rebuilt.
-const RESTLESS: usize = 64;
-const NEAR: usize = 3;
+/// If more than one particle in `RESTLESS` is restless, all lists are rebuilt.
+const RESTLESS: usize = 24;
 /// Parts of the skin that the motion of two particles, and the turn of one, may use up while the
 /// particles count as calm.
 const CALM: [f32; 2] = [0.55, 0.45];
@@ -53,44 +51,28 @@ const GRAIN: usize = 16;
 pub(super) struct LoopPart {
     pub(super) particles: Range<usize>,
     pub(super) groups: Groups,
-    /// Positions and normals at the time when the lists were built.
-    built: [Vec<f32>; 4],
-    /// Squares of the maximum displacement, and of the maximum change of a normal, since then.
+    references: References,
+    /// Squares of the maximum displacement, and of the maximum change of a normal, from the
+    /// references.
     moved: f32,
     turned: f32,
 }
 
 impl LoopPart {
-    /// Records the positions and normals with which the lists were built.
-    fn note(&mut self, chain: &Chain) {
-        let own = self.particles.clone();
-        let places = own.start + 1..own.end + 1;
-        let now = [&chain.x[places.clone()], &chain.y[places], &chain.nx[own.clone()], &chain.ny[own]];
-        for (built, now) in self.built.iter_mut().zip(now) {
-            built.clear();
-            built.extend_from_slice(now);
-        }
-        (self.moved, self.turned) = (0.0, 0.0);
-    }
-
     /// Records how far the particles have moved to `next`.
     #[inline(always)]
     pub(super) fn follow(&mut self, next: &Stretch<'_>) {
         let n = self.particles.len();
-        let [bx, by, bnx, bny] = self.built.each_ref().map(|v| &v[..]);
-        if bx.len() != n {
+        let References { x: rx, y: ry, nx: rnx, ny: rny } = &self.references;
+        if rx.len() != n {
             return;
         }
+        let (rx, ry, rnx, rny) = (&rx[..n], &ry[..n], &rnx[..n], &rny[..n]);
         let (x, y, nx, ny) = (&next.x[..n], &next.y[..n], &next.nx[..n], &next.ny[..n]);
-        self.moved = greatest(n, |i| square([x[i] - bx[i], y[i] - by[i]]));
+        self.moved = greatest(n, |i| square([x[i] - rx[i], y[i] - ry[i]]));
         // The normals of the first and the last particle are not known yet.
-        self.turned = greatest(n.saturating_sub(2), |i| square([nx[i + 1] - bnx[i + 1], ny[i + 1] - bny[i + 1]]));
+        self.turned = greatest(n.saturating_sub(2), |i| square([nx[i + 1] - rnx[i + 1], ny[i + 1] - rny[i + 1]]));
     }
-}
-
-#[inline(always)]
-fn square([x, y]: [f32; 2]) -> f32 {
-    x * x + y * y
 }
 
 /// The neighbour search, with its lists.
@@ -104,11 +86,11 @@ pub(super) struct Neighbours {
     built: Sight,
     /// Maximum scale of a particle.
     widest: f32,
-    /// Distance by which lists extend beyond the ranges, µm; how much of it may be used up; and the
-    /// number of evaluations that used it.
+    /// Distance by which lists extend beyond the ranges, µm.
     skin: f32,
-    used: f32,
+    /// Number of evaluations with this skin, and of new references in them.
     evaluations: u32,
+    renewed: u64,
     valid: bool,
     builds: u64,
 }
@@ -124,8 +106,8 @@ impl Neighbours {
             built: Sight::default(),
             widest: 1.0,
             skin: FIRST_SKIN,
-            used: 0.0,
             evaluations: 0,
+            renewed: 0,
             valid: false,
             builds: 0,
         }
@@ -161,37 +143,24 @@ impl Neighbours {
         scale: &[f32],
         row: &StepRow,
     ) -> (&'a mut [LoopPart], Update<'a>) {
-        let sight = Sight::at(row);
         let vectors = self.vectors;
-        let mut restless = None;
-        match self.outdated(chain, row) {
-            Outdated::None => return (&mut self.parts, Update { vectors, lists: None }),
+        let restless = match self.outdated(chain, row) {
+            Outdated::None => return (&mut self.parts, Update { vectors, chain, lists: None }),
             Outdated::Some(particles) => {
-                self.fill(chain, ROUNDING);
-                let [tissue, gap] = sight.of(self.widest);
-                restless = Some(self.tables.restless(particles, max(tissue, gap))).filter(|r| r.are_few(NEAR));
+                self.renewed += particles.len() as u64;
+                Some(self.renew(chain, particles))
             }
-            Outdated::All => {}
-        }
-        if restless.is_none() {
-            let Some(skin) = self.renew(scale, sight) else {
-                return (&mut self.parts, Update { vectors, lists: None });
-            };
-            self.fill(chain, skin);
-        }
-        let Self { parts, tables, search, .. } = self;
+            Outdated::All => {
+                if !self.begin(chain, scale, row) {
+                    return (&mut self.parts, Update { vectors, chain, lists: None });
+                }
+                None
+            }
+        };
+        let Self { parts, tables, search, built, .. } = self;
         let grid = (*search == Search::Grid).then(|| Grid::new(&tables.cells));
-        let lists = Lists { chain, sight, tables, grid };
-        (parts, Update { vectors, lists: Some((lists, restless)) })
-    }
-
-    /// Fills the tables of segments for lists with this skin.
-    fn fill(&mut self, chain: &Chain, skin: f32) {
-        let tables = &mut self.tables;
-        self.vectors.run(
-            #[inline(always)]
-            || tables.fill(chain, skin),
-        );
+        let lists = Lists { sight: *built, tables, grid };
+        (parts, Update { vectors, chain, lists: Some((lists, restless)) })
     }
 
     fn outdated(&mut self, chain: &Chain, row: &StepRow) -> Outdated {
@@ -200,30 +169,67 @@ impl Neighbours {
             Search::AllPairs => Outdated::None,
             Search::Grid => Outdated::All,
             Search::Lists => {
-                self.parts.iter_mut().for_each(|part| part.groups.settle());
-                self.used = self.used_up(chain, row);
                 self.evaluations += 1;
-                if self.used <= self.skin - ROUNDING {
-                    Outdated::None
-                } else {
-                    self.restless(chain, row).map_or(Outdated::All, Outdated::Some)
+                if self.used_up(chain, row) <= self.skin - ROUNDING {
+                    return Outdated::None;
+                }
+                match self.restless(chain, row) {
+                    Some(particles) => Outdated::Some(particles),
+                    None => {
+                        self.renewed += chain.len() as u64;
+                        Outdated::All
+                    }
                 }
             }
         }
     }
 
-    /// Begins new lists for all groups. Returns their skin; `None` if the search uses no lists.
-    fn renew(&mut self, scale: &[f32], sight: Sight) -> Option<f32> {
+    /// Begins new lists for all groups. Returns false if the search uses no lists.
+    fn begin(&mut self, chain: &Chain, scale: &[f32], row: &StepRow) -> bool {
         self.builds += 1;
         self.valid = true;
-        self.built = sight;
+        self.built = Sight::at(row);
         self.widest = scale.iter().fold(1.0f32, |a, &b| max(a, b));
-        if self.evaluations > 0 {
-            let rate = min(self.used, self.skin) / self.evaluations as f32;
-            self.skin = min(max((THRIFT * rate).sqrt(), SKINS[0]), SKINS[1]);
+        if self.search == Search::AllPairs {
+            return false;
         }
-        (self.used, self.evaluations) = (0.0, 0);
-        (self.search != Search::AllPairs).then_some(self.skin)
+        if self.evaluations > 0 {
+            let renewed = self.renewed as f32 / (chain.len() as f32 * self.evaluations as f32);
+            self.skin = min(max((THRIFT * self.skin * renewed).sqrt(), SKINS[0]), SKINS[1]);
+        }
+        (self.evaluations, self.renewed) = (0, 0);
+        let (tables, skin) = (&mut self.tables, self.skin);
+        self.vectors.run(
+            #[inline(always)]
+            || tables.fill(chain, skin),
+        );
+        true
+    }
+
+    /// Gives these particles new references.
+    fn renew(&mut self, chain: &Chain, particles: Vec<usize>) -> Restless {
+        for &i in &particles {
+            let part = self.parts.partition_point(|part| part.particles.end <= i);
+            let LoopPart { particles, references, .. } = &mut self.parts[part];
+            let k = i - particles.start;
+            (references.x[k], references.y[k]) = (chain.x[i + 1], chain.y[i + 1]);
+            (references.nx[k], references.ny[k]) = (chain.nx[i], chain.ny[i]);
+        }
+        let n = chain.len();
+        let reference = |i: usize| {
+            let part = &self.parts[self.parts.partition_point(|part| part.particles.end <= i)];
+            let k = i - part.particles.start;
+            [part.references.x[k], part.references.y[k]]
+        };
+        let ends = particles.iter().flat_map(|&i| [(i + n - 1) % n, i]);
+        let mut segments: Vec<usize> = ends.collect();
+        segments.sort_unstable();
+        segments.dedup();
+        for &j in &segments {
+            self.tables.place(j, [reference(j), reference((j + 1) % n)], self.skin);
+        }
+        let [tissue, gap] = self.built.of(self.widest);
+        self.tables.restless(particles, &segments, max(tissue, gap))
     }
 
     /// Upper bound of the decrease of the slack between a particle and a segment since the lists
@@ -235,8 +241,7 @@ impl Neighbours {
             turned = max(turned, part.turned);
             let count = part.particles.len();
             for k in [0, count - 1] {
-                let i = part.particles.start + k;
-                turned = max(turned, square([chain.nx[i] - part.built[2][k], chain.ny[i] - part.built[3][k]]));
+                turned = max(turned, part.references.changes(k, chain, part.particles.start + k)[1]);
             }
         }
         let (widened, by_turning) = self.changes(row);
@@ -258,17 +263,15 @@ impl Neighbours {
         let most = chain.len() / RESTLESS;
         let (widened, by_turning) = self.changes(row);
         let allowed = self.skin - ROUNDING - widened;
-        if most == 0 || allowed <= 0.0 {
+        if allowed <= 0.0 {
             return None;
         }
-        let (far, turned) = (CALM[0] * allowed / (2.0 * SLOPE), CALM[1] * allowed / by_turning);
+        let limits = [CALM[0] * allowed / (2.0 * SLOPE), CALM[1] * allowed / by_turning].map(|limit| limit * limit);
         let mut restless = Vec::new();
         for part in &self.parts {
-            let [x, y, nx, ny] = &part.built;
             for (k, i) in part.particles.clone().enumerate() {
-                if square([chain.x[i + 1] - x[k], chain.y[i + 1] - y[k]]) > far * far
-                    || square([chain.nx[i] - nx[k], chain.ny[i] - ny[k]]) > turned * turned
-                {
+                let changes = part.references.changes(k, chain, i);
+                if changes[0] > limits[0] || changes[1] > limits[1] {
                     if restless.len() == most {
                         return None;
                     }
@@ -283,7 +286,7 @@ impl Neighbours {
 /// Outdated lists.
 enum Outdated {
     None,
-    /// Lists of groups near these particles.
+    /// Some lists of groups near these particles.
     Some(Vec<usize>),
     All,
 }
@@ -291,6 +294,7 @@ enum Outdated {
 /// Update of the lists of all parts.
 pub(super) struct Update<'a> {
     vectors: Vectors,
+    chain: &'a Chain,
     /// Lists to rebuild: all, or only those near the restless particles; `None` if all lists are
     /// valid.
     lists: Option<(Lists<'a>, Option<Restless>)>,
@@ -302,11 +306,13 @@ impl Update<'_> {
         let Some((lists, restless)) = &self.lists else {
             return;
         };
-        let LoopPart { particles, groups, .. } = part;
-        self.vectors.run_in_lanes(ListUpdate { lists, restless: restless.as_ref(), particles, scale, groups });
+        let LoopPart { particles, groups, references, moved, turned } = part;
         if restless.is_none() {
-            part.note(lists.chain);
+            references.take(self.chain, particles);
+            (*moved, *turned) = (0.0, 0.0);
         }
+        let own = OwnParticles { range: particles, references, scale, n: self.chain.len() };
+        self.vectors.run_in_lanes(ListUpdate { lists, restless: restless.as_ref(), own, groups });
     }
 }
 
@@ -314,8 +320,7 @@ impl Update<'_> {
 struct ListUpdate<'a> {
     lists: &'a Lists<'a>,
     restless: Option<&'a Restless>,
-    particles: &'a Range<usize>,
-    scale: &'a [f32],
+    own: OwnParticles<'a>,
     groups: &'a mut Groups,
 }
 
@@ -324,10 +329,10 @@ impl WithSimd for ListUpdate<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { lists, restless, particles, scale, groups } = self;
+        let Self { lists, restless, own, groups } = self;
         match restless {
-            None => lists.build(simd, particles, scale, groups),
-            Some(restless) => lists.mend(simd, particles, scale, restless, groups),
+            None => lists.build(simd, own, groups),
+            Some(restless) => lists.mend(simd, own, restless, groups),
         }
     }
 }

@@ -128,7 +128,7 @@ fn distance(mesh: &Mesh, sections: &[Section], wall: usize) -> f64 {
         .collect();
     let reference = reference(sections, wall);
     let one_way = |from: &[[[f64; 3]; 3]], to: &[[[f64; 3]; 3]]| {
-        Triangles::new(to.len(), |i| to[i]).farthest(from.len(), |i, visit| {
+        Triangles::new(to.len(), |i| to[i]).farthest(0.0, from.len(), |i, visit| {
             let [a, b, c] = from[i];
             for j in 0..=8 {
                 for k in 0..=8 - j {

@@ -19,6 +19,42 @@ const CELL: usize = 8 * BLOCK;
 /// Number of cells in a tract.
 const TRACT: usize = 16;
 
+/// Reference positions and normals of the particles of a part.
+#[derive(Clone, Debug, Default)]
+pub(in crate::sim::cpu) struct References {
+    pub(super) x: Vec<f32>,
+    pub(super) y: Vec<f32>,
+    pub(super) nx: Vec<f32>,
+    pub(super) ny: Vec<f32>,
+}
+
+impl References {
+    /// Takes over the positions and normals of these particles.
+    pub(super) fn take(&mut self, chain: &Chain, own: &Range<usize>) {
+        let places = own.start + 1..own.end + 1;
+        let now = [&chain.x[places.clone()], &chain.y[places], &chain.nx[own.clone()], &chain.ny[own.clone()]];
+        for (reference, now) in [&mut self.x, &mut self.y, &mut self.nx, &mut self.ny].into_iter().zip(now) {
+            reference.clear();
+            reference.extend_from_slice(now);
+        }
+    }
+
+    /// Squares of the displacement of particle `k` of the part, which is particle `i` of the loop,
+    /// and of the change of its normal.
+    #[inline(always)]
+    pub(super) fn changes(&self, k: usize, chain: &Chain, i: usize) -> [f32; 2] {
+        [
+            square([chain.x[i + 1] - self.x[k], chain.y[i + 1] - self.y[k]]),
+            square([chain.nx[i] - self.nx[k], chain.ny[i] - self.ny[k]]),
+        ]
+    }
+}
+
+#[inline(always)]
+pub(super) fn square([x, y]: [f32; 2]) -> f32 {
+    x * x + y * y
+}
+
 /// Lists of the groups of a part.
 #[derive(Clone, Debug, Default)]
 pub(in crate::sim::cpu) struct Groups {
@@ -26,10 +62,8 @@ pub(in crate::sim::cpu) struct Groups {
     /// its own ones, and of the end. Empty if all segments are visited.
     spans: Vec<[u32; 3]>,
     list: Vec<u32>,
-    /// Groups whose lists are valid for the present evaluation only, with the spans of their
-    /// previous lists; and the end of the previous lists.
-    mended: Vec<(usize, [u32; 3])>,
-    end: usize,
+    /// Maximum length of `list`, from which it is compacted.
+    most: usize,
 }
 
 impl Groups {
@@ -70,12 +104,25 @@ impl Groups {
         }
     }
 
-    /// Restores the lists that were built for all groups together.
-    pub(super) fn settle(&mut self) {
-        for (group, span) in self.mended.drain(..) {
-            self.spans[group] = span;
-            self.list.truncate(self.end);
+    /// True if the list of a group contains a segment that is not its own.
+    fn contain(&self, group: usize, segment: u32) -> bool {
+        let [first, _, end] = self.spans[group].map(|at| at as usize);
+        self.list[first..end].binary_search(&segment).is_ok()
+    }
+
+    /// Removes lists that are no longer used, if they take much memory.
+    fn compact(&mut self) {
+        if self.list.len() <= self.most {
+            return;
         }
+        let mut list = Vec::with_capacity(self.list.len());
+        for span in &mut self.spans {
+            let (from, start) = (span[0], list.len() as u32);
+            list.extend_from_slice(&self.list[from as usize..span[2] as usize]);
+            *span = span.map(|at| at - from + start);
+        }
+        self.most = 2 * list.len();
+        self.list = list;
     }
 }
 
@@ -144,7 +191,7 @@ pub(super) struct Tables {
 }
 
 /// A point and the margin around it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Disc {
     x: f32,
     y: f32,
@@ -152,6 +199,7 @@ struct Disc {
 }
 
 impl Tables {
+    /// Fills the tables for the present positions.
     #[inline(always)]
     pub(super) fn fill(&mut self, chain: &Chain, skin: f32) {
         let n = chain.len();
@@ -161,30 +209,46 @@ impl Tables {
         let (x, y, margin) = (&mut self.x[..n], &mut self.y[..n], &mut self.margin[..n]);
         let (ax, ay) = (&chain.x[1..n + 2], &chain.y[1..n + 2]);
         for j in 0..n {
-            let (dx, dy) = (ax[j + 1] - ax[j], ay[j + 1] - ay[j]);
-            x[j] = ax[j] + 0.5 * dx;
-            y[j] = ay[j] + 0.5 * dy;
-            margin[j] = skin + 0.5 * SLOPE * (dx * dx + dy * dy).sqrt();
+            (x[j], y[j], margin[j]) = segment([ax[j], ay[j]], [ax[j + 1], ay[j + 1]], skin);
         }
         self.blocks.clear();
+        self.blocks.resize(n.div_ceil(BLOCK), Disc::default());
         self.cells.clear();
-        for first in (0..n).step_by(CELL) {
-            let segments = first..(first + CELL).min(n);
-            let mut cell = (NOTHING, 0.0f32);
-            for first in segments.clone().step_by(BLOCK) {
-                let (mut b, mut widest) = (NOTHING, 0.0f32);
-                for j in first..(first + BLOCK).min(segments.end) {
-                    b = around(b, [x[j], y[j]]);
-                    widest = max(widest, margin[j]);
-                }
-                let (width, height) = (b[2] - b[0], b[3] - b[1]);
-                let radius = 0.5 * (width * width + height * height).sqrt();
-                let margin = widest + SLOPE * radius;
-                self.blocks.push(Disc { x: 0.5 * (b[0] + b[2]), y: 0.5 * (b[1] + b[3]), margin });
-                cell = (around(around(cell.0, [b[0], b[1]]), [b[2], b[3]]), max(cell.1, widest));
-            }
-            self.cells.push(cell);
+        self.cells.resize(n.div_ceil(CELL), (NOTHING, 0.0));
+        for cell in 0..self.cells.len() {
+            self.join(cell);
         }
+        self.join_cells();
+    }
+
+    /// Moves a segment to these ends. [`Tables::join`] must follow.
+    pub(super) fn place(&mut self, j: usize, [a, b]: [[f32; 2]; 2], skin: f32) {
+        (self.x[j], self.y[j], self.margin[j]) = segment(a, b, skin);
+    }
+
+    /// Computes the blocks of a cell, and the cell.
+    #[inline(always)]
+    fn join(&mut self, cell: usize) {
+        let Self { x, y, margin, blocks, cells, .. } = self;
+        let segments = cell * CELL..((cell + 1) * CELL).min(x.len());
+        let mut joined = (NOTHING, 0.0f32);
+        for first in segments.clone().step_by(BLOCK) {
+            let (mut b, mut widest) = (NOTHING, 0.0f32);
+            for j in first..(first + BLOCK).min(segments.end) {
+                b = around(b, [x[j], y[j]]);
+                widest = max(widest, margin[j]);
+            }
+            let (width, height) = (b[2] - b[0], b[3] - b[1]);
+            let radius = 0.5 * (width * width + height * height).sqrt();
+            let margin = widest + SLOPE * radius;
+            blocks[first / BLOCK] = Disc { x: 0.5 * (b[0] + b[2]), y: 0.5 * (b[1] + b[3]), margin };
+            joined = (around(around(joined.0, [b[0], b[1]]), [b[2], b[3]]), max(joined.1, widest));
+        }
+        cells[cell] = joined;
+    }
+
+    /// Computes the tracts.
+    fn join_cells(&mut self) {
         self.tracts.clear();
         self.tracts.extend(self.cells.chunks(TRACT).map(|cells| {
             cells.iter().fold((NOTHING, 0.0f32), |(b, m), (cell, margin)| {
@@ -192,17 +256,19 @@ impl Tables {
             })
         }));
     }
-}
 
-impl Tables {
-    /// Restless particles, none of which is seen from farther than `sight`.
-    pub(super) fn restless(&self, particles: Vec<usize>, sight: f32) -> Restless {
-        let Self { x, y, margin, cells, tracts, .. } = self;
-        let n = x.len();
-        let ends = particles.iter().flat_map(|&i| [(i + n - 1) % n, i]);
-        let segments: Vec<Disc> = ends.map(|j| Disc { x: x[j], y: y[j], margin: margin[j] }).collect();
-        let seen_from = |(bounds, margin): &(Bounds, f32), segments: &[Disc]| -> Vec<Disc> {
-            let is_near = |segment: &&Disc| {
+    /// Restless particles, after their `segments` have been placed. No particle sees a segment that
+    /// is farther than `sight`.
+    pub(super) fn restless(&mut self, particles: Vec<usize>, segments: &[usize], sight: f32) -> Restless {
+        for touched in segments.chunk_by(|a, b| a / CELL == b / CELL) {
+            self.join(touched[0] / CELL);
+        }
+        self.join_cells();
+        let Self { x, y, margin, cells, tracts, .. } = &*self;
+        let disc = |&j: &usize| (j as u32, Disc { x: x[j], y: y[j], margin: margin[j] });
+        let segments: Vec<(u32, Disc)> = segments.iter().map(disc).collect();
+        let seen_from = |(bounds, margin): &(Bounds, f32), segments: &[(u32, Disc)]| -> Vec<(u32, Disc)> {
+            let is_near = |(_, segment): &&(u32, Disc)| {
                 let reach = sight + margin + segment.margin;
                 apart(*bounds, around(NOTHING, [segment.x, segment.y])) <= reach * reach
             };
@@ -217,11 +283,11 @@ impl Tables {
     }
 }
 
-impl Restless {
-    /// True if the particles may be seen from at most one cell in `share`.
-    pub(super) fn are_few(&self, share: usize) -> bool {
-        self.near.iter().filter(|near| !near.is_empty()).count() * share <= self.near.len()
-    }
+/// Midpoint and margin of a segment between two points.
+#[inline(always)]
+fn segment([ax, ay]: [f32; 2], [bx, by]: [f32; 2], skin: f32) -> (f32, f32, f32) {
+    let (dx, dy) = (bx - ax, by - ay);
+    (ax + 0.5 * dx, ay + 0.5 * dy, skin + 0.5 * SLOPE * (dx * dx + dy * dy).sqrt())
 }
 
 /// Ranges of the particles of a group.
@@ -250,7 +316,6 @@ impl<S: Simd> GroupSight<S> {
 
 /// Search for the segments that groups may see.
 pub(super) struct Lists<'a> {
-    pub(super) chain: &'a Chain,
     pub(super) sight: Sight,
     pub(super) tables: &'a Tables,
     pub(super) grid: Option<Grid>,
@@ -260,68 +325,79 @@ pub(super) struct Lists<'a> {
 /// restless particle and may be seen from the cell.
 pub(super) struct Restless {
     particles: Vec<usize>,
-    near: Vec<Vec<Disc>>,
+    near: Vec<Vec<(u32, Disc)>>,
+}
+
+/// Particles of a part whose lists are built.
+#[derive(Clone, Copy)]
+pub(super) struct OwnParticles<'a> {
+    pub(super) range: &'a Range<usize>,
+    pub(super) references: &'a References,
+    pub(super) scale: &'a [f32],
+    /// Number of particles of the loop.
+    pub(super) n: usize,
+}
+
+impl OwnParticles<'_> {
+    /// Index, in the part, of a range of particles.
+    fn local(&self, some: &Range<usize>) -> Range<usize> {
+        some.start - self.range.start..some.end - self.range.start
+    }
 }
 
 impl Lists<'_> {
-    /// Builds the lists of the groups of these particles, which have these scales.
+    /// Builds the lists of all groups of a part.
     #[inline(always)]
-    pub(super) fn build<S: Simd>(&self, simd: S, particles: &Range<usize>, scale: &[f32], groups: &mut Groups) {
+    pub(super) fn build<S: Simd>(&self, simd: S, own: OwnParticles<'_>, groups: &mut Groups) {
         groups.spans.clear();
         groups.list.clear();
-        groups.mended.clear();
-        let scale = |some: &Range<usize>| &scale[some.start - particles.start..some.end - particles.start];
         let mut cells: Vec<u32> = Vec::new();
-        for first in particles.clone().step_by(CELL) {
-            let run = first..(first + CELL).min(particles.end);
-            self.near(&run, scale(&run), &mut cells);
+        for first in own.range.clone().step_by(CELL) {
+            let run = first..(first + CELL).min(own.range.end);
+            self.near(own, &run, &mut cells);
             for first in run.clone().step_by(S::F32_LANES) {
                 let group = first..(first + S::F32_LANES).min(run.end);
-                let span = self.list(&self.seen(simd, &group, scale(&group)), &group, &cells, &mut groups.list);
+                let span = self.list(own.n, &self.seen(simd, own, &group), &group, &cells, &mut groups.list);
                 groups.spans.push(span);
             }
         }
-        groups.end = groups.list.len();
+        groups.most = 2 * groups.list.len();
     }
 
-    /// Rebuilds the lists of groups that have restless particles or see their segments.
+    /// Rebuilds the lists of groups that have restless particles or lack one of their segments.
     #[inline(always)]
-    pub(super) fn mend<S: Simd>(
-        &self,
-        simd: S,
-        particles: &Range<usize>,
-        scale: &[f32],
-        restless: &Restless,
-        groups: &mut Groups,
-    ) {
+    pub(super) fn mend<S: Simd>(&self, simd: S, own: OwnParticles<'_>, restless: &Restless, groups: &mut Groups) {
         let mut cells = Vec::new();
-        for (number, first) in particles.clone().step_by(S::F32_LANES).enumerate() {
+        for (number, first) in own.range.clone().step_by(S::F32_LANES).enumerate() {
             let near = &restless.near[first / CELL];
             if near.is_empty() {
                 continue;
             }
-            let group = first..(first + S::F32_LANES).min(particles.end);
-            let scale = &scale[first - particles.start..group.end - particles.start];
-            let seen = self.seen(simd, &group, scale);
+            let group = first..(first + S::F32_LANES).min(own.range.end);
+            let seen = self.seen(simd, own, &group);
             let next = restless.particles.partition_point(|&i| i < group.start);
-            let mut is_concerned = restless.particles.get(next).is_some_and(|&i| i < group.end);
-            for &segment in near {
-                is_concerned = is_concerned || seen.has(segment);
+            let mut is_outdated = restless.particles.get(next).is_some_and(|&i| i < group.end);
+            if !is_outdated {
+                let segments = OwnSegments::new(&group, own.n);
+                let lacks = |&(j, segment): &(u32, Disc)| {
+                    seen.has(segment) && !segments.contains(j as usize) && !groups.contain(number, j)
+                };
+                is_outdated = near.iter().any(lacks);
             }
-            if is_concerned {
-                self.near(&group, scale, &mut cells);
-                groups.mended.push((number, groups.spans[number]));
-                groups.spans[number] = self.list(&seen, &group, &cells, &mut groups.list);
+            if is_outdated {
+                self.near(own, &group, &mut cells);
+                groups.spans[number] = self.list(own.n, &seen, &group, &cells, &mut groups.list);
             }
         }
+        groups.compact();
     }
 
     /// Collects the cells in which particles of a run may see a segment, in ascending order.
-    fn near(&self, run: &Range<usize>, scale: &[f32], cells: &mut Vec<u32>) {
+    fn near(&self, own: OwnParticles<'_>, run: &Range<usize>, cells: &mut Vec<u32>) {
         let (mut bounds, mut reach) = (NOTHING, 0.0f32);
-        for (i, &scale) in run.clone().zip(scale) {
-            let [tissue, gap] = self.sight.of(scale);
-            bounds = around(bounds, [self.chain.x[i + 1], self.chain.y[i + 1]]);
+        for k in own.local(run) {
+            let [tissue, gap] = self.sight.of(own.scale[k]);
+            bounds = around(bounds, [own.references.x[k], own.references.y[k]]);
             reach = max(reach, max(tissue, gap));
         }
         cells.clear();
@@ -349,12 +425,12 @@ impl Lists<'_> {
     #[inline(always)]
     fn list<S: Simd>(
         &self,
+        n: usize,
         seen: &GroupSight<S>,
         group: &Range<usize>,
         cells: &[u32],
         list: &mut Vec<u32>,
     ) -> [u32; 3] {
-        let n = self.chain.len();
         let own = OwnSegments::new(group, n);
         let Tables { x, y, margin, blocks, .. } = self.tables;
         let (x, y, margin) = (&x[..n], &y[..n], &margin[..n]);
@@ -378,15 +454,16 @@ impl Lists<'_> {
     }
 
     #[inline(always)]
-    fn seen<S: Simd>(&self, simd: S, group: &Range<usize>, scale: &[f32]) -> GroupSight<S> {
+    fn seen<S: Simd>(&self, simd: S, own: OwnParticles<'_>, group: &Range<usize>) -> GroupSight<S> {
         let (mut x, mut y, mut mean) = ([FAR; MOST], [FAR; MOST], [0.0; MOST]);
         let (mut side_x, mut side_y) = ([0.0; MOST], [0.0; MOST]);
-        for ((l, i), &scale) in group.clone().enumerate().zip(scale) {
-            let [tissue, gap] = self.sight.of(scale);
+        for (l, k) in own.local(group).enumerate() {
+            let [tissue, gap] = self.sight.of(own.scale[k]);
             let half = 0.5 * (gap - tissue);
-            (x[l], y[l]) = (self.chain.x[i + 1], self.chain.y[i + 1]);
+            let References { x: rx, y: ry, nx, ny } = own.references;
+            (x[l], y[l]) = (rx[k], ry[k]);
             mean[l] = 0.5 * (gap + tissue);
-            (side_x[l], side_y[l]) = (-half * self.chain.nx[i], -half * self.chain.ny[i]);
+            (side_x[l], side_y[l]) = (-half * nx[k], -half * ny[k]);
         }
         let of = |numbers: [f32; MOST]| Lanes::of(simd, &numbers);
         GroupSight { simd, x: of(x), y: of(y), mean: of(mean), side_x: of(side_x), side_y: of(side_y) }
