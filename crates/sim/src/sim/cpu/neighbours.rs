@@ -232,8 +232,8 @@ impl Neighbours {
         self.tables.restless(particles, &segments, max(tissue, gap))
     }
 
-    /// Upper bound of the decrease of the slack between a particle and a segment since the lists
-    /// were built.
+    /// Upper bound of the decrease of the slack between a particle and a segment from that at their
+    /// references.
     fn used_up(&self, chain: &Chain, row: &StepRow) -> f32 {
         let (mut moved, mut turned) = (0.0, 0.0);
         for part in &self.parts {
