@@ -32,14 +32,14 @@ use std::ops::Range;
 /// Factor of the skin, µm. With a skin s, the length of lists grows in proportion to s, and a
 /// particle gets a new reference after s/v evaluations if it uses up slack at the rate v. The sum
 /// of both costs is minimal at √(`THRIFT`·v). Measured with the presets `paper` and `pig`.
-const THRIFT: f32 = 280.0;
+const THRIFT: f32 = 120.0;
 /// Bounds of the skin, and the first skin, µm.
 const SKINS: [f32; 2] = [5.0, 30.0];
 const FIRST_SKIN: f32 = 10.0;
 /// Part of the skin reserved for rounding, µm.
 const ROUNDING: f32 = 0.01;
 /// If more than one particle in `RESTLESS` is restless, all lists are rebuilt.
-const RESTLESS: usize = 12;
+const RESTLESS: usize = 48;
 /// Parts of the skin that the motion of two particles, and the turn of one, may use up while the
 /// particles count as calm.
 const CALM: [f32; 2] = [0.55, 0.45];
