@@ -152,7 +152,7 @@ impl<'a> Attempt<'a> {
                     sink,
                     checkpoints,
                     cancel,
-                    threads_used: ThreadUse::Long,
+                    threads_used: ThreadUse::All,
                     spec: None,
                     stopping: None,
                 })
@@ -229,8 +229,8 @@ impl<'a> Attempt<'a> {
         self.spec = spec.flatten();
         self.threads_used = match start {
             Start::Cpu(Threads::Beside(_)) => ThreadUse::Beside,
-            _ if predicted.is_some_and(|seconds| seconds < NEARLY_FREE) => ThreadUse::Short,
-            _ => ThreadUse::Long,
+            _ if predicted.is_some_and(|seconds| seconds < NEARLY_FREE) => ThreadUse::NearlyFree,
+            _ => ThreadUse::All,
         };
         let mut time = self.time_limit(predicted);
         let mut generation = match start {

@@ -59,7 +59,7 @@ const PLANS: [(&str, &str); 7] = [
 ];
 
 /// Migrations of the tables, oldest first.
-const MIGRATIONS: [(&str, &str); 17] = migrations![
+const MIGRATIONS: [(&str, &str); 18] = migrations![
     "0001_jobs",
     "0002_priorities",
     "0003_traces",
@@ -77,6 +77,7 @@ const MIGRATIONS: [(&str, &str); 17] = migrations![
     "0015_packs",
     "0016_short_models",
     "0017_functions",
+    "0018_deleted",
 ];
 
 /// The connections to a PostgreSQL database.

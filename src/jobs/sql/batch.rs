@@ -1,6 +1,7 @@
 //! Batches: jobs that are submitted, listed and deleted together.
 
 use super::codec::{Value, enum_from_sql, json, values};
+use super::deleted;
 use super::error::SqlError;
 use super::operation::{Done, Grouped, Operation, Uncertain};
 use super::order::queue_room;
@@ -113,11 +114,15 @@ impl Operation for SubmitBatch {
             }
         }
         let now = tx.now().await?;
+        let is_retry = self.tried.lock().is_some();
         let id = *self.tried.lock().get_or_insert_with(|| BatchId(self.ids.next(now)));
         let sql = "INSERT INTO batches (id, created_at, idempotency_key, idempotency_body, priority, submitter, study) \
                    VALUES ($1, $2, $3, $4, $5, $6, $7)";
         let study = self.new.study.as_ref().map(json);
         tx.execute(sql, values![id, now, key, body, self.new.priority.get(), submitter(whose), study]).await?;
+        if is_retry {
+            deleted::refuse_second(tx, id.0).await?;
+        }
         let mut room = queue_room(tx, options).await?;
         quota::check(tx, whose, self.new.quota, self.new.jobs.len() as u64).await?;
         for (index, new) in (0_u32..).zip(&self.new.jobs) {
@@ -133,7 +138,8 @@ impl Operation for SubmitBatch {
     async fn was_committed(&self, tx: &mut Tx<'_>, done: &Done<SubmittedBatch>) -> Result<bool, SqlError> {
         // A run that found the batch of an earlier request has changed nothing.
         let id = done.output.batch().id;
-        Ok(*self.tried.lock() == Some(id) && is_stored(tx, id).await?)
+        let is_own = *self.tried.lock() == Some(id);
+        Ok(is_own && (is_stored(tx, id).await? || deleted::is_noted(tx, id.0).await?))
     }
 }
 
@@ -244,6 +250,6 @@ async fn delete(id: BatchId, tx: &mut Tx<'_>) -> Result<Done<Option<Vec<String>>
         changes.extend(deleted.changes);
     }
     // Deleting the last job deletes the batch, unless it had none.
-    submit::delete_empty_batch(tx, &id.to_string()).await?;
+    submit::delete_empty_batch(tx, id).await?;
     Ok(Done::new(Some(keys), changes))
 }

@@ -13,6 +13,7 @@
 //! | `tx`, `codec`, `error`, `operation` | transactions, values, errors, operations |
 //! | `group` | changes that share a transaction and its commit |
 //! | `submit` | submissions, reuse, deletion |
+//! | `deleted` | ids of young jobs and batches that were deleted |
 //! | `batch` | batches |
 //! | `bulk` | changes of many jobs in one transaction |
 //! | `claim`, `order`, `place` | claims; turns and positions in the queue |
@@ -28,6 +29,7 @@ mod batch;
 mod bulk;
 mod claim;
 mod codec;
+mod deleted;
 mod end;
 mod error;
 mod group;

@@ -1,6 +1,7 @@
 //! Submission of jobs, reuse of finished models, and deletion.
 
 use super::codec::{Value, enum_from_sql, enum_to_sql, json, values};
+use super::deleted;
 use super::error::SqlError;
 use super::operation::{Done, Grouped, Operation, Results, Uncertain, are_deleted, or_refusal};
 use super::order::{self, rank};
@@ -82,14 +83,58 @@ impl Operation for Submit {
     const GROUPED: Grouped = Grouped::Submissions;
 
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Option<Submitted>>, SqlError> {
+        self.queue(tx, options, self.tried()).await
+    }
+
+    async fn run_together(
+        submissions: &[Arc<Self>],
+        tx: &mut Tx<'_>,
+        options: &StoreOptions,
+    ) -> Result<Results<Option<Submitted>>, SqlError> {
+        let mut results = Vec::with_capacity(submissions.len());
+        for submission in submissions {
+            let is_plain = tx.is_postgres() && submission.is_plain();
+            let job = if is_plain { submission.place_plain(tx, options, submissions.len() == 1).await? } else { None };
+            results.push(match job {
+                Some(job) => Ok(Self::done(job)),
+                None => or_refusal(submission.queue(tx, options, None).await)?,
+            });
+        }
+        Ok(results)
+    }
+
+    async fn was_committed(&self, tx: &mut Tx<'_>, done: &Done<Option<Submitted>>) -> Result<bool, SqlError> {
+        // A run that found the job of an earlier request has changed nothing.
+        let Some(submitted) = &done.output else { return Ok(false) };
+        let id = submitted.job().id;
+        let is_own = self.tried().is_some_and(|(tried, _)| tried == id);
+        Ok(is_own && (read::job(tx, id).await?.is_some() || deleted::is_noted(tx, id.0).await?))
+    }
+}
+
+impl Submit {
+    fn tried(&self) -> Option<(JobId, Timestamp)> {
+        *self.tried.lock()
+    }
+
+    /// Queues the job. `earlier` is the id and time of a run whose outcome is unknown.
+    async fn queue(
+        &self,
+        tx: &mut Tx<'_>,
+        options: &StoreOptions,
+        earlier: Option<(JobId, Timestamp)>,
+    ) -> Result<Done<Option<Submitted>>, SqlError> {
         let new = &self.new;
         quota::lock_owner(tx, new.owner.as_deref(), new.quota).await?;
         share::lock_digest(tx, new).await?;
-        if let Some((id, _)) = self.tried()
-            && let Some(job) = read::job(tx, id).await?
-        {
-            // An earlier run was committed, but the response was lost.
-            return Ok(Self::done(job));
+        if let Some((id, created_at)) = earlier {
+            if let Some(job) = read::job(tx, id).await? {
+                return Ok(Self::done(job));
+            }
+            if deleted::is_noted(tx, id.0).await? {
+                let job = new_job(id, new, created_at, None, false, None);
+                return Ok(Done::quiet(Some(Submitted::Queued(job))));
+            }
         }
         let found = look(tx, new).await?;
         if let (Some((id, known)), Some((_, body))) = (&found.same_key, &new.idempotency) {
@@ -106,37 +151,11 @@ impl Operation for Submit {
         quota::check(tx, new.owner.as_deref(), new.quota, new.weight.into()).await?;
         let batch = batch_of(tx, new.retry_of).await?;
         let mut room = options.queue_limit.saturating_sub(found.queued);
-        Ok(Self::done(place(tx, options, id, new, batch, &found, &mut room).await?))
-    }
-
-    async fn run_together(
-        submissions: &[Arc<Self>],
-        tx: &mut Tx<'_>,
-        options: &StoreOptions,
-    ) -> Result<Results<Option<Submitted>>, SqlError> {
-        let mut results = Vec::with_capacity(submissions.len());
-        for submission in submissions {
-            let is_plain = tx.is_postgres() && submission.is_plain();
-            let job = if is_plain { submission.place_plain(tx, options, submissions.len() == 1).await? } else { None };
-            results.push(match job {
-                Some(job) => Ok(Self::done(job)),
-                None => or_refusal(submission.run(tx, options).await)?,
-            });
+        let job = place(tx, options, id, new, batch, &found, &mut room).await?;
+        if earlier.is_some() {
+            deleted::refuse_second(tx, id.0).await?;
         }
-        Ok(results)
-    }
-
-    async fn was_committed(&self, tx: &mut Tx<'_>, done: &Done<Option<Submitted>>) -> Result<bool, SqlError> {
-        // A run that found the job of an earlier request has changed nothing.
-        let Some(submitted) = &done.output else { return Ok(false) };
-        let id = submitted.job().id;
-        Ok(self.tried().is_some_and(|(tried, _)| tried == id) && read::job(tx, id).await?.is_some())
-    }
-}
-
-impl Submit {
-    fn tried(&self) -> Option<(JobId, Timestamp)> {
-        *self.tried.lock()
+        Ok(Self::done(job))
     }
 
     fn done(job: Job) -> Done<Option<Submitted>> {
@@ -499,8 +518,8 @@ pub(super) async fn delete(
     // Locks the batch before the job, as the deletion of a batch does. A job's batch never changes.
     let row = tx.optional("SELECT batch FROM jobs WHERE id = $1", values![id]).await?;
     let Some(row) = row else { return Ok(None) };
-    let batch: Option<String> = row.get("batch")?;
-    if let Some(batch) = &batch {
+    let batch = row.optional_id("batch")?.map(BatchId);
+    if let Some(batch) = batch {
         let sql = format!("SELECT id FROM batches WHERE id = $1{}", tx.either("", " FOR UPDATE"));
         tx.optional(sql, values![batch]).await?;
     }
@@ -521,15 +540,18 @@ pub(super) async fn delete(
     let mut keys = rows.iter().map(|row| row.get("key")).collect::<Result<Vec<String>, _>>()?;
     let gone = tx.one("DELETE FROM jobs WHERE id = $1 RETURNING checkpoint", values![id]).await?;
     keys.extend(gone.get::<Option<String>>("checkpoint")?);
-    if let Some(batch) = &batch {
+    deleted::note(tx, id.0).await?;
+    if let Some(batch) = batch {
         delete_empty_batch(tx, batch).await?;
     }
     Ok(Some(Done::new(keys, changes)))
 }
 
 /// Deletes the batch and its idempotency key if it has no jobs left.
-pub(super) async fn delete_empty_batch(tx: &mut Tx<'_>, batch: &String) -> Result<(), SqlError> {
+pub(super) async fn delete_empty_batch(tx: &mut Tx<'_>, batch: BatchId) -> Result<(), SqlError> {
     let sql = "DELETE FROM batches WHERE id = $1 AND NOT EXISTS (SELECT 1 FROM jobs WHERE batch = $1)";
-    tx.execute(sql, values![batch]).await?;
+    if tx.execute(sql, values![batch]).await? > 0 {
+        deleted::note(tx, batch.0).await?;
+    }
     Ok(())
 }

@@ -32,7 +32,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Migrations of the tables, oldest first.
-const MIGRATIONS: [(&str, &str); 18] = migrations![
+const MIGRATIONS: [(&str, &str); 19] = migrations![
     "0001_jobs",
     "0002_operations",
     "0003_fair_share",
@@ -51,6 +51,7 @@ const MIGRATIONS: [(&str, &str); 18] = migrations![
     "0016_operations",
     "0017_packs",
     "0018_short_models",
+    "0019_deleted",
 ];
 
 /// Maximum wait of a connection for a lock of another process.

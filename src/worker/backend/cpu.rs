@@ -30,9 +30,10 @@ pub(in crate::worker) enum Threads {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::worker) enum ThreadUse {
     /// It uses all threads.
-    Long,
-    /// It uses all threads for so short a time that the worker claims the next model at once.
-    Short,
+    All,
+    /// It uses all threads for so short a time (`NEARLY_FREE`) that the worker claims the next
+    /// model at once.
+    NearlyFree,
     /// It uses the thread for short models, beside a generation that uses all others.
     Beside,
 }
@@ -47,7 +48,7 @@ pub(in crate::worker) struct Cpu {
     beside: Arc<ThreadPool>,
     free: Arc<Semaphore>,
     beside_free: Arc<Semaphore>,
-    /// True while a model runs that is not short.
+    /// True while a model runs that is not [`ThreadUse::NearlyFree`].
     runs_long: watch::Sender<bool>,
     /// True once the running generation nearly ends.
     nearly_free: watch::Sender<bool>,
@@ -82,7 +83,7 @@ impl Cpu {
     /// The report of a job that runs here, by its requested backend.
     pub(in crate::worker) fn report(&self, requested: Backend) -> BackendReport {
         let used = if requested == Backend::CpuSingle { UsedBackend::CpuSingle } else { UsedBackend::Cpu };
-        let count = self.pool(used, ThreadUse::Long).current_num_threads();
+        let count = self.pool(used, ThreadUse::All).current_num_threads();
         BackendReport { requested, used: Some(used), device: Some(device(count)), fallback: None }
     }
 
@@ -144,8 +145,8 @@ impl Cpu {
         let (worker, count, nice) = (format!("{}/fit", self.worker), pool.current_num_threads(), self.nice);
         let mut long = None;
         match (task.job.kind, threads_used) {
-            (JobKind::Model, ThreadUse::Short) => drop(self.nearly_free.send_replace(true)),
-            (JobKind::Model, ThreadUse::Long) => {
+            (JobKind::Model, ThreadUse::NearlyFree) => drop(self.nearly_free.send_replace(true)),
+            (JobKind::Model, ThreadUse::All) => {
                 task.sink.announce_end(self.nearly_free.clone());
                 long = Some(RunningLong::new(&self.runs_long));
             }

@@ -2,10 +2,18 @@
 //! job changes.
 
 use super::*;
+use futures_util::{StreamExt, stream};
+use jiff::SignedDuration;
+use oviduct::jobs::Hook;
 use oviduct::jobs::state::{Event, Fence, JobState, Next, retry_delay};
 use oviduct::random::{Stream, below, words};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 const MAX_ATTEMPTS: u32 = 3;
+
+/// Time after a claim in which another one may leave expired leases.
+const LOOKS_EVERY: SignedDuration = SignedDuration::from_millis(500);
 
 /// The backends from which a CPU worker claims, each with its own lane.
 const LANES: [Backend; 3] = [Backend::Auto, Backend::Cpu, Backend::CpuSingle];
@@ -20,6 +28,13 @@ struct Expected {
     seen: Job,
 }
 
+impl Expected {
+    /// True if the job has the lane and the priority of `new`.
+    fn is_peer_of(&self, new: &NewJob) -> bool {
+        (self.seen.backend.requested, self.seen.priority) == (new.backend, new.priority)
+    }
+}
+
 /// A claimed job that has not been released; its lease may be lost.
 struct Held {
     id: JobId,
@@ -29,33 +44,70 @@ struct Held {
 
 struct History {
     bench: Bench,
+    hook: Arc<LosesSome>,
+    /// Time of the last claim.
+    claimed_at: Timestamp,
+    /// Time from which claims end expired leases again after a response was lost.
+    expires_from: Timestamp,
     jobs: BTreeMap<JobId, Expected>,
     held: Vec<Held>,
-    reused: u32,
+    reused: usize,
+}
+
+/// Loses the responses to one commit in eight, chosen by a seed.
+struct LosesSome {
+    seed: u64,
+    commits: AtomicU32,
+    /// True if a response was lost since the history last asked.
+    has_lost: AtomicBool,
+}
+
+impl Hook for LosesSome {
+    fn loses_commit(&self, _call: &'static str) -> bool {
+        let commit = self.commits.fetch_add(1, Ordering::Relaxed);
+        let is_lost = below(words(self.seed, Stream::Growth, commit, 1)[0], 8) == 0;
+        self.has_lost.fetch_or(is_lost, Ordering::Relaxed);
+        is_lost
+    }
 }
 
 pub async fn random_histories_agree_with_the_state_machine(factory: Factory) {
-    for seed in 1..=4 {
-        let bench = bench(factory, |options| options.max_attempts = MAX_ATTEMPTS).await;
-        let mut history = History { bench, jobs: BTreeMap::new(), held: Vec::new(), reused: 0 };
-        for step in 0..250 {
-            let [op, pick, worker, amount] = words(seed, Stream::Growth, step, 0);
-            let context = format!("seed {seed}, step {step}");
-            match below(op, 16) {
-                0..=2 => history.submit(step, [pick, worker, amount]).await,
-                3 => history.cancel(pick).await,
-                4 => history.delete(pick).await,
-                5..=8 => history.claim(["a", "b", "c"][below(worker, 3) as usize], 1 + below(amount, 2)).await,
-                9 => history.beat(pick).await,
-                10..=13 => history.end(pick, below(amount, 5)).await,
-                _ => history.bench.clock.advance(Duration::from_millis(u64::from(below(amount, 6000)))),
-            }
-            history.compare(&context).await;
-        }
-        assert!(history.reused > 0, "seed {seed} reused no model: the test is too weak");
-        let ended = history.jobs.values().filter(|job| job.state.status.is_ended()).count();
-        assert!(ended > 10, "seed {seed} ended only {ended} jobs: the test is too weak");
+    let seeds = if std::env::var_os("OVIDUCT_TEST_NIGHT").is_some() { 1000 } else { 4 };
+    let histories = stream::iter(1..=seeds).map(|seed| tokio::spawn(agrees(factory, seed))).buffer_unordered(4);
+    let sum = async |(reused, ended), history: Result<(usize, usize), _>| {
+        let history = history.unwrap();
+        (reused + history.0, ended + history.1)
+    };
+    let (reused, ended) = histories.fold((0, 0), sum).await;
+    assert!(reused > 2 * seeds as usize, "{reused} models were reused: the test is too weak");
+    assert!(ended > 15 * seeds as usize, "{ended} jobs ended: the test is too weak");
+}
+
+/// Compares one history. Those with even seeds lose responses to commits. Returns the numbers of
+/// models that were reused and of jobs that ended.
+async fn agrees(factory: Factory, seed: u64) -> (usize, usize) {
+    let mut bench = bench(factory, |options| options.max_attempts = MAX_ATTEMPTS).await;
+    let hook = Arc::new(LosesSome { seed, commits: AtomicU32::new(0), has_lost: AtomicBool::new(false) });
+    if seed.is_multiple_of(2) {
+        bench.store = bench.store.with_hook(Arc::<LosesSome>::clone(&hook));
     }
+    let (jobs, held, reused, claimed_at) = (BTreeMap::new(), Vec::new(), 0, Timestamp::MIN);
+    let mut history = History { expires_from: claimed_at, claimed_at, bench, hook, jobs, held, reused };
+    for step in 0..250 {
+        let [op, pick, worker, amount] = words(seed, Stream::Growth, step, 0);
+        let context = format!("seed {seed}, step {step}");
+        match below(op, 16) {
+            0..=2 => history.submit(step, [pick, worker, amount]).await,
+            3 => history.cancel(pick).await,
+            4 => history.delete(pick).await,
+            5..=8 => history.claim(["a", "b", "c"][below(worker, 3) as usize], 1 + below(amount, 2)).await,
+            9 => history.beat(pick).await,
+            10..=13 => history.end(pick, below(amount, 5)).await,
+            _ => history.bench.clock.advance(Duration::from_millis(u64::from(below(amount, 6000)))),
+        }
+        history.compare(&context).await;
+    }
+    (history.reused, history.jobs.values().filter(|job| job.state.status.is_ended()).count())
 }
 
 impl History {
@@ -80,21 +132,24 @@ impl History {
     }
 
     /// The jobs of the same lane and priority that have this status.
-    fn peers(&self, new: &NewJob, status: Status) -> impl Iterator<Item = &Expected> {
-        let of = (new.backend, new.priority);
-        self.jobs.values().filter(move |job| {
-            (job.seen.backend.requested, job.seen.priority, job.state.status) == (of.0, of.1, status)
-        })
+    fn peers<'a>(&'a self, new: &'a NewJob, status: Status) -> impl Iterator<Item = &'a Expected> {
+        self.jobs.values().filter(move |job| job.is_peer_of(new) && job.state.status == status)
     }
 
     /// The turn of a new job: one after the owner's last queued job, but not before the current
-    /// turn.
+    /// turn. An owner may join the turn that is running unless its newest job had that turn.
     fn turn(&self, new: &NewJob) -> i64 {
-        let served = self.peers(new, Status::Running).map(|job| job.turn).max();
+        let running = self.peers(new, Status::Running).map(|job| job.turn).max();
         let first = self.peers(new, Status::Queued).map(|job| job.turn).min();
         let own = self.peers(new, Status::Queued).filter(|job| job.owner == new.owner);
         let next = own.map(|job| job.turn + 1).max();
-        [served, first, next].into_iter().flatten().max().unwrap_or(0)
+        let newest = self.jobs.values().rfind(|job| new.owner.is_some() && job.owner == new.owner);
+        let is_peer = |job: &&Expected| job.is_peer_of(new);
+        let current = match (running, first, newest.filter(is_peer)) {
+            (Some(running), Some(first), Some(newest)) => running.max(first - 1).max(newest.turn + 1),
+            (running, first, _) => running.max(first).unwrap_or(0),
+        };
+        next.map_or(current, |next| current.max(next))
     }
 
     async fn submit(&mut self, step: u32, [how, who, again]: [u32; 3]) {
@@ -122,10 +177,12 @@ impl History {
         let made = self.jobs.values().any(reusable);
         let submitted = self.bench.store.submit(new).await.unwrap();
         assert_eq!(matches!(submitted, Submitted::Reused(_)), made, "{submitted:?}");
-        self.reused += u32::from(made);
+        self.reused += usize::from(made);
         let seen = submitted.job().clone();
         let state = JobState { status: if made { Status::Succeeded } else { Status::Queued }, ..JobState::queued() };
         let now = self.bench.clock.now();
+        // A reused model is not queued.
+        let turn = if made { 0 } else { turn };
         let expected = Expected { state, owner, turn, lease_until: now, available_at: now, seen };
         self.jobs.insert(expected.seen.id, expected);
     }
@@ -174,11 +231,27 @@ impl History {
         let now = self.bench.clock.now();
         let expired = |job: &Expected| job.state.status == Status::Running && job.lease_until <= now;
         let ids: Vec<JobId> = self.jobs.iter().filter(|(_, job)| expired(job)).map(|(id, _)| *id).collect();
-        for id in ids {
-            assert!(self.apply(id, &Event::Expire));
+        // A claim shortly after another may not look for expired leases.
+        let looks = now.duration_since(self.claimed_at) >= LOOKS_EVERY;
+        if looks && self.hook.has_lost.swap(false, Ordering::Relaxed) {
+            self.expires_from = now + LEASE;
+        }
+        let may_leave = !looks || now < self.expires_from;
+        self.claimed_at = now;
+        let claimed = self.bench.store.claim(worker, ClaimScope::Cpu, LEASE, limit).await.unwrap();
+        let is_left = match ids.first() {
+            Some(id) if may_leave => {
+                let job = self.bench.get(*id).await;
+                (job.status, job.attempts) == (Status::Running, self.jobs[id].state.attempts)
+            }
+            _ => false,
+        };
+        if !is_left {
+            for id in ids {
+                assert!(self.apply(id, &Event::Expire));
+            }
         }
         let expected = self.due(now, limit);
-        let claimed = self.bench.store.claim(worker, ClaimScope::Cpu, LEASE, limit).await.unwrap();
         assert_eq!(claimed.iter().map(|claimed| claimed.job().id).collect::<Vec<_>>(), expected);
         for claimed in claimed {
             let id = claimed.job().id;

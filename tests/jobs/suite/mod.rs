@@ -138,6 +138,7 @@ macro_rules! over {
             racing_equal_submissions_share_one_growth
             a_job_does_not_wait_for_one_that_is_queued_again_behind_it
             a_lost_response_to_a_commit_changes_no_result
+            a_retried_submission_creates_no_deleted_model_again
             a_submission_returns_the_record
             submissions_at_once_share_transactions_and_are_refused_alone
         }

@@ -273,6 +273,55 @@ pub async fn a_lost_response_to_a_commit_changes_no_result(factory: Factory) {
     }
 }
 
+/// Loses the responses to all commits of the calls that submit, while this is so.
+struct LosesSubmissions(AtomicBool);
+
+impl Hook for LosesSubmissions {
+    fn loses_commit(&self, call: &'static str) -> bool {
+        call.starts_with("submit") && self.0.load(Ordering::SeqCst)
+    }
+}
+
+/// Runs `submit` without responses to its commits, deletes what it submitted by `delete`, and
+/// returns the result of `submit` once responses arrive again.
+async fn delete_before_the_response<T: Send + 'static>(
+    bench: &Bench,
+    submit: impl FnOnce(Store) -> BoxFuture<'static, T>,
+    delete: impl AsyncFnOnce(JobId),
+) -> T {
+    let hook = Arc::new(LosesSubmissions(AtomicBool::new(true)));
+    let submitting = tokio::spawn(submit(bench.store.with_hook(Arc::<LosesSubmissions>::clone(&hook))));
+    let id = loop {
+        let page = bench.store.list(&ListFilter { limit: 1, ..ListFilter::default() }).await.unwrap();
+        if let Some(job) = page.jobs.first() {
+            break job.id;
+        }
+        tokio::time::sleep(Duration::from_millis(1)).await;
+    };
+    delete(id).await;
+    hook.0.store(false, Ordering::SeqCst);
+    submitting.await.unwrap()
+}
+
+pub async fn a_retried_submission_creates_no_deleted_model_again(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let submit = |store: Store| -> BoxFuture<'static, _> { Box::pin(async move { store.submit(new_job("a")).await }) };
+    let delete = async |id| assert!(bench.store.delete(id).await.unwrap().is_some());
+    let submitted = delete_before_the_response(&bench, submit, delete).await.unwrap();
+    assert!(matches!(submitted, Submitted::Queued(_)), "{submitted:?}");
+    assert!(bench.store.get(submitted.job().id).await.unwrap().is_none());
+
+    let submit = |store: Store| -> BoxFuture<'static, _> { Box::pin(async move { store.submit_batch(batch()).await }) };
+    let delete = async |id| {
+        let batch = bench.store.get(id).await.unwrap().unwrap().batch.unwrap();
+        assert!(bench.store.delete_batch(batch).await.unwrap().is_some());
+    };
+    let submitted = delete_before_the_response(&bench, submit, delete).await.unwrap();
+    assert!(matches!(submitted, SubmittedBatch::Accepted(_)), "{submitted:?}");
+    assert!(bench.store.batch(submitted.batch().id).await.unwrap().is_none());
+    assert_eq!(jobs(&bench.store).await, "[]");
+}
+
 /// Names of the operations in the source of the job store.
 fn operations() -> BTreeSet<String> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/jobs/sql");
