@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `paper` | the paper's Figures 10 and 11: time per step by number of particles, total running times |
 //! | `scaling` | time per step by number of threads and particles |
+//! | `model` | seconds of each stage of whole models, compared with another build |
 //! | `batch` | models per second on the GPU by batch size |
 //! | `peers` | the same model grown by the numba and Warp peers, which are not part of this project |
 //! | `queue` | submissions, claims and ends per second of the job store |
@@ -13,6 +14,7 @@ mod batch;
 mod curve;
 mod device;
 pub(crate) mod machine;
+mod model;
 mod overhead;
 pub(crate) mod paper;
 mod peers;
@@ -48,6 +50,15 @@ pub(crate) struct BenchArgs {
     /// With `peers`: a Python interpreter with the packages of the peers
     #[arg(long, value_name = "PROGRAM", default_value = "python3")]
     python: PathBuf,
+    /// With `model`: the program that grows the models [default: `oviduct` beside this program]
+    #[arg(long, value_name = "PROGRAM")]
+    program: Option<PathBuf>,
+    /// With `model`: another build of the program, whose runs alternate with those of the first
+    #[arg(long, value_name = "PROGRAM")]
+    before: Option<PathBuf>,
+    /// With `model`: preset of a model; may be repeated
+    #[arg(long = "preset", value_name = "NAME", default_values = ["pig", "paper", "human"])]
+    presets: Vec<String>,
     /// With `queue`: URL of an empty PostgreSQL database [default: SQLite in a temporary directory]
     #[arg(long, value_name = "URL")]
     database: Option<String>,
@@ -60,6 +71,8 @@ pub(crate) struct BenchArgs {
 enum Bench {
     /// The paper's comparison: all pairs and neighbour lists, one core and all cores
     Paper,
+    /// Seconds of each stage of whole models, on one core and on all
+    Model,
     /// Time per step by number of threads and particles
     Scaling,
     /// The same model grown by this program and by peers in Python (numba and Warp)
@@ -73,9 +86,13 @@ enum Bench {
 }
 
 pub(crate) async fn run(args: BenchArgs) -> Ended {
-    let BenchArgs { what, quick, json, out, peers, python, database, gpu } = args;
+    let BenchArgs { what, quick, json, out, peers, python, program, before, presets, database, gpu } = args;
     let (name, task) = match what {
         Bench::Paper => ("bench-paper", tokio::task::spawn_blocking(move || paper::run(quick, gpu))),
+        Bench::Model => {
+            let models = model::Models { program, before, presets };
+            ("bench-model", tokio::task::spawn_blocking(move || model::run(quick, &models)))
+        }
         Bench::Scaling => ("bench-scaling", tokio::task::spawn_blocking(move || scaling::run(quick))),
         Bench::Peers => {
             let dir = peers
