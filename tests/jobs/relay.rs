@@ -23,6 +23,10 @@ pub enum Line {
     /// Cuts the connection of the next commit before it takes effect; the server commits shortly
     /// afterwards.
     CutBeforeCommit,
+    /// Cuts the connection of the next commit. The line is then held.
+    HeldAtCommit,
+    /// Like an open line, but the commit whose connection was cut waits for the line to be open.
+    Held,
     /// Cuts all connections, and refuses new ones.
     Cut,
     /// Loses the response to one commit in `one_in`, drawn by the seed and the number of the
@@ -49,7 +53,7 @@ impl Line {
     fn loss(self, number: u32) -> Option<Loss> {
         match self {
             Self::CutAfterCommit => Some(Loss::CutAfter),
-            Self::CutBeforeCommit => Some(Loss::CutBefore),
+            Self::CutBeforeCommit | Self::HeldAtCommit => Some(Loss::CutBefore),
             Self::Lossy { seed, one_in } => {
                 let [whether, how, ..] = words(seed, Stream::Growth, number, 0);
                 (below(whether, one_in) == 0).then(|| LOSSES[below(how, 4) as usize])
@@ -140,6 +144,7 @@ async fn relay(
                     commits.lost.fetch_add(u32::from(loss.is_some()), Ordering::Relaxed);
                     match (line, loss) {
                         (Line::DeafAtCommit, _) => drop(lines.send_replace(Line::Deaf)),
+                        (Line::HeldAtCommit, _) => drop(lines.send_replace(Line::Held)),
                         (Line::CutAfterCommit | Line::CutBeforeCommit, _) => drop(lines.send_replace(Line::Open)),
                         (_, Some(Loss::SilentBefore | Loss::SilentAfter)) => {
                             commits.silent.fetch_add(1, Ordering::Relaxed);
@@ -152,6 +157,7 @@ async fn relay(
                     if loss == Some(Loss::CutBefore) {
                         to_client.shutdown().await?;
                         tokio::time::sleep(Duration::from_millis(300)).await;
+                        let _ = lines.subscribe().wait_for(|line| *line != Line::Held).await;
                     }
                 }
                 if !is_dead && *lines.borrow() != Line::Dead {

@@ -8,7 +8,7 @@ use crate::suite::{finished, new_job, objects};
 use oviduct::clock::Stopwatch;
 use oviduct::jobs::artifacts::Artifacts;
 use oviduct::jobs::state::AttemptEnd;
-use oviduct::jobs::{ClaimScope, File, Status, Store, StoreOptions};
+use oviduct::jobs::{ClaimScope, File, NewJob, Status, Store, StoreOptions, Submitted};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::AsyncReadExt;
@@ -97,6 +97,41 @@ async fn a_commit_without_an_answer_takes_effect_once() {
     let keys = within(limit, "a deletion", store.delete(id)).await.unwrap();
     silence.await.unwrap();
     assert_eq!(keys.map(|keys| keys.len()), Some(files));
+    assert_eq!(store.counts().await.unwrap().total(), 0);
+    store.close().await;
+}
+
+/// Waits until the server has received a commit that was held, and has answered.
+async fn after_the_held_commit(way: &Way) {
+    way.set(Line::Open);
+    tokio::time::sleep(Duration::from_secs(1)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn a_submission_that_arrives_late_creates_no_second_model() {
+    let way = Way::open(&Database::Postgres.url("".as_ref()).await).await;
+    let store = store_over(&way).await;
+    // The store has to know the time of the database to submit in one statement.
+    let id = store.submit(new_job("first")).await.unwrap().job().id;
+    store.delete(id).await.unwrap().expect("the model exists");
+
+    // The model of the retry is deleted before the first statement arrives.
+    way.set(Line::HeldAtCommit);
+    let id = store.submit(new_job("a")).await.unwrap().job().id;
+    assert_eq!(*way.line.borrow(), Line::Held);
+    store.delete(id).await.unwrap().expect("the model exists");
+    after_the_held_commit(&way).await;
+    assert_eq!(store.counts().await.unwrap().total(), 0);
+
+    // The retry finds another model with its key, which is then deleted.
+    let with_key = || NewJob { idempotency: Some(("key".into(), "body".into())), ..new_job("b") };
+    let other = store.submit(with_key()).await.unwrap().job().id;
+    way.set(Line::HeldAtCommit);
+    let submitted = store.submit(with_key()).await.unwrap();
+    assert_eq!(*way.line.borrow(), Line::Held);
+    assert!(matches!(&submitted, Submitted::Replayed(job) if job.id == other), "{submitted:?}");
+    store.delete(other).await.unwrap().expect("the model exists");
+    after_the_held_commit(&way).await;
     assert_eq!(store.counts().await.unwrap().total(), 0);
     store.close().await;
 }

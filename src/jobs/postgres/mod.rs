@@ -76,8 +76,8 @@ const MIGRATIONS: [(&str, &str); 18] = migrations![
     "0014_operations",
     "0015_packs",
     "0016_short_models",
-    "0017_functions",
-    "0018_deleted",
+    "0017_spent_ids",
+    "0018_functions",
 ];
 
 /// The connections to a PostgreSQL database.

@@ -1,12 +1,12 @@
 //! Batches: jobs that are submitted, listed and deleted together.
 
 use super::codec::{Value, enum_from_sql, json, values};
-use super::deleted;
 use super::error::SqlError;
 use super::operation::{Done, Grouped, Operation, Uncertain};
 use super::order::queue_room;
 use super::quota;
 use super::record::{owner, parse_optional, priority, select_jobs, submitter, to_record};
+use super::spent;
 use super::store::Store;
 use super::submit::{self, look, place};
 use super::tx::{Row, Tx};
@@ -121,7 +121,7 @@ impl Operation for SubmitBatch {
         let study = self.new.study.as_ref().map(json);
         tx.execute(sql, values![id, now, key, body, self.new.priority.get(), submitter(whose), study]).await?;
         if is_retry {
-            deleted::refuse_second(tx, id.0).await?;
+            spent::refuse_spent(tx, id.0).await?;
         }
         let mut room = queue_room(tx, options).await?;
         quota::check(tx, whose, self.new.quota, self.new.jobs.len() as u64).await?;
@@ -139,7 +139,7 @@ impl Operation for SubmitBatch {
         // A run that found the batch of an earlier request has changed nothing.
         let id = done.output.batch().id;
         let is_own = *self.tried.lock() == Some(id);
-        Ok(is_own && (is_stored(tx, id).await? || deleted::is_noted(tx, id.0).await?))
+        Ok(is_own && (is_stored(tx, id).await? || spent::is_spent(tx, id.0).await?))
     }
 }
 

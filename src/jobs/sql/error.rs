@@ -27,6 +27,15 @@ pub(in crate::jobs) enum SqlError {
     Database(#[from] sqlx::Error),
 }
 
+impl SqlError {
+    /// True if the database has refused the statement, which then had no effect. A server that
+    /// shuts down (57P) may have committed it.
+    pub(super) fn is_refusal(&self) -> bool {
+        let Self::Database(sqlx::Error::Database(error)) = self else { return false };
+        error.code().is_some_and(|code| !code.starts_with("57P"))
+    }
+}
+
 impl From<SqlError> for StoreError {
     fn from(error: SqlError) -> Self {
         match error {

@@ -12,8 +12,7 @@
 //! | `store`, `hook` | [`Store`]: connections to either database, retries, notification; test hook |
 //! | `tx`, `codec`, `error`, `operation` | transactions, values, errors, operations |
 //! | `group` | changes that share a transaction and its commit |
-//! | `submit` | submissions, reuse, deletion |
-//! | `deleted` | ids of young jobs and batches that were deleted |
+//! | `submit`, `spent` | submissions, reuse, deletion; ids that no submission may use any more |
 //! | `batch` | batches |
 //! | `bulk` | changes of many jobs in one transaction |
 //! | `claim`, `order`, `place` | claims; turns and positions in the queue |
@@ -29,7 +28,6 @@ mod batch;
 mod bulk;
 mod claim;
 mod codec;
-mod deleted;
 mod end;
 mod error;
 mod group;
@@ -44,6 +42,7 @@ mod quota;
 mod read;
 mod record;
 mod share;
+mod spent;
 mod store;
 mod submit;
 mod tx;

@@ -1,7 +1,6 @@
 //! Submission of jobs, reuse of finished models, and deletion.
 
 use super::codec::{Value, enum_from_sql, enum_to_sql, json, values};
-use super::deleted;
 use super::error::SqlError;
 use super::operation::{Done, Grouped, Operation, Results, Uncertain, are_deleted, or_refusal};
 use super::order::{self, rank};
@@ -10,6 +9,7 @@ use super::quota;
 use super::read::{self, known_job};
 use super::record::{outputs_to_sql, submitter};
 use super::share;
+use super::spent;
 use super::store::Store;
 use super::tx::{Row, Tx};
 use crate::jobs::job::IdGenerator;
@@ -21,6 +21,8 @@ use crate::lock::Mutex;
 use jiff::Timestamp;
 use serde_json::json as object;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 /// Calls that create and delete single jobs.
 impl Store {
@@ -37,7 +39,14 @@ impl Store {
     }
 
     fn submission(&self, new: NewJob, may_reuse: bool) -> Submit {
-        Submit { new, may_reuse, ids: self.id_generator(), tried: Mutex::default(), far: self.far_place() }
+        Submit {
+            new,
+            may_reuse,
+            ids: self.id_generator(),
+            tried: Mutex::default(),
+            is_unknown: AtomicBool::new(false),
+            far: self.far_place(),
+        }
     }
 
     /// The job that its owner created with this idempotency key and body; see
@@ -73,6 +82,8 @@ struct Submit {
     ids: Arc<IdGenerator>,
     /// Id and time of the first run, which retries use too.
     tried: Mutex<Option<(JobId, Timestamp)>>,
+    /// True once the outcome of a run is unknown.
+    is_unknown: AtomicBool,
     far: Arc<FarPlace>,
 }
 
@@ -83,7 +94,10 @@ impl Operation for Submit {
     const GROUPED: Grouped = Grouped::Submissions;
 
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Option<Submitted>>, SqlError> {
-        self.queue(tx, options, self.tried()).await
+        match self.tried().filter(|_| self.is_unknown.load(Ordering::Relaxed)) {
+            Some((id, created_at)) => self.queue_again(tx, options, id, created_at).await,
+            None => self.queue(tx, options).await,
+        }
     }
 
     async fn run_together(
@@ -97,18 +111,20 @@ impl Operation for Submit {
             let job = if is_plain { submission.place_plain(tx, options, submissions.len() == 1).await? } else { None };
             results.push(match job {
                 Some(job) => Ok(Self::done(job)),
-                None => or_refusal(submission.queue(tx, options, None).await)?,
+                None => or_refusal(submission.queue(tx, options).await)?,
             });
         }
         Ok(results)
     }
 
     async fn was_committed(&self, tx: &mut Tx<'_>, done: &Done<Option<Submitted>>) -> Result<bool, SqlError> {
-        // A run that found the job of an earlier request has changed nothing.
-        let Some(submitted) = &done.output else { return Ok(false) };
-        let id = submitted.job().id;
-        let is_own = self.tried().is_some_and(|(tried, _)| tried == id);
-        Ok(is_own && (read::job(tx, id).await?.is_some() || deleted::is_noted(tx, id.0).await?))
+        self.is_unknown.store(true, Ordering::Relaxed);
+        let Some((id, _)) = self.tried() else { return Ok(false) };
+        Ok(match &done.output {
+            Some(Submitted::Replayed(_)) => spent::is_spent(tx, id.0).await?,
+            Some(_) => read::job(tx, id).await?.is_some() || spent::is_spent(tx, id.0).await?,
+            None => false,
+        })
     }
 }
 
@@ -117,25 +133,11 @@ impl Submit {
         *self.tried.lock()
     }
 
-    /// Queues the job. `earlier` is the id and time of a run whose outcome is unknown.
-    async fn queue(
-        &self,
-        tx: &mut Tx<'_>,
-        options: &StoreOptions,
-        earlier: Option<(JobId, Timestamp)>,
-    ) -> Result<Done<Option<Submitted>>, SqlError> {
+    /// Queues the job.
+    async fn queue(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Option<Submitted>>, SqlError> {
         let new = &self.new;
         quota::lock_owner(tx, new.owner.as_deref(), new.quota).await?;
         share::lock_digest(tx, new).await?;
-        if let Some((id, created_at)) = earlier {
-            if let Some(job) = read::job(tx, id).await? {
-                return Ok(Self::done(job));
-            }
-            if deleted::is_noted(tx, id.0).await? {
-                let job = new_job(id, new, created_at, None, false, None);
-                return Ok(Done::quiet(Some(Submitted::Queued(job))));
-            }
-        }
         let found = look(tx, new).await?;
         if let (Some((id, known)), Some((_, body))) = (&found.same_key, &new.idempotency) {
             if known != body {
@@ -151,11 +153,41 @@ impl Submit {
         quota::check(tx, new.owner.as_deref(), new.quota, new.weight.into()).await?;
         let batch = batch_of(tx, new.retry_of).await?;
         let mut room = options.queue_limit.saturating_sub(found.queued);
-        let job = place(tx, options, id, new, batch, &found, &mut room).await?;
-        if earlier.is_some() {
-            deleted::refuse_second(tx, id.0).await?;
+        Ok(Self::done(place(tx, options, id, new, batch, &found, &mut room).await?))
+    }
+
+    /// Queues the job with the id and time of an earlier run whose outcome is unknown: it may have
+    /// taken effect, or may do so at any time.
+    async fn queue_again(
+        &self,
+        tx: &mut Tx<'_>,
+        options: &StoreOptions,
+        id: JobId,
+        created_at: Timestamp,
+    ) -> Result<Done<Option<Submitted>>, SqlError> {
+        if let Some(job) = read::job(tx, id).await? {
+            return Ok(Self::done(job));
         }
-        Ok(Self::done(job))
+        if spent::is_spent(tx, id.0).await? {
+            // The job was deleted.
+            let job = new_job(id, &self.new, created_at, None, false, None);
+            return Ok(Done::quiet(Some(Submitted::Queued(job))));
+        }
+        let unknown = || SqlError::NoAnswer(Duration::ZERO);
+        match self.queue(tx, options).await {
+            Ok(done) => {
+                match &done.output {
+                    // The other job has the idempotency key until the id is spent.
+                    Some(Submitted::Replayed(job)) if lock(tx, job.id).await? => spent::spend(tx, id.0).await?,
+                    Some(Submitted::Queued(_) | Submitted::Reused(_)) => spent::refuse_spent(tx, id.0).await?,
+                    Some(Submitted::Replayed(_)) | None => return Err(unknown()),
+                }
+                Ok(done)
+            }
+            // The earlier run may have been accepted.
+            Err(SqlError::Store(_)) => Err(unknown()),
+            Err(error) => Err(error),
+        }
     }
 
     fn done(job: Job) -> Done<Option<Submitted>> {
@@ -164,8 +196,8 @@ impl Submit {
         Done::new(Some(submitted), vec![change])
     }
 
-    /// Id and time of the job. Every retry uses the same ones: if an earlier commit is still under
-    /// way, the next one conflicts at the primary key.
+    /// Id and time of the job. Every retry uses the same ones: if an earlier run is still under way,
+    /// the next one conflicts at the primary key.
     fn identity(&self, now: Timestamp) -> (JobId, Timestamp) {
         *self.tried.lock().get_or_insert_with(|| (JobId(self.ids.next(now)), now))
     }
@@ -204,7 +236,11 @@ impl Submit {
             far.map(|far| far.id.to_string()),
             until,
         ];
-        let rows = if alone { tx.all_alone(SUBMIT, values).await? } else { tx.all(SUBMIT, values).await? };
+        let rows = if alone { tx.all_alone(SUBMIT, values).await } else { tx.all(SUBMIT, values).await };
+        if alone && rows.as_ref().is_err_and(|error| !error.is_refusal()) {
+            self.is_unknown.store(true, Ordering::Relaxed);
+        }
+        let rows = rows?;
         let row = rows.first().ok_or(sqlx::Error::RowNotFound)?;
         let Some(turn) = row.get("its_turn")? else { return Ok(None) };
         tx.set_now(row.optional_time("now")?);
@@ -320,8 +356,7 @@ async fn reusable(tx: &mut Tx<'_>, new: &NewJob) -> Result<Option<Job>, SqlError
     let values = values![&new.digest, &new.preset, new.missing.clone(), submitter(new.owner.as_deref())];
     for row in tx.all(sql, values).await? {
         let id = JobId(row.id("id")?);
-        let sql = format!("SELECT id FROM jobs WHERE id = $1{}", tx.either("", " FOR KEY SHARE"));
-        if tx.optional(sql, values![id]).await?.is_none() {
+        if !lock(tx, id).await? {
             continue;
         }
         let job = known_job(tx, id).await?;
@@ -331,6 +366,12 @@ async fn reusable(tx: &mut Tx<'_>, new: &NewJob) -> Result<Option<Job>, SqlError
         }
     }
     Ok(None)
+}
+
+/// Keeps a job from being deleted until the transaction ends; false if it does not exist.
+async fn lock(tx: &mut Tx<'_>, id: JobId) -> Result<bool, SqlError> {
+    let sql = format!("SELECT id FROM jobs WHERE id = $1{}", tx.either("", " FOR KEY SHARE"));
+    Ok(tx.optional(sql, values![id]).await?.is_some())
 }
 
 /// The record of a new job. `source` is the finished model that it reuses.
@@ -540,7 +581,7 @@ pub(super) async fn delete(
     let mut keys = rows.iter().map(|row| row.get("key")).collect::<Result<Vec<String>, _>>()?;
     let gone = tx.one("DELETE FROM jobs WHERE id = $1 RETURNING checkpoint", values![id]).await?;
     keys.extend(gone.get::<Option<String>>("checkpoint")?);
-    deleted::note(tx, id.0).await?;
+    spent::spend(tx, id.0).await?;
     if let Some(batch) = batch {
         delete_empty_batch(tx, batch).await?;
     }
@@ -551,7 +592,7 @@ pub(super) async fn delete(
 pub(super) async fn delete_empty_batch(tx: &mut Tx<'_>, batch: BatchId) -> Result<(), SqlError> {
     let sql = "DELETE FROM batches WHERE id = $1 AND NOT EXISTS (SELECT 1 FROM jobs WHERE batch = $1)";
     if tx.execute(sql, values![batch]).await? > 0 {
-        deleted::note(tx, batch.0).await?;
+        spent::spend(tx, batch.0).await?;
     }
     Ok(())
 }

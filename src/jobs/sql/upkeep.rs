@@ -2,9 +2,9 @@
 //! state that outlives processes.
 
 use super::codec::{json, parse, until, values};
-use super::deleted;
 use super::error::{SqlError, broken};
 use super::operation::{Done, Run, Uncertain};
+use super::spent;
 use super::store::Store;
 use super::tx::{Row, Tx};
 use crate::clock::Stopwatch;
@@ -230,7 +230,7 @@ async fn record(seen: &Observation, options: &StoreOptions, tx: &mut Tx<'_>) -> 
         jump = state.jumps.note(last, now, elapsed, seen.tolerance);
     }
     tx.execute("UPDATE upkeep_state SET state = $1 WHERE id = 1", values![json(&state)]).await?;
-    deleted::forget_old(tx).await?;
+    spent::forget_old(tx).await?;
     Ok(Done::quiet(UpkeepRound { state, jump, read_at }))
 }
 

@@ -51,7 +51,7 @@ const MIGRATIONS: [(&str, &str); 19] = migrations![
     "0016_operations",
     "0017_packs",
     "0018_short_models",
-    "0019_deleted",
+    "0019_spent_ids",
 ];
 
 /// Maximum wait of a connection for a lock of another process.

@@ -55,6 +55,10 @@ BEGIN
     VALUES (job.id, 'queued', job.preset, job.seed, job.digest, job.outputs, job.backend_requested, 0, job.created_at,
         job.idempotency_key, job.idempotency_body, its_spec, job.engine, job.submitter, its_turn, job.rank, job.trace,
         job.batch_key, job.retry_of, job.kind, job.weight, job.short);
+    -- After the insertion, which waits for other submissions with this id; see sql/spent.rs.
+    IF (SELECT 1 FROM spent_ids WHERE id = job.id) IS NOT NULL THEN
+        RAISE EXCEPTION 'the id of job % is spent', job.id USING ERRCODE = 'serialization_failure';
+    END IF;
     INSERT INTO labels (job_id, name, value) SELECT job.id, key, value FROM json_each_text(labels);
     IF far_until > (SELECT last_value FROM count_changes)
         AND (far_rank, far_turn, far_id COLLATE "C") < (job.rank, its_turn, job.id)

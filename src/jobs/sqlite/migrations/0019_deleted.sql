@@ -1,4 +1,0 @@
--- Ids of jobs and batches that were deleted within an hour of their submission; see sql/deleted.rs.
-CREATE TABLE deleted (
-    id TEXT NOT NULL PRIMARY KEY
-) STRICT, WITHOUT ROWID;

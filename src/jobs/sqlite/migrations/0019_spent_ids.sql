@@ -1,0 +1,4 @@
+-- Ids of jobs and batches that no submission may use any more; see sql/spent.rs.
+CREATE TABLE spent_ids (
+    id TEXT NOT NULL PRIMARY KEY
+) STRICT, WITHOUT ROWID;
