@@ -25,7 +25,8 @@ pub enum Line {
     CutBeforeCommit,
     /// Cuts the connection of the next commit. The line is then held.
     HeldAtCommit,
-    /// Like an open line, but the commit whose connection was cut waits for the line to be open.
+    /// Like an open line, but the commit whose connection was cut waits for the line to be open. If
+    /// the line is cut instead, the server rolls back.
     Held,
     /// Cuts all connections, and refuses new ones.
     Cut,
@@ -158,6 +159,9 @@ async fn relay(
                         to_client.shutdown().await?;
                         tokio::time::sleep(Duration::from_millis(300)).await;
                         let _ = lines.subscribe().wait_for(|line| *line != Line::Held).await;
+                        if *lines.borrow() == Line::Cut {
+                            return Ok(());
+                        }
                     }
                 }
                 if !is_dead && *lines.borrow() != Line::Dead {

@@ -137,6 +137,28 @@ async fn a_submission_that_arrives_late_creates_no_second_model() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn one_of_two_deletions_succeeds_if_the_commit_of_the_first_is_rolled_back() {
+    let url = Database::Postgres.url("".as_ref()).await;
+    let way = Way::open(&url).await;
+    let store = Store::open_postgres(&way.url, StoreOptions::default()).await.unwrap();
+    let other = Store::open_postgres(&url, StoreOptions::default()).await.unwrap();
+    let id = store.submit(new_job("a")).await.unwrap().job().id;
+    way.set(Line::HeldAtCommit);
+    let (first, second) = (store.clone(), other.clone());
+    let first = tokio::spawn(async move { first.delete(id).await.unwrap() });
+    way.line.subscribe().wait_for(|line| *line == Line::Held).await.unwrap();
+    let second = tokio::spawn(async move { second.delete(id).await.unwrap() });
+    tokio::time::sleep(Duration::from_millis(500)).await;
+    way.set(Line::Cut);
+    tokio::time::sleep(Duration::from_millis(100)).await;
+    way.set(Line::Open);
+    let deleted = [first.await.unwrap(), second.await.unwrap()];
+    assert_eq!(deleted.iter().flatten().count(), 1, "{deleted:?}");
+    store.close().await;
+    other.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
 async fn readiness_ends_within_a_second_of_a_silence_and_at_once_if_connections_are_refused() {
     let way = Way::open(&Database::Postgres.url("".as_ref()).await).await;
     let store = store_over(&way).await;

@@ -2,7 +2,7 @@
 
 use super::codec::{Value, enum_from_sql, json, values};
 use super::error::SqlError;
-use super::operation::{Done, Grouped, Operation, Uncertain};
+use super::operation::{Done, Grouped, Operation, Run, Uncertain};
 use super::order::queue_room;
 use super::quota;
 use super::record::{owner, parse_optional, priority, select_jobs, submitter, to_record};
@@ -17,6 +17,7 @@ use crate::jobs::{
 };
 use crate::lock::Mutex;
 use std::sync::Arc;
+use uuid::Uuid;
 
 /// Maximum number of batches on a page.
 const PAGE: u32 = 100;
@@ -69,9 +70,12 @@ impl Store {
     /// Deletes a batch with all its jobs in one transaction. Returns keys as [`Store::delete`]
     /// does.
     pub async fn delete_batch(&self, id: BatchId) -> Result<Option<Vec<String>>, StoreError> {
-        const DELETES: Uncertain<BatchId, Option<Vec<String>>> =
-            Uncertain::Recognised(|id, done, tx| Box::pin(was_deleted(*id, done, tx)));
-        self.apply("delete_batch", id, |id, tx, _| Box::pin(delete(*id, tx)), DELETES).await
+        // The batch, and the random identity of the deletion.
+        type Input = (BatchId, String);
+        const DELETES: Uncertain<Input, Option<Vec<String>>> =
+            Uncertain::Recognised(|(id, deletion), _, tx| Box::pin(was_deleted(*id, deletion, tx)));
+        let run: Run<Input, _> = |(id, deletion), tx, _| Box::pin(delete(*id, deletion, tx));
+        self.apply("delete_batch", (id, Uuid::new_v4().to_string()), run, DELETES).await
     }
 }
 
@@ -235,21 +239,22 @@ async fn is_stored(tx: &mut Tx<'_>, id: BatchId) -> Result<bool, SqlError> {
     Ok(tx.optional(sql, values![id]).await?.is_some())
 }
 
-async fn was_deleted(id: BatchId, done: &Done<Option<Vec<String>>>, tx: &mut Tx<'_>) -> Result<bool, SqlError> {
-    Ok(done.output.is_some() && !is_stored(tx, id).await?)
+/// True if the deletion has taken effect. Waits for a commit that is still under way.
+async fn was_deleted(id: BatchId, deletion: &str, tx: &mut Tx<'_>) -> Result<bool, SqlError> {
+    Ok(!is_stored(tx, id).await? && spent::is_spent_by(tx, id.0, deletion).await?)
 }
 
-async fn delete(id: BatchId, tx: &mut Tx<'_>) -> Result<Done<Option<Vec<String>>>, SqlError> {
+async fn delete(id: BatchId, deletion: &str, tx: &mut Tx<'_>) -> Result<Done<Option<Vec<String>>>, SqlError> {
     if !is_stored(tx, id).await? {
         return Ok(Done::quiet(None));
     }
     let (mut keys, mut changes) = (Vec::new(), Vec::new());
     for job in known(tx, id).await?.jobs {
-        let Some(deleted) = submit::delete(tx, job, None).await? else { continue };
+        let Some(deleted) = submit::delete(tx, job, None, deletion).await? else { continue };
         keys.extend(deleted.output);
         changes.extend(deleted.changes);
     }
     // Deleting the last job deletes the batch, unless it had none.
-    submit::delete_empty_batch(tx, id).await?;
+    submit::delete_empty_batch(tx, id, deletion).await?;
     Ok(Done::new(Some(keys), changes))
 }

@@ -13,7 +13,7 @@ use super::submit;
 use super::tx::{Row, Tx};
 use crate::jobs::job::IdGenerator;
 use crate::jobs::{
-    BulkAction, BulkOperation, BulkPage, BulkStep, Change, JobId, ListFilter, NewBulk, OperationId, Quantity, Status,
+    BulkAction, BulkOperation, BulkPage, BulkStep, JobId, ListFilter, NewBulk, OperationId, Quantity, Status,
     StoreError, StoreOptions,
 };
 use crate::lock::Mutex;
@@ -260,7 +260,11 @@ async fn step(
         let ids = ids(tx, &page, JOBS_PER_STEP).await?;
         // A job that has been queued again in the meantime is cancelled as well, unless the request
         // is for running jobs only.
-        changed += change(operation.action, &ids, filter.status, tx, options, &mut keys, &mut changes).await?;
+        for done in change(operation.action, &ids, filter.status, token, tx, options).await? {
+            changed += 1;
+            keys.extend(done.output);
+            changes.extend(done.changes);
+        }
         next = match ids.last() {
             Some(&last) if ids.len() == JOBS_PER_STEP as usize => Some(Position { before: Some(last), ..position }),
             _ => following(&position, passes.len(), changed),
@@ -296,30 +300,26 @@ fn following(position: &Position, passes: usize, changed: u64) -> Option<Positio
     (!is_last).then_some(Position { round, pass: 0, before: None, changed_before: changed })
 }
 
-/// Changes those of the jobs that still have the `status`. Returns their number.
+/// Changes those of the jobs that still have the `status`. `deletion` is the random identity of the
+/// step. Returns what [`submit::delete`] returns for each job that has changed.
 async fn change(
     action: BulkAction,
     ids: &[JobId],
     status: Option<Status>,
+    deletion: &str,
     tx: &mut Tx<'_>,
     options: &StoreOptions,
-    keys: &mut Vec<String>,
-    changes: &mut Vec<Change>,
-) -> Result<u64, SqlError> {
+) -> Result<Vec<Done<Vec<String>>>, SqlError> {
     // In the order in which transactions lock them.
     let mut ids = ids.to_vec();
     ids.sort_unstable();
-    let mut changed = 0;
+    let mut changed = Vec::new();
     for id in ids {
         let done = match action {
             BulkAction::Cancel => lease::cancel(tx, options, id, status).await?,
-            BulkAction::Delete => submit::delete(tx, id, status).await?,
+            BulkAction::Delete => submit::delete(tx, id, status, deletion).await?,
         };
-        if let Some(done) = done {
-            changed += 1;
-            keys.extend(done.output);
-            changes.extend(done.changes);
-        }
+        changed.extend(done);
     }
     Ok(changed)
 }

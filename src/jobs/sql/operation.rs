@@ -155,13 +155,6 @@ impl Done<Vec<JobId>> {
     }
 }
 
-/// True if these jobs were deleted by a run with these changes.
-pub(super) async fn are_deleted(tx: &mut Tx<'_>, changes: &[Change]) -> Result<bool, SqlError> {
-    let deleted = changes.iter().filter(|change| change.version.is_none());
-    let ids: Vec<String> = deleted.map(|change| change.id.to_string()).collect();
-    Ok(!ids.is_empty() && locked(tx, ids).await?.is_empty())
-}
-
 /// True if those of `jobs` that a run with these changes cancelled are cancelled.
 pub(super) async fn are_cancelled(tx: &mut Tx<'_>, jobs: &[JobId], changes: &[Change]) -> Result<bool, SqlError> {
     let cancelled = changes.iter().filter(|change| jobs.contains(&change.id));

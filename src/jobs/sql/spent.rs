@@ -1,9 +1,11 @@
-//! Ids of young jobs and batches that no submission may use any more.
+//! Ids of jobs and batches that no submission may use any more.
 //!
 //! A submission whose outcome is unknown is sent again, with the same id. Both may be under way at
 //! the same time: PostgreSQL may receive a statement long after its sender gave up. The primary key
 //! lets only one of them insert the job, but not after the job was deleted. The id of a deleted job
 //! is therefore spent, and so is the id of a submission that was answered with another job.
+//!
+//! A deletion whose outcome is unknown finds here whether it, or another one, deleted the job.
 
 use super::codec::values;
 use super::error::SqlError;
@@ -13,21 +15,19 @@ use jiff::Timestamp;
 use std::time::Duration;
 use uuid::Uuid;
 
-/// Age of an id from which no submission with it is under way any more. A submission is retried for
-/// [`RETRY_LIMIT`](super::operation::RETRY_LIMIT); TCP may repeat a statement for some 15 minutes.
-const OLD: Duration = Duration::from_secs(3600);
+/// Time for which ids are kept. Changes are retried for much less; TCP may repeat a statement for
+/// some 15 minutes.
+const KEPT_FOR: Duration = Duration::from_secs(3600);
 
-/// The first id that is not old. Ids begin with the time of the submission.
-fn first_young(now: Timestamp) -> JobId {
-    JobId::least_at(now.checked_sub(OLD).unwrap_or(Timestamp::MIN))
-}
-
-/// Makes sure that no submission uses this id from now on.
-pub(super) async fn spend(tx: &mut Tx<'_>, id: Uuid) -> Result<(), SqlError> {
-    if id >= first_young(tx.now().await?).0 {
-        let sql = "INSERT INTO spent_ids (id) VALUES ($1) ON CONFLICT (id) DO NOTHING";
-        tx.execute(sql, values![JobId(id)]).await?;
-    }
+/// Makes sure that no submission uses this id from now on. `deletion` is the random identity of the
+/// deletion that spends it.
+pub(super) async fn spend(tx: &mut Tx<'_>, id: Uuid, deletion: Option<&str>) -> Result<(), SqlError> {
+    let sql = format!(
+        "INSERT INTO spent_ids (id, deletion, spent_at) VALUES ($1, $2, COALESCE($3, {})) ON CONFLICT (id) DO NOTHING",
+        tx.either("NULL", Tx::NOW),
+    );
+    let now = tx.known_now()?;
+    tx.execute(sql, values![JobId(id), deletion.map(str::to_owned), now]).await?;
     Ok(())
 }
 
@@ -36,15 +36,21 @@ pub(super) async fn is_spent(tx: &mut Tx<'_>, id: Uuid) -> Result<bool, SqlError
     Ok(tx.optional("SELECT id FROM spent_ids WHERE id = $1", values![JobId(id)]).await?.is_some())
 }
 
+/// True if this deletion has spent the id.
+pub(super) async fn is_spent_by(tx: &mut Tx<'_>, id: Uuid, deletion: &str) -> Result<bool, SqlError> {
+    let sql = "SELECT id FROM spent_ids WHERE id = $1 AND deletion = $2";
+    Ok(tx.optional(sql, values![JobId(id), deletion]).await?.is_some())
+}
+
 /// Fails if the id is spent. Called by retries after they have inserted a row with it, because the
 /// first row may have been deleted just before.
 pub(super) async fn refuse_spent(tx: &mut Tx<'_>, id: Uuid) -> Result<(), SqlError> {
     if is_spent(tx, id).await? { Err(SqlError::NoAnswer(Duration::ZERO)) } else { Ok(()) }
 }
 
-/// Removes old ids.
+/// Removes ids that were spent long ago.
 pub(super) async fn forget_old(tx: &mut Tx<'_>) -> Result<(), SqlError> {
-    let first = first_young(tx.now().await?);
-    tx.execute("DELETE FROM spent_ids WHERE id < $1", values![first]).await?;
+    let kept_from = tx.now().await?.checked_sub(KEPT_FOR).unwrap_or(Timestamp::MIN);
+    tx.execute("DELETE FROM spent_ids WHERE spent_at < $1", values![kept_from]).await?;
     Ok(())
 }

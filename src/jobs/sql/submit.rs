@@ -2,7 +2,7 @@
 
 use super::codec::{Value, enum_from_sql, enum_to_sql, json, values};
 use super::error::SqlError;
-use super::operation::{Done, Grouped, Operation, Results, Uncertain, are_deleted, or_refusal};
+use super::operation::{Done, Grouped, Operation, Results, Run, Uncertain, or_refusal};
 use super::order::{self, rank};
 use super::place::{FarPlace, Place};
 use super::quota;
@@ -23,6 +23,7 @@ use serde_json::json as object;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
+use uuid::Uuid;
 
 /// Calls that create and delete single jobs.
 impl Store {
@@ -67,12 +68,14 @@ impl Store {
     /// the artifact store: the checkpoint, and files that no other job names. `None` if the job
     /// does not exist.
     pub async fn delete(&self, id: JobId) -> Result<Option<Vec<String>>, StoreError> {
-        self.apply("delete", id, |id, tx, _| Box::pin(delete_one(*id, tx)), DELETES).await
+        // The job, and the random identity of the deletion.
+        type Input = (JobId, String);
+        const DELETES: Uncertain<Input, Option<Vec<String>>> =
+            Uncertain::Recognised(|(id, deletion), _, tx| Box::pin(was_deleted(*id, deletion, tx)));
+        let run: Run<Input, _> = |(id, deletion), tx, _| Box::pin(delete_one(*id, deletion, tx));
+        self.apply("delete", (id, Uuid::new_v4().to_string()), run, DELETES).await
     }
 }
-
-const DELETES: Uncertain<JobId, Option<Vec<String>>> =
-    Uncertain::Recognised(|_, done, tx| Box::pin(are_deleted(tx, &done.changes)));
 
 /// Queues a job, or finds the job of an earlier request with the same idempotency key.
 struct Submit {
@@ -178,7 +181,7 @@ impl Submit {
             Ok(done) => {
                 match &done.output {
                     // The other job has the idempotency key until the id is spent.
-                    Some(Submitted::Replayed(job)) if lock(tx, job.id).await? => spent::spend(tx, id.0).await?,
+                    Some(Submitted::Replayed(job)) if lock(tx, job.id).await? => spent::spend(tx, id.0, None).await?,
                     Some(Submitted::Queued(_) | Submitted::Reused(_)) => spent::refuse_spent(tx, id.0).await?,
                     Some(Submitted::Replayed(_)) | None => return Err(unknown()),
                 }
@@ -544,17 +547,27 @@ async fn insert_rows(tx: &mut Tx<'_>, sql: &'static str, rows: Vec<Vec<Value>>) 
     Ok(())
 }
 
-async fn delete_one(id: JobId, tx: &mut Tx<'_>) -> Result<Done<Option<Vec<String>>>, SqlError> {
-    let (keys, changes) = delete(tx, id, None).await?.map(|Done { output, changes }| (output, changes)).unzip();
+/// True if the deletion has taken effect. Waits for a commit that is still under way.
+async fn was_deleted(id: JobId, deletion: &str, tx: &mut Tx<'_>) -> Result<bool, SqlError> {
+    let sql = format!("SELECT id FROM jobs WHERE id = $1{}", tx.either("", " FOR UPDATE"));
+    tx.optional(sql, values![id]).await?;
+    spent::is_spent_by(tx, id.0, deletion).await
+}
+
+async fn delete_one(id: JobId, deletion: &str, tx: &mut Tx<'_>) -> Result<Done<Option<Vec<String>>>, SqlError> {
+    let (keys, changes) =
+        delete(tx, id, None, deletion).await?.map(|Done { output, changes }| (output, changes)).unzip();
     Ok(Done::new(keys, changes.unwrap_or_default()))
 }
 
-/// Deletes a record; with `status`, only if the job is in that status. Returns the keys that no
-/// other record names; `None` if nothing was deleted.
+/// Deletes a record; with `status`, only if the job is in that status. `deletion` is the random
+/// identity of the change. Returns the keys that no other record names; `None` if nothing was
+/// deleted.
 pub(super) async fn delete(
     tx: &mut Tx<'_>,
     id: JobId,
     status: Option<Status>,
+    deletion: &str,
 ) -> Result<Option<Done<Vec<String>>>, SqlError> {
     // Locks the batch before the job, as the deletion of a batch does. A job's batch never changes.
     let row = tx.optional("SELECT batch FROM jobs WHERE id = $1", values![id]).await?;
@@ -581,18 +594,18 @@ pub(super) async fn delete(
     let mut keys = rows.iter().map(|row| row.get("key")).collect::<Result<Vec<String>, _>>()?;
     let gone = tx.one("DELETE FROM jobs WHERE id = $1 RETURNING checkpoint", values![id]).await?;
     keys.extend(gone.get::<Option<String>>("checkpoint")?);
-    spent::spend(tx, id.0).await?;
+    spent::spend(tx, id.0, Some(deletion)).await?;
     if let Some(batch) = batch {
-        delete_empty_batch(tx, batch).await?;
+        delete_empty_batch(tx, batch, deletion).await?;
     }
     Ok(Some(Done::new(keys, changes)))
 }
 
 /// Deletes the batch and its idempotency key if it has no jobs left.
-pub(super) async fn delete_empty_batch(tx: &mut Tx<'_>, batch: BatchId) -> Result<(), SqlError> {
+pub(super) async fn delete_empty_batch(tx: &mut Tx<'_>, batch: BatchId, deletion: &str) -> Result<(), SqlError> {
     let sql = "DELETE FROM batches WHERE id = $1 AND NOT EXISTS (SELECT 1 FROM jobs WHERE batch = $1)";
     if tx.execute(sql, values![batch]).await? > 0 {
-        spent::spend(tx, batch.0).await?;
+        spent::spend(tx, batch.0, Some(deletion)).await?;
     }
     Ok(())
 }

@@ -1,4 +1,7 @@
 -- Ids of jobs and batches that no submission may use any more; see sql/spent.rs.
 CREATE TABLE spent_ids (
-    id TEXT COLLATE "C" NOT NULL PRIMARY KEY
+    id       TEXT COLLATE "C" NOT NULL PRIMARY KEY,
+    -- Random identity of the deletion; null if there was no job.
+    deletion TEXT COLLATE "C",
+    spent_at BIGINT NOT NULL
 );
