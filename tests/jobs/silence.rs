@@ -137,6 +137,31 @@ async fn a_submission_that_arrives_late_creates_no_second_model() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn a_cancellation_that_is_rolled_back_is_not_acknowledged_for_an_ended_model() {
+    let url = Database::Postgres.url("".as_ref()).await;
+    let way = Way::open(&url).await;
+    let store = Store::open_postgres(&way.url, StoreOptions::default()).await.unwrap();
+    let other = Store::open_postgres(&url, StoreOptions::default()).await.unwrap();
+    let id = other.submit(new_job("a")).await.unwrap().job().id;
+    let claimed = other.claim("w", ClaimScope::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
+    way.set(Line::HeldAtCommit);
+    let cancelling = store.clone();
+    let cancelled = tokio::spawn(async move { cancelling.cancel(id).await.unwrap().unwrap() });
+    way.line.subscribe().wait_for(|line| *line == Line::Held).await.unwrap();
+    let (ending, done) = (other.clone(), finished(&claimed));
+    let ended = tokio::spawn(async move { ending.finish(claimed, done).await.unwrap() });
+    tokio::time::sleep(Duration::from_millis(500)).await;
+    way.set(Line::Cut);
+    tokio::time::sleep(Duration::from_millis(100)).await;
+    way.set(Line::Open);
+    let (cancelled, ended) = (cancelled.await.unwrap().status, ended.await.unwrap());
+    let expected = if ended == Status::Cancelled { Status::Running } else { Status::Succeeded };
+    assert_eq!(cancelled, expected, "the model ended as {ended:?}");
+    store.close().await;
+    other.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
 async fn one_of_two_deletions_succeeds_if_the_commit_of_the_first_is_rolled_back() {
     let url = Database::Postgres.url("".as_ref()).await;
     let way = Way::open(&url).await;

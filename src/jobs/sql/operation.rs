@@ -1,9 +1,9 @@
 //! Operations: what runs in one transaction.
 
-use super::codec::values;
+use super::codec::{enum_from_sql, values};
 use super::error::SqlError;
 use super::tx::{Row, Tx};
-use crate::jobs::{Change, JobId, StoreOptions};
+use crate::jobs::{Change, JobId, Status, StoreOptions};
 use futures_util::future::BoxFuture;
 use std::future::Future;
 use std::sync::Arc;
@@ -163,7 +163,9 @@ pub(super) async fn are_cancelled(tx: &mut Tx<'_>, jobs: &[JobId], changes: &[Ch
         return Ok(false);
     }
     for row in locked(tx, ids).await? {
-        if row.optional_time("finished_at")?.is_none() && !row.get::<bool>("cancel_requested")? {
+        // A job that has ended otherwise was never told to stop.
+        let is_cancelled = enum_from_sql::<Status>(row.get("status")?)? == Status::Cancelled;
+        if !is_cancelled && !row.get::<bool>("cancel_requested")? {
             return Ok(false);
         }
     }
@@ -173,8 +175,8 @@ pub(super) async fn are_cancelled(tx: &mut Tx<'_>, jobs: &[JobId], changes: &[Ch
 /// Those of the jobs that exist, after all transactions that have locked them.
 async fn locked(tx: &mut Tx<'_>, ids: Vec<String>) -> Result<Vec<Row>, SqlError> {
     let sql = tx.either(
-        "SELECT finished_at, cancel_requested FROM jobs WHERE id IN (SELECT value FROM json_each($1))",
-        "SELECT finished_at, cancel_requested FROM jobs WHERE id = ANY ($1) ORDER BY id FOR UPDATE",
+        "SELECT status, cancel_requested FROM jobs WHERE id IN (SELECT value FROM json_each($1))",
+        "SELECT status, cancel_requested FROM jobs WHERE id = ANY ($1) ORDER BY id FOR UPDATE",
     );
     tx.all(sql, values![ids]).await
 }
