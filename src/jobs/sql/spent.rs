@@ -20,7 +20,7 @@ use uuid::Uuid;
 const KEPT_FOR: Duration = Duration::from_secs(3600);
 
 /// Makes sure that no submission uses this id from now on. `deletion` is the random identity of the
-/// deletion that spends it.
+/// deletion that spends it; `None` if there was no row with this id.
 pub(super) async fn spend(tx: &mut Tx<'_>, id: Uuid, deletion: Option<&str>) -> Result<(), SqlError> {
     let sql = format!(
         "INSERT INTO spent_ids (id, deletion, spent_at) VALUES ($1, $2, COALESCE($3, {})) ON CONFLICT (id) DO NOTHING",
