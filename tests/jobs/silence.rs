@@ -136,12 +136,26 @@ async fn a_submission_that_arrives_late_creates_no_second_model() {
     store.close().await;
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
-async fn a_cancellation_that_is_rolled_back_is_not_acknowledged_for_an_ended_model() {
+/// A store over a way, and one that reaches the same database without it.
+async fn a_store_over_a_way_and_another() -> (Way, Store, Store) {
     let url = Database::Postgres.url("".as_ref()).await;
     let way = Way::open(&url).await;
-    let store = Store::open_postgres(&way.url, StoreOptions::default()).await.unwrap();
-    let other = Store::open_postgres(&url, StoreOptions::default()).await.unwrap();
+    let open = async |url: &str| Store::open_postgres(url, StoreOptions::default()).await.unwrap();
+    let (store, other) = (open(&way.url).await, open(&url).await);
+    (way, store, other)
+}
+
+/// Gives another store time to wait for the locks of a held commit, and cuts all connections.
+async fn roll_back_the_held_commit(way: &Way) {
+    tokio::time::sleep(Duration::from_millis(500)).await;
+    way.set(Line::Cut);
+    tokio::time::sleep(Duration::from_millis(100)).await;
+    way.set(Line::Open);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn a_cancellation_that_is_rolled_back_is_not_acknowledged_for_an_ended_model() {
+    let (way, store, other) = a_store_over_a_way_and_another().await;
     let id = other.submit(new_job("a")).await.unwrap().job().id;
     let claimed = other.claim("w", ClaimScope::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
     way.set(Line::HeldAtCommit);
@@ -150,10 +164,7 @@ async fn a_cancellation_that_is_rolled_back_is_not_acknowledged_for_an_ended_mod
     way.line.subscribe().wait_for(|line| *line == Line::Held).await.unwrap();
     let (ending, done) = (other.clone(), finished(&claimed));
     let ended = tokio::spawn(async move { ending.finish(claimed, done).await.unwrap() });
-    tokio::time::sleep(Duration::from_millis(500)).await;
-    way.set(Line::Cut);
-    tokio::time::sleep(Duration::from_millis(100)).await;
-    way.set(Line::Open);
+    roll_back_the_held_commit(&way).await;
     let (cancelled, ended) = (cancelled.await.unwrap().status, ended.await.unwrap());
     let expected = if ended == Status::Cancelled { Status::Running } else { Status::Succeeded };
     assert_eq!(cancelled, expected, "the model ended as {ended:?}");
@@ -163,20 +174,14 @@ async fn a_cancellation_that_is_rolled_back_is_not_acknowledged_for_an_ended_mod
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
 async fn one_of_two_deletions_succeeds_if_the_commit_of_the_first_is_rolled_back() {
-    let url = Database::Postgres.url("".as_ref()).await;
-    let way = Way::open(&url).await;
-    let store = Store::open_postgres(&way.url, StoreOptions::default()).await.unwrap();
-    let other = Store::open_postgres(&url, StoreOptions::default()).await.unwrap();
+    let (way, store, other) = a_store_over_a_way_and_another().await;
     let id = store.submit(new_job("a")).await.unwrap().job().id;
     way.set(Line::HeldAtCommit);
     let (first, second) = (store.clone(), other.clone());
     let first = tokio::spawn(async move { first.delete(id).await.unwrap() });
     way.line.subscribe().wait_for(|line| *line == Line::Held).await.unwrap();
     let second = tokio::spawn(async move { second.delete(id).await.unwrap() });
-    tokio::time::sleep(Duration::from_millis(500)).await;
-    way.set(Line::Cut);
-    tokio::time::sleep(Duration::from_millis(100)).await;
-    way.set(Line::Open);
+    roll_back_the_held_commit(&way).await;
     let deleted = [first.await.unwrap(), second.await.unwrap()];
     assert_eq!(deleted.iter().flatten().count(), 1, "{deleted:?}");
     store.close().await;

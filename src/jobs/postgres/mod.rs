@@ -197,7 +197,7 @@ impl Postgres {
 fn severity(error: &SqlError) -> Severity {
     let error = match error {
         SqlError::Store(_) | SqlError::BrokenRecord(_) | SqlError::Inconsistent(_) => return Severity::Permanent,
-        SqlError::OwnerLocked => return Severity::Transient,
+        SqlError::OwnerLocked | SqlError::Unknown => return Severity::Transient,
         SqlError::NoAnswer(_) => return Severity::Outage,
         SqlError::Database(error) => error,
     };

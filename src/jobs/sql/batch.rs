@@ -1,6 +1,7 @@
 //! Batches: jobs that are submitted, listed and deleted together.
 
 use super::codec::{Value, enum_from_sql, json, values};
+use super::delete;
 use super::error::SqlError;
 use super::operation::{Done, Grouped, Operation, Run, Uncertain};
 use super::order::queue_room;
@@ -250,11 +251,11 @@ async fn delete(id: BatchId, deletion: &str, tx: &mut Tx<'_>) -> Result<Done<Opt
     }
     let (mut keys, mut changes) = (Vec::new(), Vec::new());
     for job in known(tx, id).await?.jobs {
-        let Some(deleted) = submit::delete(tx, job, None, deletion).await? else { continue };
+        let Some(deleted) = delete::job(tx, job, None, deletion).await? else { continue };
         keys.extend(deleted.output);
         changes.extend(deleted.changes);
     }
     // Deleting the last job deletes the batch, unless it had none.
-    submit::delete_empty_batch(tx, id, deletion).await?;
+    delete::empty_batch(tx, id, deletion).await?;
     Ok(Done::new(Some(keys), changes))
 }

@@ -3,13 +3,13 @@
 //! survives its process, and several processes may advance it.
 
 use super::codec::{Value, enum_from_sql, enum_to_sql, json, parse, values};
+use super::delete;
 use super::error::SqlError;
 use super::lease;
 use super::operation::{Done, Run, Uncertain};
 use super::read::matching;
 use super::record::{owner, submitter};
 use super::store::Store;
-use super::submit;
 use super::tx::{Row, Tx};
 use crate::jobs::job::IdGenerator;
 use crate::jobs::{
@@ -301,7 +301,7 @@ fn following(position: &Position, passes: usize, changed: u64) -> Option<Positio
 }
 
 /// Changes those of the jobs that still have the `status`. `deletion` is the random identity of the
-/// step. Returns what [`submit::delete`] returns for each job that has changed.
+/// step. Returns what [`delete::job`] returns for each job that has changed.
 async fn change(
     action: BulkAction,
     ids: &[JobId],
@@ -317,7 +317,7 @@ async fn change(
     for id in ids {
         let done = match action {
             BulkAction::Cancel => lease::cancel(tx, options, id, status).await?,
-            BulkAction::Delete => submit::delete(tx, id, status, deletion).await?,
+            BulkAction::Delete => delete::job(tx, id, status, deletion).await?,
         };
         changed.extend(done);
     }

@@ -45,6 +45,7 @@ value_from! {
     bool: flag => Self::Flag(flag);
     JobId: id => Self::Text(Some(id.to_string()));
     BatchId: id => Self::Text(Some(id.to_string()));
+    uuid::Uuid: id => Self::Text(Some(id.hyphenated().to_string()));
     &str: text => Self::Text(Some(text.to_owned()));
     String: text => Self::Text(Some(text));
     &String: text => Self::Text(Some(text.clone()));

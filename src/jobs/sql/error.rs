@@ -13,6 +13,9 @@ pub(in crate::jobs) enum SqlError {
     /// Another transaction holds the lock of the owner's submissions.
     #[error("another submission of the same owner is under way")]
     OwnerLocked,
+    /// An earlier run of a change that is refused now may have taken effect.
+    #[error("the outcome of the change is unknown")]
+    Unknown,
     /// A column has a value that this version cannot read.
     #[error("a broken record: {0}")]
     BrokenRecord(#[source] Cause),

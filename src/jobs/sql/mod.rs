@@ -12,7 +12,7 @@
 //! | `store`, `hook` | [`Store`]: connections to either database, retries, notification; test hook |
 //! | `tx`, `codec`, `error`, `operation` | transactions, values, errors, operations |
 //! | `group` | changes that share a transaction and its commit |
-//! | `submit`, `spent` | submissions, reuse, deletion; ids that no submission may use any more |
+//! | `submit`, `delete`, `spent` | submissions and reuse; deletion; ids that no submission may use any more |
 //! | `batch` | batches |
 //! | `bulk` | changes of many jobs in one transaction |
 //! | `claim`, `order`, `place` | claims; turns and positions in the queue |
@@ -28,6 +28,7 @@ mod batch;
 mod bulk;
 mod claim;
 mod codec;
+mod delete;
 mod end;
 mod error;
 mod group;

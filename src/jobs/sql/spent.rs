@@ -10,7 +10,6 @@
 use super::codec::values;
 use super::error::SqlError;
 use super::tx::Tx;
-use crate::jobs::JobId;
 use jiff::Timestamp;
 use std::time::Duration;
 use uuid::Uuid;
@@ -27,25 +26,25 @@ pub(super) async fn spend(tx: &mut Tx<'_>, id: Uuid, deletion: Option<&str>) -> 
         tx.either("NULL", Tx::NOW),
     );
     let now = tx.known_now()?;
-    tx.execute(sql, values![JobId(id), deletion.map(str::to_owned), now]).await?;
+    tx.execute(sql, values![id, deletion.map(str::to_owned), now]).await?;
     Ok(())
 }
 
 /// True if the id is spent.
 pub(super) async fn is_spent(tx: &mut Tx<'_>, id: Uuid) -> Result<bool, SqlError> {
-    Ok(tx.optional("SELECT id FROM spent_ids WHERE id = $1", values![JobId(id)]).await?.is_some())
+    Ok(tx.optional("SELECT id FROM spent_ids WHERE id = $1", values![id]).await?.is_some())
 }
 
 /// True if this deletion has spent the id.
 pub(super) async fn is_spent_by(tx: &mut Tx<'_>, id: Uuid, deletion: &str) -> Result<bool, SqlError> {
     let sql = "SELECT id FROM spent_ids WHERE id = $1 AND deletion = $2";
-    Ok(tx.optional(sql, values![JobId(id), deletion]).await?.is_some())
+    Ok(tx.optional(sql, values![id, deletion]).await?.is_some())
 }
 
 /// Fails if the id is spent. Called by retries after they have inserted a row with it, because the
 /// first row may have been deleted just before.
 pub(super) async fn refuse_spent(tx: &mut Tx<'_>, id: Uuid) -> Result<(), SqlError> {
-    if is_spent(tx, id).await? { Err(SqlError::NoAnswer(Duration::ZERO)) } else { Ok(()) }
+    if is_spent(tx, id).await? { Err(SqlError::Unknown) } else { Ok(()) }
 }
 
 /// Removes ids that were spent long ago.

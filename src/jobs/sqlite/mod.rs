@@ -161,6 +161,7 @@ impl Sqlite {
         let error = match error {
             SqlError::Database(error) => error,
             SqlError::NoAnswer(_) => return Severity::Outage,
+            SqlError::Unknown => return Severity::Transient,
             _ => return Severity::Permanent,
         };
         let passing = [code::BUSY, code::LOCKED, code::IOERR, code::FULL, code::CANTOPEN, code::PROTOCOL];
