@@ -20,7 +20,8 @@ pub async fn fill_sqlite(path: &std::path::Path, rows: u64) {
          finished_at, spec, submitter, rank, turn, batch_key) \
          SELECT '01900000-0000-7000-8000-' || printf('%012x', i), CASE WHEN i < $1 THEN 'queued' ELSE 'failed' END, \
          'pig', i, printf('%x', i), '[\"glb\"]', CASE WHEN i % 10 = 0 THEN 'gpu' ELSE 'auto' END, 0, 0, \
-         CASE WHEN i < $1 THEN NULL ELSE i END, '{}', 'key ' || (i % 7), i / 7 % 3 - 1, i / 21, 'size ' || (i % 3) FROM n",
+         CASE WHEN i < $1 THEN NULL ELSE i END, CAST('{}' AS BLOB), 'key ' || (i % 7), i / 7 % 3 - 1, i / 21, \
+         'size ' || (i % 3) FROM n",
     )
     .bind(rows as i64)
     .execute(&pool)

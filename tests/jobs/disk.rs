@@ -425,7 +425,9 @@ async fn on_a_full_disk_under_everything_models_are_still_cancelled_and_deleted(
 
         // Submit until there is no space for another record.
         disk.fill();
-        let large = serde_json::json!({ "script": "ok", "large": "x".repeat(200_000) });
+        // Random digits, which do not compress well.
+        let digits: String = (0..6_000).map(|_| uuid::Uuid::new_v4().simple().to_string()).collect();
+        let large = serde_json::json!({ "script": "ok", "large": digits });
         let mut asked = Vec::new();
         let refused = loop {
             let new =

@@ -46,13 +46,14 @@ async fn records_of_a_later_version_block_no_others(database: Database) {
     let change = format!(
         "UPDATE jobs SET outputs = '[\"step\"]' WHERE id = '{}'; \
          UPDATE jobs SET outputs = '[\"glb\", \"step\"]' WHERE id = '{}'; \
-         UPDATE jobs SET spec = 'as it likes' WHERE id = '{spec}'; \
+         UPDATE jobs SET spec = CAST('as it likes' AS {}) WHERE id = '{spec}'; \
          UPDATE jobs SET progress = '{{\"stage\": \"polish\"}}', section = '[]', summary = 'x', problem = '7', \
          backend_used = 'tpu', rank = 0 WHERE id = '{progress}'; \
          INSERT INTO workers (id, host, backend, device, jobs_done, heartbeat_at) \
          VALUES ('far', 'far', 'tpu', 'a TPU', 0, {})",
         outputs[0],
         outputs[1],
+        if database == Database::Sqlite { "BLOB" } else { "TEXT" },
         clock.now().as_microsecond(),
     );
     execute(database, &url, &change).await;

@@ -59,7 +59,7 @@ const PLANS: [(&str, &str); 7] = [
 ];
 
 /// Migrations of the tables, oldest first.
-const MIGRATIONS: [(&str, &str); 18] = migrations![
+const MIGRATIONS: [(&str, &str); 19] = migrations![
     "0001_jobs",
     "0002_priorities",
     "0003_traces",
@@ -78,6 +78,7 @@ const MIGRATIONS: [(&str, &str); 18] = migrations![
     "0016_short_models",
     "0017_spent_ids",
     "0018_functions",
+    "0019_fewer_indexes",
 ];
 
 /// The connections to a PostgreSQL database.

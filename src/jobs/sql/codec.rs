@@ -16,6 +16,7 @@ pub(super) use values;
 pub(in crate::jobs) enum Value {
     Int(Option<i64>),
     Text(Option<String>),
+    Bytes(Vec<u8>),
     Texts(Vec<String>),
     Flag(bool),
 }
@@ -51,6 +52,7 @@ value_from! {
     &String: text => Self::Text(Some(text.clone()));
     Option<String>: text => Self::Text(text);
     &Option<String>: text => Self::Text(text.clone());
+    Vec<u8>: bytes => Self::Bytes(bytes);
     Vec<String>: texts => Self::Texts(texts);
 }
 

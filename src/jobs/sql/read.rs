@@ -97,26 +97,39 @@ impl Store {
         Ok(queued)
     }
 
-    /// Age of the oldest queued job by requested backend; zero if none is queued. The cost does not
-    /// depend on the number of jobs.
+    /// Age of the oldest claimable job by requested backend; zero if there is none.
+    ///
+    /// The jobs of a submitter have turns in the order of their age. The query steps through the
+    /// first jobs of all submitters, so its cost does not depend on the number of jobs.
     pub async fn queue_ages(&self) -> Result<[(Backend, Duration); 4], StoreError> {
         let tx = &mut self.read("queue_ages").await?;
         let now = tx.now().await?;
-        let index = tx.either(" INDEXED BY jobs_queue_by_age", "");
-        let queued = tx.either("status = 'queued'", "(status = 'queued') IS TRUE");
-        let oldest = |lane: Backend| {
-            let lane = enum_to_sql(lane);
+        let index = tx.either(" INDEXED BY jobs_queue_by_submitter", "");
+        let first = |condition: &str, order: &str| {
             format!(
-                "(SELECT created_at FROM jobs{index} WHERE {queued} AND backend_requested = '{lane}' ORDER BY id LIMIT 1) \
-                 AS \"{lane}\""
+                "(SELECT n.id FROM jobs n{index} WHERE n.status = 'queued' AND NOT n.shares{condition} \
+                 ORDER BY {order}n.turn LIMIT 1)"
             )
         };
-        let row = tx.one(format!("SELECT {}", LANES.map(oldest).join(", ")), vec![]).await?;
+        let sql = format!(
+            "WITH RECURSIVE heads (id) AS (SELECT {} UNION ALL SELECT COALESCE({}, {}, {}) \
+             FROM heads JOIN jobs h ON h.id = heads.id) \
+             SELECT backend_requested AS backend, MIN(created_at) AS since FROM heads JOIN jobs ON jobs.id = heads.id \
+             GROUP BY backend_requested",
+            first("", "n.lane, n.rank, n.submitter, "),
+            first(" AND n.lane = h.lane AND n.rank = h.rank AND n.submitter > h.submitter", "n.submitter, "),
+            first(" AND n.lane = h.lane AND n.rank > h.rank", "n.rank, n.submitter, "),
+            first(" AND n.lane > h.lane", "n.lane, n.rank, n.submitter, "),
+        );
         let mut ages = LANES.map(|backend| (backend, Duration::ZERO));
-        for (backend, age) in &mut ages {
-            let since = row.optional_time(&enum_to_sql(*backend))?.unwrap_or(now);
-            // Zero if the clock was set back after the submission.
-            *age = Duration::try_from(now.duration_since(since)).unwrap_or_default();
+        for row in tx.all(sql, values![]).await? {
+            let name: &str = row.get("backend")?;
+            // A later version may know further backends.
+            if let Some((_, age)) = ages.iter_mut().find(|(backend, _)| backend.name() == name) {
+                let since = row.optional_time("since")?.unwrap_or(now);
+                // Zero if the clock was set back after the submission.
+                *age = Duration::try_from(now.duration_since(since)).unwrap_or_default();
+            }
         }
         Ok(ages)
     }

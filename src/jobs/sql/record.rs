@@ -10,6 +10,7 @@ use crate::model::BodyKind;
 use crate::spec::SharedJson;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
+use std::io;
 
 /// A job with columns that only the queue needs.
 #[derive(Debug)]
@@ -115,7 +116,8 @@ fn known<T: DeserializeOwned>(list: &Value, unread: &mut Option<String>) -> Vec<
 /// Converts a row of [`select_jobs`], without the position in the queue.
 pub(super) fn to_record(row: &Row) -> Result<Record, SqlError> {
     let (outputs, mut unread) = outputs_from_sql(row.get("outputs")?);
-    let spec = row.get::<&str>("spec")?.parse().unwrap_or_else(|error| {
+    let parsed = row.spec()?.and_then(|text| text.parse().map_err(io::Error::from));
+    let spec = parsed.unwrap_or_else(|error| {
         unread = Some(format!("spec: {error}"));
         SharedJson::from(Value::Null)
     });

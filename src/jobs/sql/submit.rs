@@ -467,7 +467,7 @@ async fn insert(
                 new.idempotency.as_ref().map(|(key, _)| scoped(new.owner.as_deref(), key)),
                 new.idempotency.as_ref().map(|(_, body)| body.clone()),
                 job.summary.as_ref().map(json),
-                job.spec.text(),
+                tx.spec(job.spec.text()),
                 &job.engine,
                 source.map(|job| job.engine.clone()),
                 job.batch.map(|batch| batch.to_string()),

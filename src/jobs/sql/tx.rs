@@ -5,6 +5,7 @@ use super::error::{SqlError, broken};
 use super::place::Place;
 use crate::clock::{Clock, Stopwatch};
 use crate::jobs::postgres::pool as postgres;
+use crate::jobs::sqlite::packed::{pack, unpack};
 use crate::jobs::sqlite::pool as sqlite;
 use crate::lock::Mutex;
 use jiff::Timestamp;
@@ -13,6 +14,7 @@ use sqlx::query::Query;
 use sqlx::sqlite::{SqliteArguments, SqliteRow};
 use sqlx::{AssertSqlSafe, Decode, Postgres, Row as _, SqlSafeStr, SqlStr, Sqlite, SqliteConnection, Type};
 use std::borrow::Cow;
+use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 use uuid::Uuid;
@@ -105,6 +107,7 @@ fn for_sqlite<'q>(sql: SqlStr, values: Vec<Value>) -> Query<'q, Sqlite, SqliteAr
     values.into_iter().fold(sqlx::query(sql), |query, value| match value {
         Value::Int(value) => query.bind(value),
         Value::Text(value) => query.bind(value),
+        Value::Bytes(value) => query.bind(value),
         Value::Texts(values) => query.bind(json(&values)),
         Value::Flag(value) => query.bind(value),
     })
@@ -114,6 +117,7 @@ fn for_postgres<'q>(sql: SqlStr, values: Vec<Value>) -> Query<'q, Postgres, PgAr
     values.into_iter().fold(sqlx::query(sql), |query, value| match value {
         Value::Int(value) => query.bind(value),
         Value::Text(value) => query.bind(value),
+        Value::Bytes(value) => query.bind(value),
         Value::Texts(values) => query.bind(values),
         Value::Flag(value) => query.bind(value),
     })
@@ -167,6 +171,11 @@ impl<'c> Tx<'c> {
     /// The first text on SQLite, the second on PostgreSQL.
     pub(in crate::jobs) fn either(&self, sqlite: &'static str, postgres: &'static str) -> &'static str {
         if self.is_postgres() { postgres } else { sqlite }
+    }
+
+    /// The stored form of a spec.
+    pub(super) fn spec(&self, text: &str) -> Value {
+        if self.is_postgres() { text.into() } else { pack(text).into() }
     }
 
     /// Expression for the time of PostgreSQL, in microseconds.
@@ -332,6 +341,14 @@ impl Row {
 
     pub(in crate::jobs) fn optional_id(&self, column: &str) -> Result<Option<Uuid>, SqlError> {
         self.get::<Option<&str>>(column)?.map(str::parse).transpose().map_err(broken)
+    }
+
+    /// The text of the spec of a job; an error if its stored form is damaged.
+    pub(super) fn spec(&self) -> Result<io::Result<Cow<'_, str>>, SqlError> {
+        Ok(match self {
+            Self::Sqlite(row) => unpack(row.try_get("spec")?),
+            Self::Postgres(row) => Ok(row.try_get::<&str, _>("spec")?.into()),
+        })
     }
 
     pub(in crate::jobs) fn time(&self, column: &str) -> Result<Timestamp, SqlError> {

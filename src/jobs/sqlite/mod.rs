@@ -15,6 +15,7 @@
 //! - **Damage** is searched for at the start (`check`). Otherwise a damaged file would fail only at
 //!   the first query that reads a damaged page.
 
+pub(super) mod packed;
 pub(super) mod pool;
 
 use super::error::StoreError;
@@ -32,7 +33,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Migrations of the tables, oldest first.
-const MIGRATIONS: [(&str, &str); 19] = migrations![
+const MIGRATIONS: [(&str, &str); 20] = migrations![
     "0001_jobs",
     "0002_operations",
     "0003_fair_share",
@@ -52,6 +53,7 @@ const MIGRATIONS: [(&str, &str); 19] = migrations![
     "0017_packs",
     "0018_short_models",
     "0019_spent_ids",
+    "0020_fewer_pages",
 ];
 
 /// Maximum wait of a connection for a lock of another process.
@@ -292,8 +294,12 @@ fn pool_use(name: &'static str, pool: &Pool) -> PoolUse {
 
 async fn migrate(writer: &Pool) -> Result<(), StoreError> {
     let mut connection = acquire(writer).await?;
+    // A migration that rebuilds a table would delete the rows that refer to it.
+    sqlx::query("PRAGMA foreign_keys = OFF").execute(&mut *connection).await.map_err(SqlError::from)?;
     let migrated = migrator(&MIGRATIONS).run_direct(None, &mut *connection, false).await;
-    migrated.map_err(|error| StoreError::Database(Box::new(error)))
+    migrated.map_err(|error| StoreError::Database(Box::new(error)))?;
+    sqlx::query("PRAGMA foreign_keys = ON").execute(&mut *connection).await.map_err(SqlError::from)?;
+    Ok(())
 }
 
 /// Extends the log to [`LOG`] by a large write that is rolled back, which leaves the length of the

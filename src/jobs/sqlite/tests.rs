@@ -6,6 +6,7 @@ use crate::clock::Clock;
 use crate::generate::{Progress, Stage};
 use crate::jobs::sql::Engine;
 use crate::jobs::{ClaimScope, Directive, Finished, JobProgress, LiveSection, NewJob, Status, Store};
+use sha2::{Digest as _, Sha256};
 
 const LEASE: Duration = Duration::from_secs(8);
 
@@ -39,7 +40,9 @@ async fn on_a_full_disk_a_finished_model_waits_and_other_changes_fail_after_five
         let store = store.clone();
         async move { store.finish(claimed, finished).await }
     });
-    let large = NewJob { spec: serde_json::json!("x".repeat(1 << 20)).into(), ..NewJob::sample(2) };
+    // Digests, which do not compress well.
+    let digits: String = (0..1_u64 << 14).map(|n| hex::encode(Sha256::digest(n.to_le_bytes()))).collect();
+    let large = NewJob { spec: serde_json::json!(digits).into(), ..NewJob::sample(2) };
     let since = Stopwatch::start();
     let refused = store.submit(large.clone()).await.unwrap_err();
     assert!(matches!(&refused, StoreError::Database(cause) if cause.to_string().contains("full")), "{refused}");
@@ -76,4 +79,39 @@ async fn leases_that_could_not_be_renewed_on_a_full_disk_do_not_expire() {
     clock.advance(LEASE);
     let again = store.claim("other", ClaimScope::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
     assert_eq!((again.job().id, again.attempt()), (id, 2));
+}
+
+/// Number of pages in the write-ahead log, and the salt that changes when it begins anew.
+fn logged_pages(database: &std::path::Path) -> (Vec<u8>, usize) {
+    const HEADER: usize = 32;
+    const FRAME: usize = 24 + 4096;
+    let log = std::fs::read(database.with_extension("db-wal")).unwrap();
+    let salt = &log[16..24];
+    let pages = log[HEADER..].chunks_exact(FRAME).take_while(|frame| &frame[8..16] == salt).count();
+    (salt.to_vec(), pages)
+}
+
+#[tokio::test]
+async fn a_submission_writes_at_most_twelve_pages_on_average() {
+    let (store, dir) = open(Clock::System).await;
+    let path = dir.path().join("jobs.db");
+    let spec = crate::spec::preset("pig").unwrap().spec.clone();
+    let submit = async |n: u64| {
+        let digest = hex::encode(Sha256::digest(n.to_le_bytes()));
+        let batch_key = Some("2000/300/10/10/rk4/40".into());
+        let new = NewJob { spec: spec.clone().into(), digest, batch_key, ..NewJob::sample(n) };
+        store.submit(new).await.unwrap();
+    };
+    let (mut pages, mut submissions) = (0, 0);
+    for n in 0..600 {
+        let (salt, before) = logged_pages(&path);
+        submit(n).await;
+        let (salt_after, after) = logged_pages(&path);
+        // The first indexes are smaller than a page.
+        if n >= 200 && salt == salt_after {
+            (pages, submissions) = (pages + after - before, submissions + 1);
+        }
+    }
+    assert!(submissions > 300);
+    assert!(pages <= 12 * submissions, "{pages} pages of {submissions} submissions");
 }
