@@ -12,6 +12,7 @@
 //!   Therefore [`Store::recover`](super::Store::recover) may end the attempts of earlier processes.
 //! - **Time** is the clock of the process. Leases and delays use monotonic time, so setting the
 //!   clock ends no attempt.
+//! - **Specs** are compressed ([`packed`]), so that a submission writes few pages.
 //! - **Damage** is searched for at the start (`check`). Otherwise a damaged file would fail only at
 //!   the first query that reads a damaged page.
 
