@@ -48,7 +48,8 @@ const JOBS: &str = "INSERT INTO batches (id, created_at) VALUES ('01900000-0000-
     ('01900000-0000-7000-8000-000000000007', 'queued', NULL, NULL, NULL, 'pig', 1, 'd7', '[]', 'auto', 0, 0, '{}', 'b', \
     5, '0.1.0', NULL); \
     INSERT INTO labels (name, value, job_id) VALUES ('animal', 'a', '01900000-0000-7000-8000-000000000001'); \
-    INSERT INTO attempts (job_id, attempt, worker, started_at) VALUES ('01900000-0000-7000-8000-000000000001', 1, 'old', 0); \
+    INSERT INTO attempts (job_id, attempt, worker, started_at) VALUES \
+    ('01900000-0000-7000-8000-000000000001', 1, 'old', 0); \
     INSERT INTO files (job_id, ordinal, name, media_type, bytes, sha256, key) VALUES \
     ('01900000-0000-7000-8000-000000000001', 0, 'model.glb', 'model/gltf-binary', 1, '', 'a/b')";
 

@@ -99,8 +99,9 @@ impl Store {
 
     /// Age of the oldest claimable job by requested backend; zero if there is none.
     ///
-    /// The jobs of a submitter have turns in the order of their age. The query steps through the
-    /// first jobs of all submitters, so its cost does not depend on the number of jobs.
+    /// The jobs of a submitter have turns in the order of their age, except fits that made room for
+    /// others. The query steps through the first jobs of all submitters, so its cost does not depend
+    /// on the number of jobs.
     pub async fn queue_ages(&self) -> Result<[(Backend, Duration); 4], StoreError> {
         let tx = &mut self.read("queue_ages").await?;
         let now = tx.now().await?;

@@ -4,6 +4,7 @@
 //! The dictionary is a spec of the preset `pig`. Records refer to it: it must never change.
 
 use std::borrow::Cow;
+use std::cell::RefCell;
 use std::io;
 use std::sync::LazyLock;
 use zstd::bulk::{Compressor, Decompressor};
@@ -13,17 +14,27 @@ use zstd::zstd_safe::{MAGICNUMBER, get_frame_content_size};
 const DICTIONARY: &[u8] = include_bytes!("spec_dictionary.json");
 /// The default level of Zstandard.
 const LEVEL: i32 = 3;
-/// Length of the longest spec that is read; no request is as long.
-const MAX_BYTES: u64 = 256 << 20;
+/// Length of the longest value that SQLite stores.
+const MAX_BYTES: usize = 1_000_000_000;
 
 static ENCODER: LazyLock<EncoderDictionary<'static>> = LazyLock::new(|| EncoderDictionary::copy(DICTIONARY, LEVEL));
 static DECODER: LazyLock<DecoderDictionary<'static>> = LazyLock::new(|| DecoderDictionary::copy(DICTIONARY));
 
+thread_local! {
+    // Preparing a context takes several times as long as its use for one spec.
+    static COMPRESSOR: RefCell<Compressor<'static>> =
+        RefCell::new(Compressor::with_prepared_dictionary(&ENCODER).expect("the dictionary is prepared"));
+    static DECOMPRESSOR: RefCell<Decompressor<'static>> =
+        RefCell::new(Decompressor::with_prepared_dictionary(&DECODER).expect("the dictionary is prepared"));
+}
+
 /// The stored form of a spec.
 pub(in crate::jobs) fn pack(text: &str) -> Vec<u8> {
-    let compress = || Compressor::with_prepared_dictionary(&ENCODER)?.compress(text.as_bytes());
-    // A text is a stored form, too.
-    compress().unwrap_or_else(|_: io::Error| text.into())
+    // A text is a stored form, too; SQLite refuses one that is too long.
+    if text.len() > MAX_BYTES {
+        return text.into();
+    }
+    COMPRESSOR.with_borrow_mut(|compressor| compressor.compress(text.as_bytes())).unwrap_or_else(|_| text.into())
 }
 
 /// The spec of a stored form. Records from before the compression have the text.
@@ -31,9 +42,9 @@ pub(in crate::jobs) fn unpack(stored: &[u8]) -> io::Result<Cow<'_, str>> {
     if !stored.starts_with(&MAGICNUMBER.to_le_bytes()) {
         return str::from_utf8(stored).map(Cow::from).map_err(io::Error::other);
     }
-    let length = get_frame_content_size(stored).ok().flatten().filter(|length| *length <= MAX_BYTES);
-    let length = length.ok_or(io::ErrorKind::InvalidData)?;
-    let text = Decompressor::with_prepared_dictionary(&DECODER)?.decompress(stored, length as usize)?;
+    let length = get_frame_content_size(stored).ok().flatten().and_then(|length| usize::try_from(length).ok());
+    let length = length.filter(|length| *length <= MAX_BYTES).ok_or(io::ErrorKind::InvalidData)?;
+    let text = DECOMPRESSOR.with_borrow_mut(|decompressor| decompressor.decompress(stored, length))?;
     String::from_utf8(text).map(Cow::from).map_err(io::Error::other)
 }
 
