@@ -125,7 +125,7 @@ fn surfaces() -> Result<(), Box<dyn Error>> {
         check("gltf", if strips { "own-strips" } else { "own" }, bytes)?;
     }
     let mut bytes = Vec::new();
-    levels(&mesh, &|| false)?[0].write(&metadata(2), &mut bytes)?;
+    levels(&mesh, None, &|| false)?[0].write(&metadata(2), &mut bytes)?;
     check("gltf", "level", bytes)?;
     let mut bytes = Vec::new();
     write_obj(&Shape::of(&mesh, &metadata(2)), &mut bytes)?;

@@ -4,11 +4,13 @@
 mod cut;
 mod mesh;
 mod plane;
+mod rows;
 mod section;
 
 pub use cut::{Border, Cut, CutRing, Line, RingKind};
 pub use mesh::{BodyKind, LengthUnit, Mesh, Patch, PatchKind};
 pub use plane::Plane;
+pub use rows::{Row, Rows, RowsBuilder, WallRows};
 pub use section::{Ring, Section};
 
 #[cfg(any(test, feature = "samples"))]

@@ -21,7 +21,7 @@ use crate::measure::checklist::Checklist;
 use crate::measure::comparison::Comparison;
 use crate::measure::morphometry::{Cuts, Morphometry};
 use crate::mesh::lean::Leaned;
-use crate::model::{BodyKind, LengthUnit, Mesh, Section};
+use crate::model::{BodyKind, LengthUnit, Mesh, Rows, Section};
 use rayon::prelude::*;
 use serde::Serialize;
 use serde_json::Value;
@@ -43,6 +43,8 @@ pub(super) struct Inputs<'a> {
     pub(super) tissue: &'a Mesh,
     /// Tissue before bending.
     pub(super) straight: &'a Mesh,
+    /// Rows of both; `None` if the surface is even.
+    pub(super) rows: Option<Rows>,
     pub(super) centreline: Centreline,
     /// Textures of the tissue, if they are requested.
     pub(super) skin: Option<Skin<'a>>,
@@ -139,7 +141,7 @@ pub(super) fn write(
     progress: &(dyn Fn(f64) + Sync),
     cancel: &CancelToken,
 ) -> Result<Vec<FileOutput>, GenerateError> {
-    let Inputs { meta, surfaces, tissue, straight, centreline, skin, sections } = inputs;
+    let Inputs { meta, surfaces, tissue, straight, rows, centreline, skin, sections } = inputs;
     let strips = request.spec.mesh.strips;
     let wants = |output| request.outputs.has(output);
     let mut tasks: Vec<(String, &str, Task<'_>)> = Vec::new();
@@ -155,7 +157,7 @@ pub(super) fn write(
     }
     let (files, levels) = rayon::join(
         || write_all(request, tasks, cancel),
-        || wants(Output::Lod).then(|| levels(tissue, &|| cancel.is_cancelled())).transpose(),
+        || wants(Output::Lod).then(|| levels(tissue, rows.as_ref(), &|| cancel.is_cancelled())).transpose(),
     );
     if cancel.is_cancelled() {
         return Err(GenerateError::Cancelled);

@@ -165,7 +165,7 @@ impl Finishing<'_> {
     /// Certifies and measures a surface, and writes the files. `watch` has run since the end of the
     /// loft.
     fn examine(self, closed: Closed, watch: Stopwatch, mut seconds: Seconds) -> Result<Outcome, GenerateError> {
-        let Closed { tissue: mut straight, lids, sections } = closed;
+        let Closed { tissue: mut straight, rows, lids, sections } = closed;
         let stop = || self.cancel.is_cancelled();
         let along = self.request.spec.bent_course();
         let course = along.as_ref().map(|bent| &bent.course);
@@ -229,6 +229,7 @@ impl Finishing<'_> {
             surfaces: placed.iter().map(|of| of.shape(&meta)).collect(),
             tissue,
             straight,
+            rows,
             centreline,
             skin,
             sections: file?,

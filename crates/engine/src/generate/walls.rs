@@ -10,7 +10,7 @@ use crate::export::sections_bin::{SectionsError, write_sections};
 use crate::mesh::quality::{Lids, Quality, RemeshError, Remeshed, remesh};
 use crate::mesh::smooth::smooth;
 use crate::mesh::{LoftError, Lofter};
-use crate::model::{Mesh, Section};
+use crate::model::{Mesh, Rows, Section};
 use std::borrow::Cow;
 use std::io::{self, Write};
 
@@ -44,6 +44,8 @@ enum Form {
 pub(super) struct Closed {
     /// The tissue.
     pub(super) tissue: Mesh,
+    /// Rows of the tissue; `None` if the surface is even.
+    pub(super) rows: Option<Rows>,
     /// Ends of the lumen, if it is requested and the surface is even.
     pub(super) lids: Option<Lids>,
     /// Sections that the model shows.
@@ -180,8 +182,8 @@ impl Walls {
     pub(super) fn close(self, lids: bool, watch: &(dyn Fn(f64) -> bool + Sync)) -> Result<Closed, GenerateError> {
         Ok(match self.form {
             Form::Lofted(lofter) => {
-                let tissue = lofter.finish()?;
-                Closed { tissue, lids: None, sections: self.sections }
+                let (tissue, rows) = lofter.finish_with_rows()?;
+                Closed { tissue, rows: Some(rows), lids: None, sections: self.sections }
             }
             Form::Even(quality, sections) => {
                 let closed = remesh(&sections, &Quality { lids, ..quality }, watch);
@@ -189,7 +191,7 @@ impl Walls {
                     RemeshError::Stopped => GenerateError::Cancelled,
                     error => GenerateError::Certificate { detail: error.to_string() },
                 })?;
-                Closed { tissue, lids, sections: self.sections }
+                Closed { tissue, rows: None, lids, sections: self.sections }
             }
         })
     }

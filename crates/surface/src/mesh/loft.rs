@@ -17,7 +17,7 @@ use super::slab::{Rim, Slab};
 use crate::geometry::blocks::Blocks;
 use crate::geometry::polygon::{ContourError, check_contour, check_nested};
 use crate::geometry::triangulate::annulus;
-use crate::model::{BodyKind, Mesh, Patch, Ring, Section};
+use crate::model::{BodyKind, Mesh, Patch, Ring, Rows, RowsBuilder, Section};
 
 /// Indices of the patches in [`Lofter::patches`].
 const INNER_WALL: usize = 0;
@@ -50,6 +50,9 @@ pub struct Lofter {
     positions: Vec<[f32; 3]>,
     /// Triangles of each patch of the tissue, in their order, without the newest slab.
     patches: [Vec<[u32; 3]>; 4],
+    /// Rows of the inner and of the outer wall below the front, and their places.
+    rows: [RowsBuilder; 2],
+    row_places: Vec<f32>,
     /// Maximum number of vertices.
     most: usize,
 }
@@ -120,6 +123,8 @@ impl Lofter {
             below: None,
             positions,
             patches: Default::default(),
+            rows: Default::default(),
+            row_places: Vec::new(),
             most: u32::MAX as usize,
         })
     }
@@ -168,12 +173,26 @@ impl Lofter {
     /// # Errors
     /// Returns [`LoftError::NoSlab`] if there is only one section, and [`LoftError::Cap`] if the
     /// end at the ampulla cannot be closed.
+    pub fn finish(self) -> Result<Mesh, LoftError> {
+        self.finish_with_rows().map(|(mesh, _)| mesh)
+    }
+
+    /// Closes the ends, and also returns the rows of the walls.
+    ///
+    /// # Errors
+    /// As [`Lofter::finish`].
     #[inline(never)] // counted by scripts/counts
-    pub fn finish(mut self) -> Result<Mesh, LoftError> {
+    pub fn finish_with_rows(mut self) -> Result<(Mesh, Rows), LoftError> {
         let below = self.below.take().ok_or(LoftError::NoSlab)?;
         self.emit(&below.slab, &below.vertices, &self.front.vertices.clone());
         self.patches[CAP_AMPULLA] = ampulla_cap(&self.front.rim, &self.front.vertices)?;
-        Ok(assembled(self.positions, self.patches))
+        self.row_places.push(self.front.z);
+        for (wall, rows) in self.rows.iter_mut().enumerate() {
+            self.front.ring(wall).iter().for_each(|&vertex| rows.push(vertex, false));
+            rows.end_row();
+        }
+        let rows = Rows { z: self.row_places, walls: self.rows.map(RowsBuilder::finish) };
+        Ok((assembled(self.positions, self.patches), rows))
     }
 
     /// Adds the slabs up to the last section of `history`, with sections in between where walls
@@ -270,14 +289,21 @@ impl Lofter {
             return Err(LoftError::TooLarge { most: self.most });
         }
         let mut lower = Vec::with_capacity(slab.lower.len());
-        for (&vertex, &count) in self.front.vertices.iter().zip(&new_after) {
+        let (rows, inner) = (&mut self.rows, slab.lower.inner);
+        let mut push = |lower: &mut Vec<u32>, vertex: u32, is_new: bool| {
+            rows[usize::from(lower.len() >= inner)].push(vertex, is_new);
             lower.push(vertex);
+        };
+        for (&vertex, &count) in self.front.vertices.iter().zip(&new_after) {
+            push(&mut lower, vertex, false);
             for _ in 0..count {
                 let p = slab.lower.points[lower.len()];
-                lower.push(self.positions.len() as u32);
+                push(&mut lower, self.positions.len() as u32, true);
                 self.positions.push([p[0], p[1], self.front.z]);
             }
         }
+        self.rows.iter_mut().for_each(RowsBuilder::end_row);
+        self.row_places.push(self.front.z);
         match (below, self.below.take()) {
             (Some(refined), Some(below)) => self.emit(&refined, &below.vertices, &lower),
             _ => self.patches[CAP_ISTHMUS] = isthmus_cap(&slab.lower, &lower)?,

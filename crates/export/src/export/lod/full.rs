@@ -12,6 +12,8 @@ use std::ops::Range;
 const MIN_RUN: usize = 1 << 16;
 /// Maximum number of runs.
 const MAX_RUNS: usize = 16;
+/// Number of triangles whose vertices are compared with a run at a time.
+const CHUNK: usize = 1 << 10;
 
 /// Triangles of a level, for each patch that has triangles.
 pub(super) type PatchTriangles<'a> = Vec<Cow<'a, [[u32; 3]]>>;
@@ -36,7 +38,8 @@ impl<'a> FullSurface<'a> {
         // Computed in runs of vertices, because the sums take more memory than everything else.
         let count = mesh.positions.len();
         let run = MIN_RUN.max(count.div_ceil(MAX_RUNS));
-        let of_run = |first: usize| normals(mesh, &patches, first..count.min(first + run), &grid);
+        let chunks = chunks(mesh, &patches);
+        let of_run = |first: usize| normals(mesh, &chunks, first..count.min(first + run), &grid);
         let normals = (0..count.div_ceil(run)).into_par_iter().flat_map_iter(|k| of_run(k * run)).collect();
         Self { mesh, patches, grid, cells, normals }
     }
@@ -44,6 +47,11 @@ impl<'a> FullSurface<'a> {
     /// All triangles.
     pub(super) fn triangles(&self) -> PatchTriangles<'a> {
         self.patches.iter().map(|patch| Cow::Borrowed(&self.mesh.triangles[patch.triangles.clone()])).collect()
+    }
+
+    /// Position of a vertex.
+    pub(super) fn position(&self, vertex: u32) -> [f64; 3] {
+        self.mesh.positions[vertex as usize].map(f64::from)
     }
 
     /// Position of a vertex, rounded to the grid.
@@ -62,16 +70,33 @@ impl<'a> FullSurface<'a> {
     }
 }
 
+/// Consecutive triangles of a wall, and the range of their vertices.
+struct Chunk<'a> {
+    triangles: &'a [[u32; 3]],
+    vertices: Range<usize>,
+}
+
+/// The triangles of the walls.
+fn chunks<'a>(mesh: &'a Mesh, patches: &[&Patch]) -> Vec<Chunk<'a>> {
+    let chunk = |triangles: &'a [[u32; 3]]| {
+        let vertices = triangles.as_flattened();
+        let first = vertices.iter().min().map_or(0, |v| *v as usize);
+        let end = vertices.iter().max().map_or(0, |v| *v as usize + 1);
+        Chunk { triangles, vertices: first..end }
+    };
+    let walls = patches.iter().filter(|patch| patch.kind.is_wall());
+    walls.flat_map(|patch| mesh.triangles[patch.triangles.clone()].chunks(CHUNK)).map(chunk).collect()
+}
+
 /// Normals of a range of vertices, in the space of the grid. Only triangles of walls count.
-fn normals(mesh: &Mesh, patches: &[&Patch], vertices: Range<usize>, grid: &Grid) -> Vec<[i16; 3]> {
+fn normals(mesh: &Mesh, chunks: &[Chunk<'_>], vertices: Range<usize>, grid: &Grid) -> Vec<[i16; 3]> {
     let mut sums = vec![[0.0; 3]; vertices.len()];
-    for patch in patches.iter().filter(|patch| patch.kind.is_wall()) {
-        for triangle in &mesh.triangles[patch.triangles.clone()] {
-            if triangle.iter().any(|&v| vertices.contains(&(v as usize))) {
-                let normal = doubled_area_normal(triangle.map(|v| mesh.positions[v as usize]));
-                for v in triangle.map(|v| v as usize).into_iter().filter(|v| vertices.contains(v)) {
-                    add(&mut sums[v - vertices.start], normal);
-                }
+    let is_near = |chunk: &&Chunk<'_>| chunk.vertices.start < vertices.end && vertices.start < chunk.vertices.end;
+    for triangle in chunks.iter().filter(is_near).flat_map(|chunk| chunk.triangles) {
+        if triangle.iter().any(|&v| vertices.contains(&(v as usize))) {
+            let normal = doubled_area_normal(triangle.map(|v| mesh.positions[v as usize]));
+            for v in triangle.map(|v| v as usize).into_iter().filter(|v| vertices.contains(v)) {
+                add(&mut sums[v - vertices.start], normal);
             }
         }
     }

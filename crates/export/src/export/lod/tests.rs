@@ -30,10 +30,10 @@ fn mesh() -> Mesh {
 }
 
 fn made() -> Vec<Level> {
-    levels_of(&mesh(), [8000, 2500], &|| false).unwrap()
+    levels_of(&mesh(), None, [8000, 2500], &|| false).unwrap()
 }
 
-fn file(level: &Level) -> Vec<u8> {
+pub(super) fn file(level: &Level) -> Vec<u8> {
     let mut bytes = Vec::new();
     level.write(&meta(), &mut bytes).unwrap();
     bytes
@@ -46,7 +46,7 @@ fn document(bytes: &[u8]) -> Value {
 
 /// Reads a level as any other glTF file, moves its vertices to the nearest place of the grid in
 /// f32, and merges those of equal position.
-fn read_level(bytes: &[u8]) -> Result<Mesh, ReadError> {
+pub(super) fn read_level(bytes: &[u8]) -> Result<Mesh, ReadError> {
     let surface = parse(bytes, Format::Gltf, None)?;
     let document = document(bytes);
     let body = document["nodes"].as_array().unwrap().iter().find(|node| node["scale"].is_array()).unwrap();
@@ -73,7 +73,7 @@ fn read_level(bytes: &[u8]) -> Result<Mesh, ReadError> {
 }
 
 /// Sorted triangles of each patch as bits of positions, each from its smallest corner.
-fn shapes(mesh: &Mesh, place: impl Fn(u32) -> [f32; 3]) -> BTreeMap<&'static str, Vec<[[u32; 3]; 3]>> {
+pub(super) fn shapes(mesh: &Mesh, place: impl Fn(u32) -> [f32; 3]) -> BTreeMap<&'static str, Vec<[[u32; 3]; 3]>> {
     let of_patch = |patch: &crate::model::Patch| {
         let triangles = &mesh.triangles[patch.triangles.clone()];
         let mut all: Vec<_> = triangles.iter().map(|t| turned(t.map(|v| place(v).map(f32::to_bits)))).collect();
@@ -84,7 +84,7 @@ fn shapes(mesh: &Mesh, place: impl Fn(u32) -> [f32; 3]) -> BTreeMap<&'static str
 }
 
 /// Checks that a mesh is closed and oriented, with the Euler number of its body.
-fn check_closed(mesh: &Mesh) {
+pub(super) fn check_closed(mesh: &Mesh) {
     let edges: HashSet<_> = mesh.triangles.iter().flat_map(|t| [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])]).collect();
     assert_eq!(edges.len(), 3 * mesh.triangles.len());
     assert!(edges.iter().all(|&(a, b)| a != b && edges.contains(&(b, a))));
@@ -127,12 +127,12 @@ fn levels_keep_to_their_budgets() {
     assert_eq!(found[0], mesh().triangles.len());
     assert!((7600..=8000).contains(&found[1]) && (2300..=2500).contains(&found[2]), "{found:?}");
     let count = mesh().triangles.len();
-    assert_eq!(triangles(&levels_of(&mesh(), [count, 10_000_000], &|| false).unwrap()), [count; 3]);
+    assert_eq!(triangles(&levels_of(&mesh(), None, [count, 10_000_000], &|| false).unwrap()), [count; 3]);
     // Only the borders remain.
-    let least = triangles(&levels_of(&mesh(), [1000, 1], &|| false).unwrap());
+    let least = triangles(&levels_of(&mesh(), None, [1000, 1], &|| false).unwrap());
     assert!(least[2] >= 4 * 96 && least[2] < 1200, "{least:?}");
     assert_eq!(
-        levels(&Mesh { triangles: vec![], ..mesh() }, &|| false).err().map(|e| e.kind()),
+        levels(&Mesh { triangles: vec![], ..mesh() }, None, &|| false).err().map(|e| e.kind()),
         Some(io::ErrorKind::InvalidInput)
     );
 }
@@ -147,7 +147,8 @@ fn a_level_simplified_in_pieces_is_as_close_as_one_simplified_whole() {
     for (triangles, _) in whole.iter_mut().zip(&mesh.patches).filter(|(_, patch)| patch.kind.is_wall()) {
         *triangles = simplify::collapse_piece(&mesh.positions, triangles, 8000.0 / mesh.triangles.len() as f64).into();
     }
-    let whole = micrometres(distance(&full, &whole));
+    let sources = full.patches.iter().map(|patch| distance::source(&full, patch));
+    let whole = micrometres(sources.zip(&whole).map(|(source, level)| source.distance(level, 1)).fold(0.0, f64::max));
     assert!(pieces[1].report.distance_um < 2.0 * whole, "{} and {whole}", pieces[1].report.distance_um);
 }
 
@@ -156,7 +157,7 @@ fn ends_of_many_triangles_leave_the_walls_some() {
     let mesh = mesh();
     let ends =
         mesh.patches.iter().filter(|patch| !patch.kind.is_wall()).map(|patch| patch.triangles.len()).sum::<usize>();
-    let level = &levels_of(&mesh, [8000, ends + 2], &|| false).unwrap()[2];
+    let level = &levels_of(&mesh, None, [8000, ends + 2], &|| false).unwrap()[2];
     assert!(level.report.triangles > ends * 3 / 2, "{:?}", level.report);
 }
 
@@ -174,7 +175,7 @@ fn a_patch_is_read_once() {
 #[test]
 fn levels_are_stopped() {
     let asked = AtomicUsize::new(0);
-    let kind = |stop: &(dyn Fn() -> bool + Sync)| levels(&mesh(), stop).err().map(|e| e.kind());
+    let kind = |stop: &(dyn Fn() -> bool + Sync)| levels(&mesh(), None, stop).err().map(|e| e.kind());
     assert_eq!(kind(&|| asked.fetch_add(1, Ordering::Relaxed) > 1000), None);
     for after in 0..asked.into_inner() {
         let count = AtomicUsize::new(0);
@@ -185,7 +186,7 @@ fn levels_are_stopped() {
 #[test]
 fn the_distance_is_that_of_brute_force() {
     let mesh = bulge(48, 10);
-    for level in &levels_of(&mesh, [1400, 700], &|| false).unwrap()[1..] {
+    for level in &levels_of(&mesh, None, [1400, 700], &|| false).unwrap()[1..] {
         let read = read_level(&file(level)).unwrap();
         let corners = |mesh: &Mesh, kind: PatchKind| -> Vec<[[f64; 3]; 3]> {
             let patch = mesh.patches.iter().find(|patch| patch.kind == kind).unwrap();
@@ -301,7 +302,7 @@ fn a_doubled_edge_is_turned() {
     assert!(mend::mend(&mut level, &mesh));
     assert!(level != before, "the edge was not doubled");
     let mut bytes = Vec::new();
-    Encoded::new(&full, &level).write(&meta(), Map::new(), &mut bytes).unwrap();
+    Encoded::new(&full, &level, false).write(&meta(), Map::new(), &mut bytes).unwrap();
     let read = read_level(&bytes).unwrap();
     check_closed(&read);
     assert_eq!(read.positions.len(), mesh.positions.len() - 1);

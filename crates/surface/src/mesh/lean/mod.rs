@@ -70,6 +70,7 @@ struct LeaningSurface<'a> {
 
 /// Displaces a surface along the tube. `stop` is called between rounds; if it returns true, the
 /// surface stays as it is.
+#[inline(never)] // counted by scripts/counts
 pub fn lean(mesh: &mut Mesh, lean: &Lean, stop: &dyn Fn() -> bool) -> Leaned {
     let field = LeanField::new(lean);
     let full: Vec<f64> = mesh.positions.par_iter().map(|p| field.at(p.map(in_um))).collect();
