@@ -10,7 +10,7 @@ mod section;
 pub use cut::{Border, Cut, CutRing, Line, RingKind};
 pub use mesh::{BodyKind, LengthUnit, Mesh, Patch, PatchKind};
 pub use plane::Plane;
-pub use rows::{Row, Rows, RowsBuilder, WallRows};
+pub use rows::{Row, RowRuns, Rows, WallRows};
 pub use section::{Ring, Section};
 
 #[cfg(any(test, feature = "samples"))]

@@ -11,7 +11,20 @@ pub struct Rows {
     /// Place of each section along the straight tube, m.
     pub z: Vec<f32>,
     /// Inner and outer wall.
-    pub walls: [WallRows; 2],
+    pub walls: [RowRuns; 2],
+}
+
+/// Rows of one wall, first to last, as runs of consecutive vertices: a small part of the memory of
+/// [`WallRows`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct RowRuns {
+    /// Row `k` has the vertices `starts[k]..starts[k + 1]`, counted from the first row on.
+    starts: Vec<usize>,
+    /// First vertex and length of each run. Runs may extend over several rows.
+    runs: Vec<(u32, u32)>,
+    /// Which vertices are of columns that the row before does not have.
+    new: Vec<usize>,
+    len: usize,
 }
 
 /// Rows of one wall.
@@ -73,41 +86,39 @@ impl WallRows {
     }
 }
 
-/// Collects the rows of a wall, first to last.
-#[derive(Clone, Debug)]
-pub struct RowsBuilder {
-    starts: Vec<usize>,
-    vertices: Vec<u32>,
-    /// Indices of the vertices of whose column the row before has no vertex.
-    new: Vec<usize>,
-}
-
-impl Default for RowsBuilder {
+impl Default for RowRuns {
     fn default() -> Self {
-        Self { starts: vec![0], vertices: Vec::new(), new: Vec::new() }
+        Self { starts: vec![0], runs: Vec::new(), new: Vec::new(), len: 0 }
     }
 }
 
-impl RowsBuilder {
+impl RowRuns {
     /// Adds a vertex to the current row. It is new if the row before has no vertex of its column.
     #[inline]
     pub fn push(&mut self, vertex: u32, is_new: bool) {
         if is_new {
-            self.new.push(self.vertices.len());
+            self.new.push(self.len);
         }
-        self.vertices.push(vertex);
+        self.len += 1;
+        match self.runs.last_mut() {
+            Some((first, length)) if *first + *length == vertex => *length += 1,
+            _ => self.runs.push((vertex, 1)),
+        }
     }
 
     /// Ends the current row.
     pub fn end_row(&mut self) {
-        self.starts.push(self.vertices.len());
+        self.starts.push(self.len);
     }
 
     /// The rows. In each row after the first, as many vertices must not be new as the row before
     /// has vertices, and in the same order.
     #[must_use]
-    pub fn finish(self) -> WallRows {
-        let Self { starts, vertices, mut new } = self;
+    pub fn expanded(&self) -> WallRows {
+        let starts = self.starts.clone();
+        let mut new = &self.new[..];
+        let mut vertices = Vec::with_capacity(self.len);
+        vertices.extend(self.runs.iter().flat_map(|&(first, length)| first..first + length));
         let mut columns = vec![0; vertices.len()];
         let rows = starts.len() - 1;
         if rows > 0 {
@@ -115,9 +126,10 @@ impl RowsBuilder {
             columns[last].iter_mut().zip(0..).for_each(|(column, k)| *column = k);
         }
         for k in (1..rows).rev() {
-            let own_new = new.split_off(new.partition_point(|index| *index < starts[k]));
+            let (before, own_new) = new.split_at(new.partition_point(|index| *index < starts[k]));
+            new = before;
             let (mut from, mut to) = (starts[k], starts[k - 1]);
-            for end in own_new.into_iter().chain([starts[k + 1]]) {
+            for end in own_new.iter().copied().chain([starts[k + 1]]) {
                 columns.copy_within(from..end, to);
                 to += end - from;
                 from = end + 1;
@@ -133,16 +145,16 @@ mod tests {
 
     #[test]
     fn columns_continue_from_row_to_row() {
-        let mut builder = RowsBuilder::default();
+        let mut runs = RowRuns::default();
         for row in [
             &[(0, false), (1, false)][..],
             &[(2, false), (7, true), (3, false)],
             &[(4, false), (5, false), (6, false), (8, true)],
         ] {
-            row.iter().for_each(|&(vertex, is_new)| builder.push(vertex, is_new));
-            builder.end_row();
+            row.iter().for_each(|&(vertex, is_new)| runs.push(vertex, is_new));
+            runs.end_row();
         }
-        let rows = builder.finish();
+        let rows = runs.expanded();
         assert_eq!((rows.len(), rows.columns()), (3, 4));
         assert_eq!((rows.row(0).vertices, rows.row(0).columns), (&[0, 1][..], &[0, 2][..]));
         assert_eq!((rows.row(1).vertices, rows.row(1).columns), (&[2, 7, 3][..], &[0, 1, 2][..]));

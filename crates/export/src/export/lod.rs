@@ -79,7 +79,7 @@ impl Level {
 
 /// Computes the levels of a closed surface whose walls have no common vertices, the finest first.
 /// `rows` are those of a lofted surface, whose vertices may have been moved and whose edges may have
-/// been divided since. They make the levels faster to compute ([`thin`]).
+/// been divided since. They make the levels faster to compute.
 ///
 /// A level has at most the target number of triangles, except that vertices of borders and the ends
 /// of the tube are kept. A level that would have more triangles than the finer level has the
@@ -134,10 +134,15 @@ pub fn reduced(mesh: &Mesh, target: usize) -> (Mesh, Vec<u32>) {
 /// Computes the levels; `None` if it was stopped.
 fn levels_of<'a>(
     mesh: &'a Mesh,
-    rows: Option<&'a Rows>,
+    rows: Option<&Rows>,
     targets: [usize; 2],
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Option<Vec<Level>> {
+    // Thinning comes first, because it takes memory too.
+    let thinned = rows.map(|rows| thinned(mesh, rows, targets));
+    if stop() {
+        return None;
+    }
     let full = FullSurface::new(mesh);
     let all = full.triangles();
     let sources: Vec<Source<'_, _>> = full.patches.iter().map(|patch| distance::source(&full, patch)).collect();
@@ -162,12 +167,8 @@ fn levels_of<'a>(
         let (encoded, distance) = rayon::join(|| encoded(triangles), || of_patches().fold(0.0, f64::max));
         Some(described(n, encoded, distance))
     };
-    let (second, third) = if let Some(rows) = rows {
-        let thinning = Thinning::new(mesh, rows);
-        let thinned = |target: usize| {
-            (!stop()).then(|| if target < mesh.triangles.len() { thinning.level(target) } else { all.clone() })
-        };
-        rayon::join(|| level(1, &thinned(targets[0])?), || level(2, &thinned(targets[1].min(targets[0]))?))
+    let (second, third) = if let Some((one, two)) = thinned {
+        rayon::join(|| level(1, &one), || level(2, &two))
     } else {
         let coarser = |finer: &PatchTriangles<'a>, target| (!stop()).then(|| coarser(&full, finer, target));
         let one = coarser(&all, targets[0])?;
@@ -178,6 +179,12 @@ fn levels_of<'a>(
     drop(sources);
     let (second, third) = (second?, third?);
     (!stop()).then(|| vec![described(0, encoded(&all), moved), second, third])
+}
+
+/// The coarser levels of a lofted surface.
+fn thinned<'a>(mesh: &'a Mesh, rows: &Rows, [one, two]: [usize; 2]) -> (PatchTriangles<'a>, PatchTriangles<'a>) {
+    let thinning = Thinning::new(mesh, rows);
+    rayon::join(|| thinning.level(one), || thinning.level(two.min(one)))
 }
 
 /// Metres as micrometres, rounded up to a tenth of a nanometre.

@@ -17,7 +17,7 @@ use super::slab::{Rim, Slab};
 use crate::geometry::blocks::Blocks;
 use crate::geometry::polygon::{ContourError, check_contour, check_nested};
 use crate::geometry::triangulate::annulus;
-use crate::model::{BodyKind, Mesh, Patch, Ring, Rows, RowsBuilder, Section};
+use crate::model::{BodyKind, Mesh, Patch, Ring, RowRuns, Rows, Section};
 
 /// Indices of the patches in [`Lofter::patches`].
 const INNER_WALL: usize = 0;
@@ -51,7 +51,7 @@ pub struct Lofter {
     /// Triangles of each patch of the tissue, in their order, without the newest slab.
     patches: [Vec<[u32; 3]>; 4],
     /// Rows of the inner and of the outer wall below the front, and their places.
-    rows: [RowsBuilder; 2],
+    rows: [RowRuns; 2],
     row_places: Vec<f32>,
     /// Maximum number of vertices.
     most: usize,
@@ -191,7 +191,7 @@ impl Lofter {
             self.front.ring(wall).iter().for_each(|&vertex| rows.push(vertex, false));
             rows.end_row();
         }
-        let rows = Rows { z: self.row_places, walls: self.rows.map(RowsBuilder::finish) };
+        let rows = Rows { z: self.row_places, walls: self.rows };
         Ok((assembled(self.positions, self.patches), rows))
     }
 
@@ -302,7 +302,7 @@ impl Lofter {
                 self.positions.push([p[0], p[1], self.front.z]);
             }
         }
-        self.rows.iter_mut().for_each(RowsBuilder::end_row);
+        self.rows.iter_mut().for_each(RowRuns::end_row);
         self.row_places.push(self.front.z);
         match (below, self.below.take()) {
             (Some(refined), Some(below)) => self.emit(&refined, &below.vertices, &lower),

@@ -46,7 +46,7 @@ impl<'a> FullSurface<'a> {
 
     /// All triangles.
     pub(super) fn triangles(&self) -> PatchTriangles<'a> {
-        self.patches.iter().map(|patch| Cow::Borrowed(&self.mesh.triangles[patch.triangles.clone()])).collect()
+        all_triangles(self.mesh)
     }
 
     /// Position of a vertex.
@@ -68,6 +68,12 @@ impl<'a> FullSurface<'a> {
         let normals: HashMap<u32, [f32; 3]> = geometry.vertices.into_iter().zip(geometry.normals).collect();
         vertices.iter().map(|v| self.grid.normal(normals[v])).collect()
     }
+}
+
+/// All triangles of a mesh, for each patch that has triangles.
+pub(super) fn all_triangles(mesh: &Mesh) -> PatchTriangles<'_> {
+    let patches = mesh.patches.iter().filter(|patch| !patch.triangles.is_empty());
+    patches.map(|patch| Cow::Borrowed(&mesh.triangles[patch.triangles.clone()])).collect()
 }
 
 /// Consecutive triangles of a wall, and the range of their vertices.

@@ -21,8 +21,8 @@ mod sagitta;
 mod search;
 mod strips;
 
-use super::full::PatchTriangles;
-use crate::model::{Mesh, Patch, PatchKind, Rows, WallRows};
+use super::full::{PatchTriangles, all_triangles};
+use crate::model::{Mesh, Patch, PatchKind, RowRuns, Rows, WallRows};
 use contour::{Choice, Kept};
 use rayon::prelude::*;
 use sagitta::Sagittas;
@@ -61,7 +61,7 @@ pub(super) struct Thinning<'a> {
 
 struct Wall<'a> {
     positions: &'a [[f32; 3]],
-    rows: &'a WallRows,
+    rows: WallRows,
     sagittas: Sagittas,
     is_inner: bool,
     /// Maximum tolerance, m.
@@ -69,22 +69,28 @@ struct Wall<'a> {
 }
 
 impl<'a> Thinning<'a> {
-    pub(super) fn new(mesh: &'a Mesh, rows: &'a Rows) -> Self {
-        let of_wall = |(kind, wall): (PatchKind, &'a WallRows)| Wall {
-            positions: &mesh.positions,
-            rows: wall,
-            sagittas: Sagittas::new(&mesh.positions, wall, &rows.z),
-            is_inner: kind == PatchKind::InnerWall,
-            coarsest: if kind == PatchKind::OuterWall { OUTLINE * width(mesh, wall) } else { f64::INFINITY },
+    pub(super) fn new(mesh: &'a Mesh, rows: &Rows) -> Self {
+        let of_wall = |(kind, runs): (PatchKind, &RowRuns)| {
+            let wall = runs.expanded();
+            Wall {
+                positions: &mesh.positions,
+                sagittas: Sagittas::new(&mesh.positions, &wall, &rows.z),
+                is_inner: kind == PatchKind::InnerWall,
+                coarsest: if kind == PatchKind::OuterWall { OUTLINE * width(mesh, &wall) } else { f64::INFINITY },
+                rows: wall,
+            }
         };
         let walls = WALLS.into_iter().zip(&rows.walls).map(of_wall).collect();
         let ends = mesh.patches.iter().filter(|patch| !patch.kind.is_wall()).map(|patch| patch.triangles.len()).sum();
         Self { mesh, walls, ends }
     }
 
-    /// A level of at most `target` triangles. The walls have at least half of them, however many
+    /// A level of at most `target` triangles, or of all. The walls have at least half of them, however many
     /// triangles the ends have.
     pub(super) fn level(&self, target: usize) -> PatchTriangles<'a> {
+        if target >= self.mesh.triangles.len() {
+            return all_triangles(self.mesh);
+        }
         let mut walls = self.within(target.saturating_sub(self.ends).max(target / 2)).into_iter();
         let of_patch = |patch: &Patch| -> Cow<'a, [[u32; 3]]> {
             if patch.kind.is_wall() {
@@ -167,7 +173,7 @@ impl Wall<'_> {
     /// Joins the kept vertices of all rows.
     fn build(&self, tolerance: f64) -> Vec<[u32; 3]> {
         let choice = self.choice(tolerance);
-        let surface = Surface { positions: self.positions, rows: self.rows };
+        let surface = Surface { positions: self.positions, rows: &self.rows };
         let mut strips = Strips::new(&surface);
         let last = self.rows.len() - 1;
         for row in 1..last {
