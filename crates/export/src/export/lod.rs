@@ -118,10 +118,15 @@ pub fn levels(mesh: &Mesh, rows: Option<&Rows>, stop: &(dyn Fn() -> bool + Sync)
 #[must_use]
 pub fn reduced(mesh: &Mesh, target: usize) -> (Mesh, Vec<u32>) {
     let full = FullSurface::new(mesh);
-    let level = coarser(&full, &full.triangles(), target);
+    assembled(&full, &coarser(&full, &full.triangles(), target))
+}
+
+/// The mesh of a level without rounding, and the vertices of the full surface that remain.
+fn assembled(full: &FullSurface<'_>, level: &PatchTriangles<'_>) -> (Mesh, Vec<u32>) {
+    let mesh = full.mesh;
     let mut patches = Vec::new();
     let mut triangles: Vec<[u32; 3]> = Vec::new();
-    for (patch, own) in full.patches.iter().zip(&level) {
+    for (patch, own) in full.patches.iter().zip(level) {
         let from = triangles.len();
         triangles.extend_from_slice(own);
         patches.push(Patch { kind: patch.kind, triangles: from..triangles.len() });
@@ -145,6 +150,11 @@ fn levels_of<'a>(
     }
     let full = FullSurface::new(mesh);
     let all = full.triangles();
+    let coarser = |finer: &PatchTriangles<'a>, target| (!stop()).then(|| coarser(&full, finer, target));
+    let (one, two) = match thinned {
+        Some((one, two)) => (one, Some(two)),
+        None => (coarser(&all, targets[0])?, None),
+    };
     let sources: Vec<Source<'_, _>> = full.patches.iter().map(|patch| distance::source(&full, patch)).collect();
     // The levels of a loft are near it by construction, so fewer samples suffice.
     let step = if rows.is_some() { SAMPLED } else { 1 };
@@ -167,13 +177,9 @@ fn levels_of<'a>(
         let (encoded, distance) = rayon::join(|| encoded(triangles), || of_patches().fold(0.0, f64::max));
         Some(described(n, encoded, distance))
     };
-    let (second, third) = if let Some((one, two)) = thinned {
-        rayon::join(|| level(1, &one), || level(2, &two))
-    } else {
-        let coarser = |finer: &PatchTriangles<'a>, target| (!stop()).then(|| coarser(&full, finer, target));
-        let one = coarser(&all, targets[0])?;
-        rayon::join(|| level(1, &one), || level(2, &coarser(&one, targets[1])?))
-    };
+    let (second, third) =
+        rayon::join(|| level(1, &one), || level(2, &two.map_or_else(|| coarser(&one, targets[1]), Some)?));
+    drop(one);
     // The finest level comes last, because it takes the most memory.
     let moved = sources.iter().map(Source::moved).fold(0.0, f64::max);
     drop(sources);

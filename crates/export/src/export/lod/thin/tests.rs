@@ -1,7 +1,7 @@
 //! Tests of thinned levels on lofts whose contours gain vertices, turn, and fold.
 
 use super::super::tests::{check_closed, file, read_level, shapes};
-use super::super::{Level, levels_of};
+use super::super::{FullSurface, Level, assembled, levels_of};
 use super::*;
 use crate::geometry::distance::squared_distance;
 use crate::model::{Ring, Section};
@@ -156,19 +156,10 @@ proptest! {
     ) {
         let (mesh, rows) = grown(n, slabs, f64::from(folds), twist);
         let thinning = Thinning::new(&mesh, &rows);
-        let full = super::super::FullSurface::new(&mesh);
+        let full = FullSurface::new(&mesh);
         for share in shares {
             let level = thinning.level((mesh.triangles.len() as f64 * share) as usize);
-            let mut patches = Vec::new();
-            let mut triangles: Vec<[u32; 3]> = Vec::new();
-            for (patch, own) in full.patches.iter().zip(&level) {
-                let from = triangles.len();
-                triangles.extend_from_slice(own);
-                patches.push(Patch { kind: patch.kind, triangles: from..triangles.len() });
-            }
-            let kept = super::super::number(triangles.as_flattened_mut());
-            let positions = kept.iter().map(|&v| mesh.positions[v as usize]).collect();
-            check_closed(&Mesh { body: mesh.body, positions, triangles, patches });
+            check_closed(&assembled(&full, &level).0);
         }
     }
 }
