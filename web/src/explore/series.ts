@@ -47,7 +47,8 @@ const PLOTTED = [
   "fractal_dimension",
 ] as const;
 
-/** Quantities of the shape tree and of layers, which are computed only for some sections. */
+/** Quantities of rays and masks, of the shape tree and of layers, which have values only in some sections. */
+const OF_DETAIL: ReadonlySet<string> = new Set(["tissue_thickness_p50_um", "lumen_gap_p50_um", "fractal_dimension"]);
 const OF_TREES: ReadonlySet<string> = new Set(["branching_order_mean", "fold_height_p50_um"]);
 const OF_LAYERS: ReadonlySet<string> = new Set(["muscle_thickness_um", "free_lumen"]);
 
@@ -56,10 +57,17 @@ export function seriesOf(morphometry: Morphometry, comparison: Comparison | unde
   const { along, settings } = morphometry;
   const places = along["z_mm"] ?? [];
   return PLOTTED.flatMap((name) => {
-    const stride = OF_LAYERS.has(name) ? settings.layers_every : OF_TREES.has(name) ? settings.tree_every : 1;
+    const stride = strideOf(name, settings);
     const points = known(places, along[name] ?? [], stride ?? 1);
     return points.z.length > 0 ? [{ ...quantity(name), ...points, bands: bandsOf(name, morphometry, comparison) }] : [];
   });
+}
+
+/** Interval of sections at which a quantity is measured. */
+function strideOf(name: string, settings: Morphometry["settings"]): number | undefined {
+  if (OF_LAYERS.has(name)) return settings.layers_every;
+  if (OF_TREES.has(name)) return settings.tree_every;
+  return OF_DETAIL.has(name) ? settings.detail_every : 1;
 }
 
 type Points = Pick<Series, "starts"> & { z: number[]; values: number[] };

@@ -4,12 +4,15 @@ use super::contour::Edge;
 use super::fill::inside;
 use super::wall::Wall;
 use super::{Contour, Grid, Layers, Tissue};
+use crate::geometry::vector::distance;
 use crate::model::Border;
 use std::ops::Range;
 
-/// Columns of a tile. The pixels of a tile share one search for the nearest edges of the outer
-/// wall.
-const TILE_COLUMNS: usize = 32;
+/// Rows of a band.
+const BAND: u32 = 32;
+/// Columns and rows of a tile. The pixels of a tile share one search for the nearest edges of the
+/// outer wall.
+const TILE: u32 = 8;
 /// Nodes per side of the grid of distances for pictures and label images, and for areas.
 const FINE: f64 = 320.0;
 const COARSE: f64 = 160.0;
@@ -134,8 +137,12 @@ fn closing_edges(border: &Border) -> Vec<Edge> {
 
 /// Bands of rows that cover a grid, for parallel work.
 pub fn bands(grid: &Grid) -> impl Iterator<Item = Range<u32>> + use<> {
-    let (step, height) = (TILE_COLUMNS as u32, grid.height);
-    (0..height.div_ceil(step)).map(move |k| k * step..((k + 1) * step).min(height))
+    spans(0..grid.height, BAND)
+}
+
+/// Divides a range into parts of a length; the last one may be shorter.
+fn spans(all: Range<u32>, length: u32) -> impl Iterator<Item = Range<u32>> {
+    all.clone().step_by(length as usize).map(move |start| start..(start + length).min(all.end))
 }
 
 /// A band of rows under construction.
@@ -207,17 +214,15 @@ impl<'a> Band<'a> {
 
     /// Divides the tissue between the walls into layers.
     fn assign_wall_layers(&mut self, wall: &Wall, epithelium_um: f32) {
-        let width = self.grid.width as usize;
-        let [low, high] = self.y_range();
+        let (grid, width) = (self.grid, self.grid.width as usize);
         let mut near = Vec::new();
-        for tile in (0..width).step_by(TILE_COLUMNS) {
-            let columns = tile..(tile + TILE_COLUMNS).min(width);
-            let (x0, x1) = (self.grid.x(tile as u32), self.grid.x(columns.end as u32 - 1));
-            let mut searched = false;
-            for row in 0..self.rows.len() {
-                let y = self.grid.y(self.rows.start + row as u32);
-                for column in columns.clone() {
-                    let place = &mut self.places[row * width + column];
+        for rows in spans(self.rows.clone(), TILE) {
+            for columns in spans(0..grid.width, TILE) {
+                let ends = |range: &Range<u32>| [range.start, range.end - 1];
+                let ([x0, x1], [y0, y1]) = (ends(&columns).map(|k| grid.x(k)), ends(&rows).map(|k| grid.y(k)));
+                let mut searched = false;
+                for (row, column) in rows.clone().flat_map(|row| columns.clone().map(move |column| (row, column))) {
+                    let place = &mut self.places[(row - self.rows.start) as usize * width + column as usize];
                     if place.tissue != Tissue::LaminaPropria {
                         continue;
                     }
@@ -226,18 +231,16 @@ impl<'a> Band<'a> {
                         continue;
                     }
                     if !searched {
-                        let middle = [(x0 + x1) / 2.0, (low + high) / 2.0];
-                        let (half_x, half_y) = ((x1 - x0) / 2.0, (high - low) / 2.0);
-                        wall.outside.near(middle, (half_x * half_x + half_y * half_y).sqrt(), &mut near);
+                        let middle = [(x0 + x1) / 2.0, (y0 + y1) / 2.0];
+                        wall.outside.near(middle, distance([x0, y0], middle), &mut near);
                         searched = true;
                     }
-                    let (square, around) = nearest(&near, [self.grid.x(column as u32), y]);
+                    let p = [grid.x(column), grid.y(row)];
+                    let (square, around) = nearest(&near, p);
                     let depth = square.sqrt();
-                    place.depth_um = depth as f32;
-                    place.around_um = around as f32;
-                    let (tissue, within) = wall.tissue([self.grid.x(column as u32), y], depth);
-                    place.tissue = tissue;
-                    place.within_um = within as f32;
+                    (place.depth_um, place.around_um) = (depth as f32, around as f32);
+                    let (tissue, within) = wall.tissue(p, depth);
+                    (place.tissue, place.within_um) = (tissue, within as f32);
                 }
             }
         }

@@ -9,6 +9,7 @@ use std::collections::HashMap;
 use std::ops::Range;
 
 const TRIANGLES_PER_TASK: usize = 1 << 16;
+const TRIANGLES_PER_RANGE: usize = 1 << 10;
 
 /// A closed surface that bounds tissue or lumen, ready to be cut.
 #[derive(Clone, Debug)]
@@ -63,42 +64,29 @@ impl<'a> Body<'a> {
     pub fn cut(&self, plane: &Plane) -> Cut {
         let crossings = self.crossings(0..self.triangles.len(), plane);
         let lines = self
-            .lines(plane, crossings)
+            .lines(plane, &crossings)
             .closed
             .into_iter()
             .map(|line| line.iter().map(|p| plane.coordinates(*p)).collect());
         nested_rings(*plane, lines.collect(), self.is_lumen)
     }
 
-    /// Cuts the body with planes of constant z. `z_um` must ascend.
+    /// Prepares the body for cuts by planes of constant z.
     #[must_use]
-    pub fn cuts_across(&self, z_um: &[f64]) -> Vec<Cut> {
-        let found: Vec<Vec<(usize, Crossing)>> = (self.triangles.par_chunks(TRIANGLES_PER_TASK))
-            .map(|triangles| {
-                let mut found = Vec::new();
-                for triangle in triangles {
-                    let heights = triangle.map(|v| f64::from(self.positions[v as usize][2]) * self.um_per_unit);
-                    let low = heights[0].min(heights[1]).min(heights[2]);
-                    let high = heights[0].max(heights[1]).max(heights[2]);
-                    let first = z_um.partition_point(|&z| z < low);
-                    for (k, &z) in z_um.iter().enumerate().skip(first).take_while(|(_, z)| **z < high) {
-                        found.extend(Crossing::new(triangle, heights, z).map(|crossing| (k, crossing)));
-                    }
-                }
-                found
-            })
-            .collect();
-        let mut by_plane = vec![Vec::new(); z_um.len()];
-        for (k, crossing) in found.into_iter().flatten() {
-            by_plane[k].push(crossing);
-        }
-        let cut = |(&z, crossings)| {
-            let plane = Plane::across(z);
-            let lines = self.lines(&plane, crossings).closed;
-            let flat = lines.into_iter().map(|line| line.into_iter().map(|[x, y, _]| [x, y]).collect());
-            nested_rings(plane, flat.collect(), self.is_lumen)
+    pub fn across(&self) -> Across<'_> {
+        let range = |triangles: &[[u32; 3]]| {
+            triangles
+                .iter()
+                .map(|t| self.z_range(t))
+                .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], next| [low.min(next[0]), high.max(next[1])])
         };
-        z_um.par_iter().zip(by_plane).map(cut).collect()
+        Across { body: self, ranges: self.triangles.par_chunks(TRIANGLES_PER_RANGE).map(range).collect() }
+    }
+
+    /// Minimum and maximum z of a triangle, µm.
+    fn z_range(&self, triangle: &[u32; 3]) -> [f64; 2] {
+        let [a, b, c] = triangle.map(|v| f64::from(self.positions[v as usize][2]) * self.um_per_unit);
+        [a.min(b).min(c), a.max(b).max(c)]
     }
 
     /// Borders of the inner and of the outer wall in a plane. `None` if the body lacks the patches
@@ -108,7 +96,7 @@ impl<'a> Body<'a> {
         let walls = self.walls.as_ref()?;
         let single = |p: [f64; 3]| plane.coordinates(p).map(|x| x as f32);
         let border = |k: usize| {
-            let PointLines { closed, open } = self.lines(plane, self.crossings(walls.triangles[k].clone(), plane));
+            let PointLines { closed, open } = self.lines(plane, &self.crossings(walls.triangles[k].clone(), plane));
             let line = |is_closed| {
                 move |line: Vec<[f64; 3]>| Line { points: line.into_iter().map(single).collect(), is_closed }
             };
@@ -147,11 +135,53 @@ impl<'a> Body<'a> {
         edge_intersection(p, q, [p, q].map(|p| plane.height_of(p)), plane.height_um())
     }
 
-    fn lines(&self, plane: &Plane, crossings: Vec<Crossing>) -> PointLines {
+    fn lines(&self, plane: &Plane, crossings: &[Crossing]) -> PointLines {
         let point = |&edge: &EdgeKey| self.intersection(plane, edge);
         let points = |lines: Vec<Vec<EdgeKey>>| lines.iter().map(|line| line.iter().map(point).collect()).collect();
         let Lines { closed, open } = Lines::chain(crossings);
         PointLines { closed: points(closed), open: points(open) }
+    }
+}
+
+/// A body that is cut by many planes of constant z.
+pub struct Across<'a> {
+    body: &'a Body<'a>,
+    /// Minimum and maximum z of every [`TRIANGLES_PER_RANGE`] triangles, µm.
+    ranges: Vec<[f64; 2]>,
+}
+
+impl Across<'_> {
+    /// Cuts at some places, which must ascend.
+    #[must_use]
+    pub fn cuts(&self, z_um: &[f64]) -> Vec<Cut> {
+        let body = self.body;
+        let triangles = body.triangles.par_chunks(TRIANGLES_PER_RANGE).zip(&self.ranges);
+        let crossings = |(triangles, &[low, high]): (&[[u32; 3]], &[f64; 2])| {
+            let within = z_um.partition_point(|&z| z < low)..z_um.partition_point(|&z| z < high);
+            let mut found = Vec::new();
+            for triangle in triangles.iter().filter(|_| !within.is_empty()) {
+                let [low, high] = body.z_range(triangle);
+                for k in within.clone().filter(|&k| low <= z_um[k] && z_um[k] < high) {
+                    let heights = triangle.map(|v| body.position_um(v)[2]);
+                    found.extend(Crossing::new(triangle, heights, z_um[k]).map(|crossing| (k, crossing)));
+                }
+            }
+            found
+        };
+        let found: Vec<Vec<(usize, Crossing)>> = triangles.map(crossings).collect();
+        let mut counts = vec![0; z_um.len()];
+        found.iter().flatten().for_each(|&(k, _)| counts[k] += 1);
+        let mut by_plane: Vec<Vec<Crossing>> = counts.into_iter().map(Vec::with_capacity).collect();
+        for (k, crossing) in found.into_iter().flatten() {
+            by_plane[k].push(crossing);
+        }
+        let cut = |(&z, crossings): (&f64, Vec<Crossing>)| {
+            let plane = Plane::across(z);
+            let lines = body.lines(&plane, &crossings).closed;
+            let flat = lines.into_iter().map(|line| line.into_iter().map(|[x, y, _]| [x, y]).collect());
+            nested_rings(plane, flat.collect(), body.is_lumen)
+        };
+        z_um.par_iter().zip(by_plane).map(cut).collect()
     }
 }
 
@@ -277,10 +307,10 @@ mod tests {
             }
         }
         assert_eq!(
-            body.cuts_across(&[-1.0, 1700.0, 4000.1]).iter().map(|cut| cut.rings.len()).collect::<Vec<_>>(),
+            body.across().cuts(&[-1.0, 1700.0, 4000.1]).iter().map(|cut| cut.rings.len()).collect::<Vec<_>>(),
             [0, 2, 0]
         );
-        assert_eq!(body.cuts_across(&[1700.0])[0], body.cut(&across));
+        assert_eq!(body.across().cuts(&[1700.0])[0], body.cut(&across));
         // Along the axis the tissue is two strips of 4 mm, and no ring encloses the lumen.
         let along = body.cut(&Plane::through([0.0, 1.0, 0.0], [0.0, 1.0, 0.0]).unwrap());
         assert!(along.rings.iter().all(|ring| ring.kind == RingKind::Tissue) && along.rings.len() == 2);

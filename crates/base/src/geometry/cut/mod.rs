@@ -9,7 +9,7 @@ mod body;
 mod half;
 mod rings;
 
-pub use body::Body;
+pub use body::{Across, Body};
 pub use half::{Half, HalfError, HalfSpace, half};
 pub use rings::nested_rings;
 
@@ -52,15 +52,12 @@ pub struct Lines {
 }
 
 impl Lines {
-    /// Joins crossings to lines. The result does not depend on their order.
+    /// Joins crossings to lines. The result does not depend on their order if no two of them begin
+    /// at the same edge.
     #[must_use]
-    pub fn chain(mut crossings: Vec<Crossing>) -> Self {
-        crossings.sort_unstable_by_key(|crossing| (crossing.from, crossing.to));
-        let following = |at: &Crossing| crossings.binary_search_by_key(&at.to, |crossing| crossing.from).ok();
-        let next: Vec<Option<usize>> = crossings.iter().map(following).collect();
-        let mut follows = vec![false; crossings.len()];
-        next.iter().flatten().for_each(|&at| follows[at] = true);
-        let starts = (0..crossings.len()).filter(|&at| !follows[at]);
+    pub fn chain(crossings: &[Crossing]) -> Self {
+        let (next, is_next) = successors(crossings);
+        let starts = (0..crossings.len()).filter(|&at| !is_next[at]);
         let mut seen = vec![false; crossings.len()];
         let mut lines = Self::default();
         for start in starts.chain(0..crossings.len()) {
@@ -82,8 +79,36 @@ impl Lines {
                 lines.open.push(line);
             }
         }
+        for line in &mut lines.closed {
+            let least = (0..line.len()).min_by_key(|&at| line[at]).unwrap_or(0);
+            line.rotate_left(least);
+        }
+        lines.closed.sort_unstable();
+        lines.open.sort_unstable();
         lines
     }
+}
+
+/// Index of the crossing that begins where each crossing ends, and whether a crossing is one of
+/// these. Neighbouring triangles of a strip follow each other, so most are found beside it.
+fn successors(crossings: &[Crossing]) -> (Vec<Option<usize>>, Vec<bool>) {
+    let mut is_next = vec![false; crossings.len()];
+    let mut beside = |at: usize| {
+        let mut neighbours = [at + 1, at.wrapping_sub(1)].into_iter();
+        neighbours.find(|&other| {
+            crossings.get(other).is_some_and(|other| other.from == crossings[at].to)
+                && !std::mem::replace(&mut is_next[other], true)
+        })
+    };
+    let mut next: Vec<Option<usize>> = (0..crossings.len()).map(&mut beside).collect();
+    let mut others: Vec<(EdgeKey, usize)> =
+        (0..crossings.len()).filter(|&at| !is_next[at]).map(|at| (crossings[at].from, at)).collect();
+    others.sort_unstable();
+    for (at, next) in next.iter_mut().enumerate().filter(|(_, next)| next.is_none()) {
+        *next = others.binary_search_by_key(&crossings[at].to, |other| other.0).ok().map(|k| others[k].1);
+        next.iter().for_each(|&other| is_next[other] = true);
+    }
+    (next, is_next)
 }
 
 /// Point in which the edge from `p` to `q`, whose ends have these heights, intersects a plane.
@@ -139,7 +164,7 @@ impl<'a> Slicer<'a> {
             let [x, y, _] = edge_intersection(p, q, [p[2], q[2]], z);
             [x, y].map(|c| (c * scale) as f32)
         };
-        let lines = Lines::chain(crossings.collect()).closed;
+        let lines = Lines::chain(&crossings.collect::<Vec<_>>()).closed;
         lines.iter().map(|line| line.iter().map(point).collect()).collect()
     }
 }
@@ -187,10 +212,10 @@ mod tests {
         let step = |from: u32, to: u32| Crossing { from: edge(from), to: edge(to) };
         let forward = vec![step(1, 2), step(2, 3), step(3, 1), step(7, 5), step(5, 6)];
         let backward: Vec<Crossing> = forward.iter().rev().copied().collect();
-        let lines = Lines::chain(forward);
+        let lines = Lines::chain(&forward);
         assert_eq!(lines.closed, [[1, 2, 3].map(edge)]);
         assert_eq!(lines.open, [[7, 5, 6].map(edge)]);
-        assert_eq!(Lines::chain(backward), lines);
-        assert_eq!(Lines::chain(Vec::new()), Lines::default());
+        assert_eq!(Lines::chain(&backward), lines);
+        assert_eq!(Lines::chain(&[]), Lines::default());
     }
 }

@@ -1,23 +1,17 @@
 //! Measures of planar cuts across a surface: what a histologist sees of a leaning tube.
 
 use super::quantity::QUANTITIES;
-use super::section::{Measures, measure_with};
+use super::section::{Extent, MODEL_RAYS_UM, Measures, measure_with};
 use super::sections::LayersAt;
 use super::shape::Shape;
 use super::spread::Spread;
 use super::track::{Changes, Following, Frame, Traced, per_mm};
-use super::tube::{Basis, Found, Intervals, Morphometry, Regions, Tube};
+use super::tube::{Basis, Found, Intervals, Morphometry, Regions, Tube, measured_of};
 use crate::geometry::cut::Body;
 use crate::model::{Cut, CutRing, Mesh, RingKind};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Maximum number of measured cuts.
-const MEASURED: usize = 41;
-/// Minimum number of measured cuts.
-const LEAST_MEASURED: usize = 13;
-/// Number of sections per measured cut, up to the maximum. Neighbouring sections differ little.
-const SECTIONS_PER_CUT: usize = 5;
 /// Number of cuts per measured cut. Those in between only follow folds and clefts, which move too
 /// far from one measured cut to the next.
 const PER_MEASURED: usize = 5;
@@ -91,8 +85,8 @@ pub fn morphometry_of_cuts(
     simulated: &Morphometry,
 ) -> (Morphometry, Option<Cuts>) {
     let sections = simulated.along.get("z_mm").map_or(0, Vec::len);
-    let measured = cuts_of(sections);
-    let intervals = Intervals::new(measured, sections);
+    let measured = measured_of(sections);
+    let intervals = Intervals::of_cuts(measured, sections);
     let (slices, changes) = slices(tissue, &places(tissue, intervals, measured), layers);
     let at: Vec<usize> = (0..slices.len()).filter(|&k| slices[k].measured.is_some()).collect();
     let z_mm: Vec<f64> = at.iter().map(|&k| slices[k].z_mm).collect();
@@ -109,12 +103,6 @@ pub fn morphometry_of_cuts(
         twist_deg,
     };
     (found.summarized(QUANTITIES.iter(), regions), cuts)
-}
-
-/// Number of cuts that are measured across a surface with this number of recorded sections.
-#[must_use]
-pub fn cuts_of(sections: usize) -> usize {
-    sections.div_ceil(SECTIONS_PER_CUT).clamp(LEAST_MEASURED, MEASURED)
 }
 
 /// Place of a cut, and what is measured of it.
@@ -164,10 +152,11 @@ fn frame(tissue: &Mesh) -> Frame {
 /// misses the surface has no cut.
 fn slices(tissue: &Mesh, places: &[Place], layers: &LayersAt<'_>) -> (Vec<Slice>, Vec<Changes>) {
     let (body, frame) = (Body::from(tissue), frame(tissue));
-    let (mut slices, mut following) = (Vec::with_capacity(places.len()), Following::new(&frame));
+    let across = body.across();
+    let (mut slices, mut following) = (Vec::with_capacity(places.len()), Following::default());
     for some in places.chunks(Following::PORTION) {
         let z_um: Vec<f64> = some.iter().map(|place| place.z_um).collect();
-        let cuts = body.cuts_across(&z_um);
+        let cuts = across.cuts(&z_um);
         let found = cuts.par_iter().zip(some).map(|(cut, place)| slice(cut, place, layers, &frame));
         let (found, traced): (Vec<Slice>, Vec<Traced>) = found.collect::<Vec<_>>().into_iter().flatten().unzip();
         slices.extend(found);
@@ -189,7 +178,11 @@ fn slice(cut: &Cut, place: &Place, layers: &LayersAt<'_>, frame: &Frame) -> Opti
         let layers = place.has_layers.then(|| layers(place.z_um));
         let islands = cut.of(RingKind::Island).filter(|ring| ring.area_um2 >= LEAST_ISLAND_UM2);
         Measured {
-            measures: measure_with(&shape, &base, place.has_tree, layers.as_ref()),
+            measures: measure_with(
+                &shape,
+                &base,
+                Extent { rays_um: Some(MODEL_RAYS_UM), tree: place.has_tree, layers: layers.as_ref() },
+            ),
             islands: islands.map(|ring| ring.area_um2 as f32).collect(),
             pockets: cut.of(RingKind::Pocket).count(),
         }
@@ -261,7 +254,7 @@ mod tests {
             }
         }
         assert_eq!(found.settings.basis, Basis::Cuts);
-        assert!(found.along.values().all(|values| values.len() == LEAST_MEASURED));
+        assert!(found.along.values().all(|values| values.len() == 13));
         let [first, last] = [found.along["z_mm"][0], found.along["z_mm"][12]].map(Option::unwrap);
         assert!((first - 0.001).abs() < 1e-9 && (last - 3.999).abs() < 1e-6, "{first} {last}");
         for name in ["islands", "fold_splits_per_mm", "fold_joins_per_mm", "blind_pockets_per_mm"] {

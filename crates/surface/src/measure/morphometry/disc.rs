@@ -85,7 +85,7 @@ mod tests {
         let outer = circle(1000.0, [0.0; 2]);
         let radius = |lumen: Vec<&[[f32; 2]]>| {
             let shape = Shape { outer: &outer, lumen };
-            largest_radius(&shape, distances(&shape, true).chords)
+            largest_radius(&shape, distances(&shape, 5.0, true).chords)
         };
         let within = |found: f64, expected: f64| assert!((found / expected - 1.0).abs() < 0.006, "{found} {expected}");
         let whole = circle(400.0, [70.0, -30.0]);
@@ -109,7 +109,7 @@ mod tests {
         let outer = circle(1000.0, [0.0; 2]);
         let lumen = circle(100.0, [0.0; 2]);
         let shape = Shape { outer: &outer, lumen: vec![&lumen] };
-        let mut chords = distances(&shape, true).chords;
+        let mut chords = distances(&shape, 5.0, true).chords;
         chords.push(Chord { length: 800.0, middle: [500.0, 0.0] });
         assert!((largest_radius(&shape, chords) - 100.0).abs() < 0.6);
     }

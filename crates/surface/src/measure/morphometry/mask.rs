@@ -48,56 +48,35 @@ pub(super) fn lumen(shape: &Shape<'_>, pixel: f64) -> Bits {
 /// Pixels of a mask with a given lower corner and size whose centres lie in the lumen.
 pub(super) fn lumen_within(shape: &Shape<'_>, pixel: f64, low: [f64; 2], extent: [usize; 2]) -> Bits {
     let (words, height) = (extent[0] / 64 + 1, extent[1]);
-    // Visits the places (pixels) at which edges cross the centre line of each row.
-    let crossings = |visit: &mut dyn FnMut(usize, f32)| {
-        for ring in &shape.lumen {
-            for (a, b) in super::shape::edges(ring) {
-                let [a, b] = [a, b].map(|p| [(p[0] - low[0]) / pixel - 0.5, (p[1] - low[1]) / pixel - 0.5]);
-                let (lower, upper) = if a[1] < b[1] { (a, b) } else { (b, a) };
-                let rows = lower[1].ceil().max(0.0) as usize..(upper[1].ceil().max(0.0) as usize).min(height);
-                for row in rows {
-                    let share = (row as f64 - lower[1]) / (upper[1] - lower[1]);
-                    visit(row, (lower[0] + share * (upper[0] - lower[0])) as f32);
-                }
-            }
+    let mut data = vec![0_u64; words * height];
+    // Toggles the first pixel beyond each crossing of an edge and the centre line of a row.
+    for (a, b) in shape.lumen.iter().flat_map(|ring| super::shape::edges(ring)) {
+        let [a, b] = [a, b].map(|p| [(p[0] - low[0]) / pixel - 0.5, (p[1] - low[1]) / pixel - 0.5]);
+        let (lower, upper) = if a[1] < b[1] { (a, b) } else { (b, a) };
+        for row in first_beyond(lower[1], height)..first_beyond(upper[1], height) {
+            let share = (row as f64 - lower[1]) / (upper[1] - lower[1]);
+            let column = first_beyond(lower[0] + share * (upper[0] - lower[0]), extent[0]);
+            data[row * words + column / 64] ^= 1 << (column % 64);
         }
-    };
-    let mut starts = vec![0_usize; height + 1];
-    crossings(&mut |row, _| starts[row + 1] += 1);
-    for row in 0..height {
-        starts[row + 1] += starts[row];
     }
-    let mut places = vec![0.0_f32; starts[height]];
-    let mut next = starts.clone();
-    crossings(&mut |row, place| {
-        places[next[row]] = place;
-        next[row] += 1;
-    });
-    let mut data = vec![0; words * height];
-    for (row, out) in data.chunks_exact_mut(words).enumerate() {
-        let places = &mut places[starts[row]..starts[row + 1]];
-        places.sort_unstable_by(f32::total_cmp);
-        for pair in places.chunks_exact(2) {
-            fill(out, pair[0].ceil().max(0.0) as usize, (pair[1].ceil().max(0.0) as usize).min(extent[0]));
+    // A pixel is in the lumen if an odd number of pixels up to it were toggled.
+    for row in data.chunks_exact_mut(words) {
+        let mut is_odd = 0;
+        for word in row {
+            for shift in [1, 2, 4, 8, 16, 32] {
+                *word ^= *word << shift;
+            }
+            *word ^= is_odd;
+            is_odd = (word.cast_signed() >> 63).cast_unsigned();
         }
     }
     Bits { words, data, extent }
 }
 
-/// Sets the bits from `from` up to but excluding `to`.
-fn fill(row: &mut [u64], from: usize, to: usize) {
-    if from >= to {
-        return;
-    }
-    let (first, last) = (from / 64, (to - 1) / 64);
-    let (head, tail) = (!0 << (from % 64), !0 >> (63 - (to - 1) % 64));
-    if first == last {
-        row[first] |= head & tail;
-    } else {
-        row[first] |= head;
-        row[first + 1..last].fill(!0);
-        row[last] |= tail;
-    }
+/// First pixel whose centre does not lie before a place, at most `end`.
+fn first_beyond(place: f64, end: usize) -> usize {
+    let floor = place.max(0.0) as usize;
+    (floor + usize::from((floor as f64) < place)).min(end)
 }
 
 impl Bits {
@@ -211,4 +190,41 @@ fn packed(word: u64) -> u64 {
     x = (x | x >> 4) & 0x00FF_00FF_00FF_00FF;
     x = (x | x >> 8) & 0x0000_FFFF_0000_FFFF;
     (x | x >> 16) & 0x0000_0000_FFFF_FFFF
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pixel_is_set_if_its_centre_lies_in_the_lumen() {
+        // A star wider than a word, around an island.
+        let star = |radius: f32, points: u32| -> Vec<[f32; 2]> {
+            let corner = |k: u32| {
+                let (sin, cos) = (std::f32::consts::TAU * k as f32 / points as f32).sin_cos();
+                let r = if k.is_multiple_of(2) { radius } else { 0.6 * radius };
+                [3.0 + r * cos, -5.0 + r * sin]
+            };
+            (0..points).map(corner).collect()
+        };
+        let (whole, island, outer) = (star(410.0, 14), star(120.0, 10), star(600.0, 8));
+        let shape = Shape { outer: &outer, lumen: vec![&whole, &island] };
+        let bits = lumen(&shape, 4.0);
+        let [low, _] = bounds(&shape);
+        let mut set = 0;
+        for row in 0..bits.rows() {
+            for column in 0..64 * bits.words {
+                let [x, y] = [low[0] + 4.0 * (column as f64 + 0.5), low[1] + 4.0 * (row as f64 + 0.5)];
+                let edges = shape.lumen.iter().flat_map(|ring| super::super::shape::edges(ring));
+                let crosses = edges.filter(|&(a, b)| {
+                    (a[1] > y) != (b[1] > y) && x < a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
+                });
+                let is_in_lumen = crosses.count() % 2 == 1;
+                let is_set = bits.row(row)[column / 64] >> (column % 64) & 1 == 1;
+                assert_eq!(is_set, is_in_lumen, "{column} {row}");
+                set += usize::from(is_set);
+            }
+        }
+        assert!(bits.extent[0] > 128 && set > 5000, "{:?} {set}", bits.extent);
+    }
 }

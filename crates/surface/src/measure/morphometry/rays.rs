@@ -13,8 +13,6 @@ use crate::geometry::vector::{distance, dot};
 
 type P2 = [f64; 2];
 
-/// Maximum distance between the starts of rays, µm.
-const SPACING_UM: f64 = 5.0;
 /// Minimum number of rays of a section, because the tails of distributions need them, and maximum
 /// number, for images of any scale.
 const RAYS: [f64; 2] = [4096.0, 1_048_576.0];
@@ -40,24 +38,29 @@ pub(super) struct Distances {
     pub(super) chords: Vec<Chord>,
 }
 
-/// Distances of a section. `with_chords` also keeps each ray through the lumen.
-pub(super) fn distances(shape: &Shape<'_>, with_chords: bool) -> Distances {
-    pulp::Arch::new().dispatch(Rays(shape, with_chords))
+/// Distances of a section. The starts of rays are at most `spacing_um` apart. `with_chords` also
+/// keeps each ray through the lumen.
+pub(super) fn distances(shape: &Shape<'_>, spacing_um: f64, with_chords: bool) -> Distances {
+    pulp::Arch::new().dispatch(Rays { shape, spacing_um, with_chords })
 }
 
 /// Compiled for the widest vectors of the processor. No operation is reordered or fused, so results
 /// are the same on all processors.
-struct Rays<'a, 'b>(&'a Shape<'b>, bool);
+struct Rays<'a, 'b> {
+    shape: &'a Shape<'b>,
+    spacing_um: f64,
+    with_chords: bool,
+}
 
 impl pulp::WithSimd for Rays<'_, '_> {
     type Output = Distances;
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) -> Distances {
-        let Self(shape, with_chords) = self;
+        let Self { shape, spacing_um, with_chords } = self;
         let mut chords = Vec::new();
         let perimeter = shape.perimeter();
-        let count = (perimeter / SPACING_UM).clamp(RAYS[0], RAYS[1]).ceil();
+        let count = (perimeter / spacing_um).clamp(RAYS[0], RAYS[1]).ceil();
         let spacing = perimeter / count;
         let (mut thickness, mut gap) = (Vec::with_capacity(count as usize + 1), Vec::with_capacity(count as usize + 1));
         let walls = Walls::new(shape);

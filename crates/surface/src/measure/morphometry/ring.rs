@@ -23,78 +23,93 @@ pub(super) fn count(shape: &Shape<'_>, base: &Ellipse) -> u32 {
 pub(super) struct Step {
     /// Fraction of the folds that continue as one fold each; `None` without folds.
     pub(super) continued: Option<f64>,
-    /// Mean angle by which the points turn around the centre, from x towards y positive, radians.
+    /// Angle of the rotation around the centre that brings the points nearest to their next places
+    /// (least squares), from x towards y positive, radians.
     pub(super) turn: f64,
 }
 
 /// Inner contour of a section, prepared for the comparison with the next section.
-pub(super) struct Marked {
-    /// Id, fold on the ring (or [`NO_FOLD`]) and position in the flattened plane of each point,
-    /// sorted by id.
-    points: Vec<(u32, u32, [f64; 2])>,
+pub(super) struct Marked<'a> {
+    ids: &'a [u32],
+    /// Fold on the ring (or [`NO_FOLD`]) and position in the flattened plane of each point.
+    points: Vec<(u32, [f64; 2])>,
     folds: u32,
 }
 
 const NO_FOLD: u32 = u32::MAX;
 
-impl Marked {
-    pub(super) fn new(section: &Section, base: &Ellipse) -> Self {
+impl<'a> Marked<'a> {
+    pub(super) fn new(section: &'a Section, base: &Ellipse) -> Self {
         let reach = SHARE * base.semi_major;
         let places: Vec<[f64; 2]> = section.inner.points.iter().map(|&p| base.flattened(p)).collect();
+        let mut points: Vec<(u32, [f64; 2])> = places.iter().map(|&place| (NO_FOLD, place)).collect();
         let n = places.len();
-        let inside = |i: usize| norm(places[i % n]) < reach;
+        let inside: Vec<bool> = places.iter().map(|&place| norm(place) < reach).collect();
         // Starts outside of the ring, so that no fold is divided.
-        let start = (0..n).find(|&i| !inside(i)).unwrap_or(0);
-        let (mut folds, mut points) = (0, Vec::with_capacity(n));
-        for i in start..start + n {
-            let within = inside(i);
-            if within && (i == start || !inside(i - 1)) {
-                folds += 1;
-            }
-            let k = i % n;
-            points.push((section.inner.ids[k], if within { folds - 1 } else { NO_FOLD }, places[k]));
+        let start = inside.iter().position(|is_inside| !is_inside).unwrap_or(0);
+        let mut folds = 0;
+        for k in (start..n).chain(0..start).filter(|&k| inside[k]) {
+            folds += u32::from(k == start || !inside[(k + n - 1) % n]);
+            points[k].0 = folds - 1;
         }
-        points.sort_unstable_by_key(|&(id, ..)| id);
-        Self { points, folds }
+        Self { ids: &section.inner.ids, points, folds }
     }
 
     /// Compares with the next section. A fold continues in another fold if most of its points that
     /// lie in any fold of the next section lie in that one, and vice versa.
     pub(super) fn step(&self, next: &Self) -> Step {
-        let (mut pairs, mut turn, mut weight) = (Vec::new(), 0.0, 0.0);
-        let mut others = next.points.iter().peekable();
-        for &(id, fold, at) in &self.points {
-            while others.next_if(|other| other.0 < id).is_some() {}
-            let Some(&&(_, other, to)) = others.peek().filter(|other| other.0 == id) else { continue };
-            let angle = cross2(at, to).atan2(dot(at, to));
-            let mass = dot(at, at);
-            turn += mass * angle;
-            weight += mass;
+        let (mut pairs, mut turn) = (Vec::new(), [0.0; 2]);
+        let mut following = 0;
+        for (id, &(fold, at)) in self.ids.iter().zip(&self.points) {
+            // Points keep their order along the contour, and new ones lie between them.
+            let Some(place) = position_from(next.ids, following, *id) else { continue };
+            following = place + 1;
+            let (other, to) = next.points[place];
+            turn[0] += cross2(at, to);
+            turn[1] += dot(at, to);
             if fold != NO_FOLD && other != NO_FOLD {
-                pairs.push((fold, other));
+                add(&mut pairs, [fold, other]);
             }
         }
         let forth = most(&mut pairs, self.folds);
-        pairs.iter_mut().for_each(|(a, b)| std::mem::swap(a, b));
+        pairs.iter_mut().for_each(|(pair, _)| pair.reverse());
         let back = most(&mut pairs, next.folds);
         let continues = |(fold, other): (usize, &u32)| back.get(*other as usize) == Some(&(fold as u32));
         let continued = forth.iter().enumerate().filter(|&pair| continues(pair)).count();
         Step {
             continued: (self.folds > 0).then(|| continued as f64 / f64::from(self.folds)),
-            turn: if weight > 0.0 { turn / weight } else { 0.0 },
+            turn: libm::atan2(turn[0], turn[1]),
         }
     }
 }
 
+/// Index of an id, looked for from `start` on and then from the beginning.
+fn position_from(ids: &[u32], start: usize, id: u32) -> Option<usize> {
+    let (before, after) = ids.split_at(start.min(ids.len()));
+    let ahead = after.iter().position(|&other| other == id).map(|k| before.len() + k);
+    ahead.or_else(|| before.iter().position(|&other| other == id))
+}
+
+/// Pairs of folds with the number of their common points.
+type Pairs = Vec<([u32; 2], u32)>;
+
+/// Adds a point to the last pair, or a new pair.
+fn add(pairs: &mut Pairs, pair: [u32; 2]) {
+    match pairs.last_mut() {
+        Some(last) if last.0 == pair => last.1 += 1,
+        _ => pairs.push((pair, 1)),
+    }
+}
+
 /// Returns for each first member its most frequent second member, or [`NO_FOLD`].
-fn most(pairs: &mut [(u32, u32)], firsts: u32) -> Vec<u32> {
+fn most(pairs: &mut Pairs, firsts: u32) -> Vec<u32> {
     pairs.sort_unstable();
     let mut best = vec![(0, NO_FOLD); firsts as usize];
-    for same in pairs.chunk_by(|a, b| a == b) {
-        let (first, second) = same[0];
-        let found = &mut best[first as usize];
-        if same.len() > found.0 {
-            *found = (same.len(), second);
+    for same in pairs.chunk_by(|a, b| a.0 == b.0) {
+        let [first, second] = same[0].0;
+        let (found, points) = (&mut best[first as usize], same.iter().map(|(_, points)| points).sum());
+        if points > found.0 {
+            *found = (points, second);
         }
     }
     best.into_iter().map(|(_, second)| second).collect()

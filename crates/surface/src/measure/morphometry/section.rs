@@ -15,6 +15,10 @@ use crate::tissue::Layers;
 /// Side of the pixels of masks, µm. Larger if the lumen is wider than 8192 of them.
 pub(super) const PIXEL_UM: f64 = 4.0;
 
+/// Maximum distance between the starts of rays in images and in sections and cuts of models, µm.
+const IMAGE_RAYS_UM: f64 = 5.0;
+pub(super) const MODEL_RAYS_UM: f64 = 10.0;
+
 /// Square micrometres in a square millimetre.
 const MM2_UM2: f64 = 1e6;
 
@@ -51,7 +55,8 @@ pub struct Measures {
     pub lumen_disc_share: Option<f64>,
     /// Layers of the wall; `None` if they were not measured in this section.
     pub layers: Option<LayerMeasures>,
-    /// Distribution of the boundary of the lumen around the tube.
+    /// Distribution of the boundary of the lumen around the tube. `None`, like all of the following,
+    /// if only the outline of the section was measured.
     pub around: Option<Around>,
     /// Distances from the boundary of the lumen along its normals through tissue to the next wall, µm.
     pub thickness_um: Option<Spread>,
@@ -67,25 +72,46 @@ pub struct Measures {
     pub lacunarity: Option<f64>,
 }
 
+impl Measures {
+    /// Adds what rays and pixels show. The largest disc is looked for in a section with layers.
+    fn add_detail(&mut self, shape: &Shape<'_>, base: &Ellipse, rays_um: f64, layers: Option<&Layers>) {
+        let along = distances(shape, rays_um, layers.is_some());
+        self.around = around(shape, base);
+        (self.thickness_um, self.gap_um, self.touching_share) = (along.thickness, along.gap, along.touching);
+        self.lumen_disc_share = layers.map(|_| 2.0 * largest_radius(shape, along.chords) / base.mean_diameter());
+        let bits = mask::lumen(shape, mask::pixel(shape, PIXEL_UM));
+        (self.area_dimension, self.outline_dimension) = (dimension(&bits), dimension(&bits.outline()));
+        self.lacunarity = lacunarity(&bits);
+    }
+}
+
+/// What is measured of a section.
+#[derive(Clone, Copy)]
+pub(super) struct Extent<'a> {
+    /// Maximum distance between the starts of rays, µm. `None` measures only areas, lengths and the
+    /// counting ring.
+    pub(super) rays_um: Option<f64>,
+    /// True if the shape tree is built.
+    pub(super) tree: bool,
+    /// Layers, if they are measured.
+    pub(super) layers: Option<&'a Layers>,
+}
+
 /// Measures a section. `trees` also builds its shape tree, which takes longer than all other
 /// measures.
 #[must_use]
 pub fn measure(shape: &Shape<'_>, trees: bool) -> Measures {
-    measure_with(shape, &shape.base_ellipse(), trees, None)
+    measure_with(shape, &shape.base_ellipse(), Extent { rays_um: Some(IMAGE_RAYS_UM), tree: trees, layers: None })
 }
 
-/// Measures a section with its base ellipse, and its layers if they are known.
-pub(super) fn measure_with(shape: &Shape<'_>, base: &Ellipse, trees: bool, layers: Option<&Layers>) -> Measures {
+/// Measures a section with its base ellipse.
+pub(super) fn measure_with(shape: &Shape<'_>, base: &Ellipse, extent: Extent<'_>) -> Measures {
     let (lumen, outer, perimeter) = (shape.lumen_area(), shape.outer_area(), shape.perimeter());
-    let bits = mask::lumen(shape, mask::pixel(shape, PIXEL_UM));
-    let folds = if trees { tree::folds(shape, base) } else { None };
+    let folds = if extent.tree { tree::folds(shape, base) } else { None };
     let clefts = folds.as_ref().map_or(&[][..], |folds| &folds.clefts);
-    let layers = layers.filter(|_| !shape.lumen.is_empty());
-    let along = distances(shape, layers.is_some());
-    let disc = layers.map(|_| 2.0 * largest_radius(shape, along.chords) / base.mean_diameter());
-    let layers = layers.map(|layers| layers::measured(shape, layers, clefts, base.centre));
+    let layers = extent.layers.filter(|_| !shape.lumen.is_empty());
     let height = folds.as_ref().and_then(|folds| folds.height_um);
-    Measures {
+    let mut measures = Measures {
         lumen_area_mm2: lumen / MM2_UM2,
         tissue_area_mm2: (outer - lumen) / MM2_UM2,
         outer_diameter_mm: 2.0 * (outer / std::f64::consts::PI).sqrt() / 1e3,
@@ -96,16 +122,20 @@ pub(super) fn measure_with(shape: &Shape<'_>, base: &Ellipse, trees: bool, layer
         hydraulic_diameter_um: 4.0 * lumen / perimeter,
         islands: shape.islands(),
         folds_on_ring: ring::count(shape, base),
+        layers: layers.map(|layers| layers::measured(shape, layers, clefts, base.centre)),
         folds,
         fold_height_share: height.map(|height| 2.0 * height.p50 / base.mean_diameter()),
-        lumen_disc_share: disc,
-        layers,
-        around: around(shape, base),
-        thickness_um: along.thickness,
-        gap_um: along.gap,
-        touching_share: along.touching,
-        area_dimension: dimension(&bits),
-        outline_dimension: dimension(&bits.outline()),
-        lacunarity: lacunarity(&bits),
+        lumen_disc_share: None,
+        around: None,
+        thickness_um: None,
+        gap_um: None,
+        touching_share: None,
+        area_dimension: None,
+        outline_dimension: None,
+        lacunarity: None,
+    };
+    if let Some(rays_um) = extent.rays_um {
+        measures.add_detail(shape, base, rays_um, layers);
     }
+    measures
 }

@@ -2,7 +2,7 @@
 
 use super::quantity::{QUANTITIES, Quantity};
 use super::ring::{Marked, Step};
-use super::section::{Measures, measure_with};
+use super::section::{Extent, MODEL_RAYS_UM, Measures, measure_with};
 use super::shape::{Ellipse, Shape};
 use super::track::{Following, Frame, Traced, per_mm};
 use super::tube::{Basis, Found, Intervals, Morphometry, Regions};
@@ -28,7 +28,7 @@ pub fn morphometry(
     layers: Option<&LayersAt<'_>>,
 ) -> Morphometry {
     let recorded: Vec<(usize, &Section)> = sections.iter().enumerate().filter(|(_, section)| !section.added).collect();
-    let intervals = Intervals::new(recorded.len(), recorded.len());
+    let intervals = Intervals::of_sections(recorded.len());
     let shapes: Vec<(Shape<'_>, Ellipse)> = recorded
         .iter()
         .map(|(_, section)| {
@@ -37,10 +37,12 @@ pub fn morphometry(
             (shape, base)
         })
         .collect();
-    let measured: Vec<(Measures, Marked)> = (recorded.par_iter().zip(&shapes).enumerate())
+    let measured: Vec<(Measures, Marked<'_>)> = (recorded.par_iter().zip(&shapes).enumerate())
         .map(|(k, ((_, section), (shape, base)))| {
             let layers = layers.filter(|_| intervals.has_layers(k)).map(|layers| layers(section.z_um));
-            (measure_with(shape, base, intervals.has_tree(k), layers.as_ref()), Marked::new(section, base))
+            let rays_um = intervals.has_detail(k).then_some(MODEL_RAYS_UM);
+            let extent = Extent { rays_um, tree: intervals.has_tree(k), layers: layers.as_ref() };
+            (measure_with(shape, base, extent), Marked::new(section, base))
         })
         .collect();
     let steps: Vec<Step> = measured.windows(2).map(|pair| pair[0].1.step(&pair[1].1)).collect();
@@ -56,7 +58,7 @@ pub fn morphometry(
     along.insert("twist_deg_per_mm".into(), forth(|step, length| Some(step.turn.to_degrees() / length)));
     if layers.is_some() {
         let frame = Frame::around(shapes.iter().map(|(shape, _)| shape));
-        let mut following = Following::new(&frame);
+        let mut following = Following::default();
         for some in shapes.chunks(Following::PORTION) {
             following.add(some.par_iter().map(|(shape, base)| Traced::new(shape, base, &frame)).collect());
         }

@@ -1,6 +1,6 @@
 //! Shapes whose measures are known.
 
-use super::section::measure_with;
+use super::section::{Extent, measure_with};
 use super::*;
 use crate::model::{Ring, Section};
 use crate::tissue::Layers;
@@ -66,6 +66,11 @@ fn branched() -> Points {
 /// Area of a plain fold, mm², and length that it adds to the perimeter, mm.
 const AREA: f64 = 0.08 * 0.36 + std::f64::consts::PI * 0.04 * 0.04 / 2.0;
 const LENGTH: f64 = 2.0 * 0.36 + std::f64::consts::PI * 0.04 - 0.08;
+
+/// All measures.
+fn with_layers(layers: &Layers) -> Extent<'_> {
+    Extent { rays_um: Some(5.0), tree: true, layers: Some(layers) }
+}
 
 fn of(lumen: &[[f32; 2]], outer: &[[f32; 2]]) -> Measures {
     measure(&Shape { outer, lumen: vec![lumen] }, true)
@@ -133,7 +138,7 @@ fn a_comb_of_plain_folds() {
     // The tips of the folds leave half of the radius free.
     let outer = circle(1200.0, 240);
     let shape = Shape { outer: &outer, lumen: vec![&lumen] };
-    let layered = measure_with(&shape, &shape.base_ellipse(), false, Some(&Layers::NONE));
+    let layered = measure_with(&shape, &shape.base_ellipse(), with_layers(&Layers::NONE));
     within_one_percent(layered.lumen_disc_share.unwrap(), 0.5);
     assert!(folds.angle_deg.unwrap() < 3.0, "{folds:?}");
     assert_eq!((measures.touching_share, measures.layers), (Some(0.0), None));
@@ -165,7 +170,7 @@ fn lamina_below_clefts_is_measured_at_their_deepest_points() {
     let (lumen, outer) = (comb(12, &plain()), circle(1200.0, 720));
     let shape = Shape { outer: &outer, lumen: vec![&lumen] };
     let layers = Layers { epithelium_um: 30.0, lamina_um: 50.0, opening_um: 40.0, serosa_um: 20.0, ..Layers::NONE };
-    let measures = measure_with(&shape, &shape.base_ellipse(), true, Some(&layers));
+    let measures = measure_with(&shape, &shape.base_ellipse(), with_layers(&layers));
     let clefts = &measures.folds.as_ref().unwrap().clefts;
     assert_eq!(clefts.len(), 12);
     assert!(clefts.iter().all(|[x, y]| (x.hypot(*y) - 800.0).abs() < 2.0), "{clefts:?}");
@@ -337,6 +342,24 @@ fn a_turning_tube() {
     // none.
     assert!(!found.along.contains_key("islands") && !found.regions["whole"].quantities.contains_key("islands"));
     assert_eq!(found.along["twist_deg_per_mm"][10], None);
+}
+
+#[test]
+fn a_fifth_of_many_sections_is_measured_in_detail() {
+    let lumen = comb(12, &plain());
+    let sections: Vec<Section> = (0..=90).map(|k| section(lumen.clone(), 10.0 * f64::from(k))).collect();
+    let regions = Regions { length_mm: 0.9, junction: [0.3, 0.4], piece: [0.0, 1.0] };
+    let found = morphometry(&sections, &[], &regions, Some(&|_| Layers::NONE));
+    let Settings { detail_every, tree_every, layers_every, .. } = found.settings;
+    assert_eq!((detail_every, tree_every, layers_every), (5, 5, 15));
+    let measured = |name: &str| found.along[name].iter().flatten().count();
+    assert_eq!(["lumen_area_mm2", "folds_on_ring", "islands"].map(measured), [91; 3]);
+    assert_eq!(["lumen_gap_p50_um", "lacunarity", "asymmetry", "primary_folds"].map(measured), [19; 4]);
+    assert_eq!(["free_lumen", "lumen_disc_share"].map(measured), [7; 2]);
+    // The last section belongs to the measured ones even if it is not at a multiple.
+    assert!(found.along["lumen_gap_p50_um"][90].is_some());
+    let short = morphometry(&sections[..13], &[], &regions, None);
+    assert_eq!((short.settings.detail_every, short.settings.tree_every), (1, 1));
 }
 
 #[test]

@@ -139,7 +139,8 @@ fn root(roots: &mut [u32], mut at: u32) -> u32 {
 /// Folds and clefts of a section.
 #[derive(Clone, Debug)]
 pub(super) struct Traced {
-    lumen: Bits,
+    /// The lumen, extended by [`REACH_UM`].
+    reached: Bits,
     folds: Parts,
     clefts: Parts,
 }
@@ -157,25 +158,20 @@ pub(super) struct Changes {
 
 /// Compares sections with their successors. Sections are added in portions, so that few of them are
 /// in memory.
-pub(super) struct Following<'a> {
-    frame: &'a Frame,
+#[derive(Default)]
+pub(super) struct Following {
     last: Option<Traced>,
     changes: Vec<Changes>,
 }
 
-impl<'a> Following<'a> {
+impl Following {
     /// Number of sections of a portion.
     pub(super) const PORTION: usize = 48;
 
-    pub(super) fn new(frame: &'a Frame) -> Self {
-        Self { frame, last: None, changes: Vec::new() }
-    }
-
     /// Adds the next sections.
     pub(super) fn add(&mut self, next: Vec<Traced>) {
-        let frame = self.frame;
         let all: Vec<Traced> = self.last.take().into_iter().chain(next).collect();
-        self.changes.par_extend(all.par_windows(2).map(|pair| pair[0].changes(&pair[1], frame)));
+        self.changes.par_extend(all.par_windows(2).map(|pair| pair[0].changes(&pair[1])));
         self.last = all.into_iter().next_back();
     }
 
@@ -252,12 +248,12 @@ impl Traced {
         Self {
             folds: Parts::new(folds, &at_ring, |pixels, is_at_ring| is_at_ring && pixels >= least),
             clefts: Parts::new(clefts, &unmarked, |pixels, _| pixels >= least),
-            lumen,
+            reached: lumen.dilated((REACH_UM / frame.pixel).round() as usize),
         }
     }
 
     /// Compares a section with the next one.
-    pub(super) fn changes(&self, next: &Self, frame: &Frame) -> Changes {
+    pub(super) fn changes(&self, next: &Self) -> Changes {
         let mut pairs = self.folds.common(&next.folds);
         pairs.retain(|&([own, other], common)| {
             let smaller = self.folds.pixels[own as usize].min(next.folds.pixels[other as usize]);
@@ -270,16 +266,15 @@ impl Traced {
         Changes {
             splits: more(pairs.iter().map(|([own, _], _)| *own).collect()),
             joins: more(pairs.iter().map(|([_, other], _)| *other).collect()),
-            blind: self.blind(next, frame) + next.blind(self, frame),
+            blind: self.blind(next) + next.blind(self),
         }
     }
 
     /// Number of clefts that the lumen of another section hardly covers.
-    fn blind(&self, other: &Self, frame: &Frame) -> u32 {
-        let lumen = other.lumen.dilated((REACH_UM / frame.pixel).round() as usize);
+    fn blind(&self, other: &Self) -> u32 {
         let mut covered = vec![0; self.clefts.pixels.len()];
         for run in self.clefts.runs.iter().filter(|run| self.clefts.pixels[run.part as usize] > 0) {
-            covered[run.part as usize] += lumen.count(run.row as usize, run.from as usize, run.to as usize);
+            covered[run.part as usize] += other.reached.count(run.row as usize, run.from as usize, run.to as usize);
         }
         let is_blind = |(all, covered): (&u32, u32)| *all > 0 && f64::from(covered) < COVERED * f64::from(*all);
         self.clefts.pixels.iter().zip(covered).filter(|&pair| is_blind(pair)).count() as u32
@@ -315,7 +310,7 @@ mod tests {
             [before, after].map(|rings| Shape { outer: &outer, lumen: rings.iter().map(Vec::as_slice).collect() });
         let frame = Frame::around(shapes.iter());
         let [before, after] = shapes.each_ref().map(|shape| Traced::new(shape, &shape.base_ellipse(), &frame));
-        before.changes(&after, &frame)
+        before.changes(&after)
     }
 
     #[test]
@@ -343,7 +338,7 @@ mod tests {
         let shapes = lumens.each_ref().map(|lumen| Shape { outer: &outer, lumen: vec![lumen] });
         let frame = Frame::around(shapes.iter());
         let found = |portions: &[usize]| {
-            let (mut following, mut start) = (Following::new(&frame), 0);
+            let (mut following, mut start) = (Following::default(), 0);
             for &count in portions {
                 let some = shapes[start..start + count].iter();
                 following.add(some.map(|shape| Traced::new(shape, &shape.base_ellipse(), &frame)).collect());

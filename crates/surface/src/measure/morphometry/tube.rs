@@ -6,6 +6,10 @@ use super::{fractal, ring, tree};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
+/// Number of sections per measured place, and the minimum and maximum number of such places.
+/// Neighbouring sections differ little.
+const SECTIONS_PER_MEASURED: usize = 5;
+const MEASURED: [usize; 2] = [13, 41];
 /// Maximum number of sections whose shape tree is built; they are evenly spread.
 const TREES: usize = 31;
 /// Number of recorded sections per section whose layers are measured, and the minimum number of
@@ -125,6 +129,11 @@ pub struct Settings {
     pub least_height_um: f64,
     /// Minimum ratio of the height of a fold or branch to the width of its base.
     pub least_slenderness: f64,
+    /// Interval of sections or cuts at which thickness, gap, asymmetry, dimensions and lacunarity are
+    /// measured. Reports of version 0.3.0 and earlier lack this member; they measured all sections.
+    #[serde(default = "every")]
+    #[cfg_attr(feature = "schema", schema(required = false))]
+    pub detail_every: u32,
     /// Interval of sections or cuts at which the shape tree is built.
     pub tree_every: u32,
     /// Interval of sections or cuts at which layers are measured. Reports of version 0.3.0 and
@@ -132,6 +141,10 @@ pub struct Settings {
     #[serde(default)]
     #[cfg_attr(feature = "schema", schema(required = false))]
     pub layers_every: u32,
+}
+
+fn every() -> u32 {
+    1
 }
 
 impl Morphometry {
@@ -223,6 +236,7 @@ impl Found {
             ring_share: ring::SHARE,
             least_height_um: tree::LEAST_HEIGHT_UM,
             least_slenderness: tree::LEAST_SLENDERNESS,
+            detail_every: intervals.detail as u32,
             tree_every: intervals.tree as u32,
             layers_every: intervals.layers as u32,
         };
@@ -232,23 +246,47 @@ impl Found {
     }
 }
 
+/// Number of places that are measured in a model with a number of recorded sections.
+#[must_use]
+pub fn measured_of(sections: usize) -> usize {
+    sections.div_ceil(SECTIONS_PER_MEASURED).clamp(MEASURED[0], MEASURED[1])
+}
+
 /// Intervals of measured sections or cuts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Intervals {
     count: usize,
-    /// Interval at which the shape tree is built.
+    /// Interval at which more than the outline is measured.
+    pub(super) detail: usize,
+    /// Interval at which the shape tree is built, a multiple of the other one.
     pub(super) tree: usize,
-    /// Interval at which layers are measured, a multiple of the other one.
+    /// Interval at which layers are measured, a multiple of that of the shape tree.
     pub(super) layers: usize,
 }
 
 impl Intervals {
-    /// Intervals of `count` sections or cuts of a model with `sections` recorded sections.
-    pub(super) fn new(count: usize, sections: usize) -> Self {
+    /// Intervals of the recorded sections of a model.
+    pub(super) fn of_sections(count: usize) -> Self {
         let last = count.saturating_sub(1);
-        let tree = last.div_ceil(TREES - 1).max(1);
+        Self::new(count, count, last.div_ceil(measured_of(count) - 1).max(1))
+    }
+
+    /// Intervals of the measured cuts across a model with a number of recorded sections.
+    pub(super) fn of_cuts(count: usize, sections: usize) -> Self {
+        Self::new(count, sections, 1)
+    }
+
+    fn new(count: usize, sections: usize, detail: usize) -> Self {
+        let last = count.saturating_sub(1);
+        let every = |inner: usize, most: usize| inner * last.div_ceil(inner * (most - 1)).max(1);
+        let tree = every(detail, TREES);
         let layered = (sections / SECTIONS_PER_LAYERED).clamp(LEAST_LAYERED, LAYERED);
-        Self { count, tree, layers: tree * last.div_ceil(tree * (layered - 1)).max(1) }
+        Self { count, detail, tree, layers: every(tree, layered) }
+    }
+
+    /// True if more than the outline of a section is measured.
+    pub(super) fn has_detail(&self, k: usize) -> bool {
+        k.is_multiple_of(self.detail) || k + 1 == self.count
     }
 
     /// True if the shape tree of a section is built.
