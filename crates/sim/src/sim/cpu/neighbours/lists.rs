@@ -328,6 +328,22 @@ pub(super) struct Restless {
     near: Vec<Vec<(u32, Disc)>>,
 }
 
+/// Buffers of the search: cells in which the particles of a run may see a segment, blocks that a
+/// group sees, and segments that it sees. Only the cells end with the vector.
+#[derive(Default)]
+struct Found {
+    cells: Vec<u32>,
+    blocks: Vec<u32>,
+    segments: Vec<u32>,
+}
+
+/// Extends a buffer to at least `least` entries.
+fn extend(buffer: &mut Vec<u32>, least: usize) {
+    if buffer.len() < least {
+        buffer.resize(least, 0);
+    }
+}
+
 /// Particles of a part whose lists are built.
 #[derive(Clone, Copy)]
 pub(super) struct OwnParticles<'a> {
@@ -351,13 +367,13 @@ impl Lists<'_> {
     pub(super) fn build<S: Simd>(&self, simd: S, own: OwnParticles<'_>, groups: &mut Groups) {
         groups.spans.clear();
         groups.list.clear();
-        let mut cells: Vec<u32> = Vec::new();
+        let mut found = Found::default();
         for first in own.range.clone().step_by(CELL) {
             let run = first..(first + CELL).min(own.range.end);
-            self.near(own, &run, &mut cells);
+            self.near(own, &run, &mut found.cells);
             for first in run.clone().step_by(S::F32_LANES) {
                 let group = first..(first + S::F32_LANES).min(run.end);
-                let span = self.list(own.n, &self.seen(simd, own, &group), &group, &cells, &mut groups.list);
+                let span = self.list(own.n, &self.seen(simd, own, &group), &group, &mut found, &mut groups.list);
                 groups.spans.push(span);
             }
         }
@@ -367,7 +383,7 @@ impl Lists<'_> {
     /// Rebuilds the lists of groups that have restless particles or lack one of their segments.
     #[inline(always)]
     pub(super) fn mend<S: Simd>(&self, simd: S, own: OwnParticles<'_>, restless: &Restless, groups: &mut Groups) {
-        let mut cells = Vec::new();
+        let mut found = Found::default();
         for (number, first) in own.range.clone().step_by(S::F32_LANES).enumerate() {
             let near = &restless.near[first / CELL];
             if near.is_empty() {
@@ -385,8 +401,8 @@ impl Lists<'_> {
                 is_outdated = near.iter().any(lacks);
             }
             if is_outdated {
-                self.near(own, &group, &mut cells);
-                groups.spans[number] = self.list(own.n, &seen, &group, &cells, &mut groups.list);
+                self.near(own, &group, &mut found.cells);
+                groups.spans[number] = self.list(own.n, &seen, &group, &mut found, &mut groups.list);
             }
         }
         groups.compact();
@@ -422,35 +438,49 @@ impl Lists<'_> {
     }
 
     /// Appends the list of a group. Returns its span.
+    ///
+    /// The loops write every candidate, and count those that are seen: a branch on what is seen
+    /// would often be mispredicted. They call no function, not even to grow a vector, because calls
+    /// preserve no vector registers.
     #[inline(always)]
     fn list<S: Simd>(
         &self,
         n: usize,
         seen: &GroupSight<S>,
         group: &Range<usize>,
-        cells: &[u32],
+        found: &mut Found,
         list: &mut Vec<u32>,
     ) -> [u32; 3] {
-        let own = OwnSegments::new(group, n);
         let Tables { x, y, margin, blocks, .. } = self.tables;
-        let (x, y, margin) = (&x[..n], &y[..n], &margin[..n]);
-        let start = list.len() as u32;
-        let mut after = start;
-        for &cell in cells {
+        let Found { cells, blocks: seen_blocks, segments } = found;
+        extend(seen_blocks, cells.len() * (CELL / BLOCK));
+        let mut count = 0;
+        for &cell in &*cells {
             let first = cell as usize * (CELL / BLOCK);
             for (b, &block) in (first..).zip(&blocks[first..(first + CELL / BLOCK).min(blocks.len())]) {
-                if !seen.has(block) {
-                    continue;
-                }
-                for j in b * BLOCK..(b * BLOCK + BLOCK).min(n) {
-                    if !own.contains(j) && seen.has(Disc { x: x[j], y: y[j], margin: margin[j] }) {
-                        list.push(j as u32);
-                        after += u32::from(j < own.run.start);
-                    }
-                }
+                seen_blocks[count] = b as u32;
+                count += usize::from(seen.has(block));
             }
         }
-        [start, after, list.len() as u32]
+        let seen_blocks = &seen_blocks[..count];
+        extend(segments, count * BLOCK);
+        let mut count = 0;
+        for &b in seen_blocks {
+            let run = b as usize * BLOCK..(b as usize * BLOCK + BLOCK).min(n);
+            let places = x[run.clone()].iter().zip(&y[run.clone()]).zip(&margin[run.clone()]);
+            for (j, ((&x, &y), &margin)) in run.zip(places) {
+                segments[count] = j as u32;
+                count += usize::from(seen.has(Disc { x, y, margin }));
+            }
+        }
+        let segments = &segments[..count];
+        let own = OwnSegments::new(group, n);
+        let [first, after] = [own.run.start, own.run.end].map(|j| segments.partition_point(|&i| (i as usize) < j));
+        let end = own.last.map_or(count, |j| segments.partition_point(|&i| (i as usize) < j));
+        let start = list.len();
+        list.extend_from_slice(&segments[..first]);
+        list.extend_from_slice(&segments[after..end]);
+        [start, start + first, list.len()].map(|at| at as u32)
     }
 
     #[inline(always)]
