@@ -3,7 +3,7 @@
  * Do not make direct changes to the file.
  */
 
-// openapi.yaml: sha256 5682a9cb135e830c8105a9e3c63791db8cffd45d96eda1e778cc74dc50f4c4d2
+// openapi.yaml: sha256 943a6e6e85e405aee66e876275fd6aa5b62e313169b38c587472100352e0cf0d
 
 export interface paths {
     "/batches": {
@@ -3876,6 +3876,11 @@ export interface components {
             basis?: components["schemas"]["Basis"];
             /** @description Minimum and maximum side of the counted boxes, pixels. */
             boxes_px: number[];
+            /**
+             * @description Interval of sections or cuts at which thickness, gap, asymmetry, dimensions and lacunarity are
+             *     measured. Reports of version 0.3.0 and earlier lack this member; they measured all sections.
+             */
+            detail_every?: number;
             /**
              * @description Interval of sections or cuts at which layers are measured. Reports of version 0.3.0 and
              *     earlier lack this member.
