@@ -1,11 +1,13 @@
 //! The displacement field of a lean: smooth and random within the folds, zero at the wall and at
 //! both ends.
 
+use super::cosine::cosines;
 use crate::random::{self, Stream};
+use crate::vectorize::Vectors;
 use std::f64::consts::{PI, TAU};
 
 /// Number of cosines.
-const WAVES: u32 = 24;
+const WAVES: usize = 24;
 /// Elliptic radius, in units of `R_in`, up to which the displacement is full. At `R_in` it is zero.
 const FULL: f64 = 0.9;
 /// Limit of the field, in standard deviations.
@@ -72,28 +74,50 @@ impl Lean {
 /// Displacement along z as a function of the place.
 pub(in crate::mesh) struct LeanField<'a> {
     lean: &'a Lean,
-    waves: Vec<Wave>,
+    waves: Waves,
 }
 
-/// `cos(2π(k·p + phase))`, k in turns per µm.
-struct Wave {
-    k: [f64; 3],
-    phase: f64,
+/// Waves `cos(2π(k·p + phase))`, k in turns per µm.
+struct Waves {
+    k: [[f64; WAVES]; 3],
+    phase: [f64; WAVES],
+}
+
+impl Waves {
+    /// Sum of the waves at a place.
+    fn sum(&self, p_um: [f64; 3]) -> f64 {
+        let cosines = Vectors::best().run(
+            #[inline(always)]
+            || {
+                let mut angles = [0.0; WAVES];
+                for (i, angle) in angles.iter_mut().enumerate() {
+                    let turns = self.k[0][i] * p_um[0] + self.k[1][i] * p_um[1] + self.k[2][i] * p_um[2];
+                    *angle = TAU * (turns + self.phase[i]);
+                }
+                cosines(&mut angles);
+                angles
+            },
+        );
+        cosines.iter().sum()
+    }
 }
 
 impl<'a> LeanField<'a> {
     pub(in crate::mesh) fn new(lean: &'a Lean) -> Self {
-        let wave = |i: u32| {
-            let w = random::words(lean.seed, Stream::Lean, i, 0);
+        let mut waves = Waves { k: [[0.0; WAVES]; 3], phase: [0.0; WAVES] };
+        for i in 0..WAVES {
+            let w = random::words(lean.seed, Stream::Lean, i as u32, 0);
             let unit = |j: usize| f64::from(random::unit(w[j]));
             // Directions are stratified over the half circle. Wave numbers across the tube vary by
             // ±30 %.
-            let direction = PI * (f64::from(i) + unit(0)) / f64::from(WAVES);
+            let direction = PI * (i as f64 + unit(0)) / WAVES as f64;
             let across = (0.7 + 0.6 * unit(1)) / lean.wavelength_um;
-            let along = (2.0 * unit(3) - 1.0) / lean.along_um;
-            Wave { k: [across * libm::cos(direction), across * libm::sin(direction), along], phase: unit(2) }
-        };
-        Self { lean, waves: (0..WAVES).map(wave).collect() }
+            waves.k[0][i] = across * libm::cos(direction);
+            waves.k[1][i] = across * libm::sin(direction);
+            waves.k[2][i] = (2.0 * unit(3) - 1.0) / lean.along_um;
+            waves.phase[i] = unit(2);
+        }
+        Self { lean, waves }
     }
 
     /// Displacement at a place, µm.
@@ -108,9 +132,7 @@ impl<'a> LeanField<'a> {
         if within == 0.0 {
             return 0.0;
         }
-        let phase = |w: &Wave| w.k[0] * p_um[0] + w.k[1] * p_um[1] + w.k[2] * p_um[2] + w.phase;
-        let sum: f64 = self.waves.iter().map(|w| libm::cos(TAU * phase(w))).sum();
-        let field = (sum * (2.0 / self.waves.len() as f64).sqrt()).clamp(-CUT, CUT);
+        let field = (self.waves.sum(p_um) * (2.0 / WAVES as f64).sqrt()).clamp(-CUT, CUT);
         station.strength_um * within * self.ends(p_um[2]) * field
     }
 

@@ -7,6 +7,7 @@
 //! intersecting triangles, and the displacement is damped around them until none intersect. This
 //! terminates, because the lofted surface does not intersect itself.
 
+mod cosine;
 mod field;
 #[cfg(test)]
 pub(super) mod tests;
