@@ -9,7 +9,8 @@
 //! nearest. Rounding is monotone, so overlapping bounds still overlap and no outward rounding is
 //! needed.
 
-use super::descent::{self, lanes, not_negative, pairs_below};
+pub use super::descent::lanes;
+use super::descent::{self, not_negative, pairs_below};
 use crate::vectorize::Vectors;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -368,10 +369,10 @@ impl Bvh {
         });
     }
 
-    /// Bounds of consecutive items.
-    pub(super) fn bounds(&self, items: Range<usize>) -> Bounds {
-        let of = |item: usize| self.levels[0][item / WIDTH].lane(item % WIDTH);
-        items.map(of).fold(Bounds::EMPTY, |all, item| all.with(&item))
+    /// Bounds of some items.
+    pub(super) fn bounds(&self, items: &[u32]) -> Bounds {
+        let of = |&item: &u32| self.levels[0][item as usize / WIDTH].lane(item as usize % WIDTH);
+        items.iter().map(of).fold(Bounds::EMPTY, |all, item| all.with(&item))
     }
 
     /// Searches the item nearest to `point`. The search starts near item `around`, ignores items

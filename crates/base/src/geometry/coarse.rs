@@ -11,7 +11,7 @@ use std::ops::Range;
 
 const BLOCKS_PER_WINDOW: usize = if cfg!(test) { 1 << 4 } else { 1 << 13 };
 /// Blocks whose joint bounds are compared with later blocks.
-const BLOCKS_PER_GROUP: usize = if cfg!(test) { 1 << 2 } else { 1 << 6 };
+const BLOCKS_PER_GROUP: u32 = if cfg!(test) { 1 << 2 } else { 1 << 6 };
 
 /// Bounds of blocks of items.
 pub struct Coarse {
@@ -19,9 +19,9 @@ pub struct Coarse {
     len: usize,
 }
 
-/// Consecutive items, followed by the later items that may overlap them.
+/// Items of some blocks, followed by the other items that may overlap them.
 pub struct Window {
-    /// The window's own consecutive items, then the later items in ascending order.
+    /// The window's own items, then the others, both in ascending order.
     pub items: Vec<u32>,
     /// Number of own items.
     pub own: usize,
@@ -43,26 +43,33 @@ impl Coarse {
         self.blocks.update(&blocks, |block| hulls(block, self.len, &points).union());
     }
 
-    /// Windows over the items. Each overlapping pair lies in exactly one window, and at least one
-    /// of the two is the window's own.
+    /// Windows over all items.
     pub fn windows(&self) -> impl Iterator<Item = Window> {
-        (0..self.len)
-            .step_by(BLOCKS_PER_WINDOW * WIDTH)
-            .map(move |start| self.window(start..self.len.min(start + BLOCKS_PER_WINDOW * WIDTH)))
+        self.windows_over((0..self.len.div_ceil(WIDTH) as u32).collect())
     }
 
-    fn window(&self, own: Range<usize>) -> Window {
-        let (first, last) = (own.start / WIDTH, own.end.div_ceil(WIDTH));
-        let mut is_near = vec![false; self.len.div_ceil(WIDTH) - last];
-        for start in (first..last).step_by(BLOCKS_PER_GROUP) {
-            let bounds = self.blocks.bounds(start..last.min(start + BLOCKS_PER_GROUP));
-            self.blocks.overlapping_from(&bounds, last, |block| is_near[block - last] = true);
+    /// Windows over the items of some blocks, given by ascending numbers. Each overlapping pair that
+    /// contains such an item lies in exactly one window, and at least one of the two is the
+    /// window's own.
+    pub fn windows_over(&self, blocks: Vec<u32>) -> impl Iterator<Item = Window> {
+        let starts = (0..blocks.len()).step_by(BLOCKS_PER_WINDOW);
+        starts.map(move |start| self.window(&blocks, start..blocks.len().min(start + BLOCKS_PER_WINDOW)))
+    }
+
+    /// Window over some of the `blocks`.
+    fn window(&self, blocks: &[u32], own: Range<usize>) -> Window {
+        let mut is_near = vec![false; self.len.div_ceil(WIDTH)];
+        for group in blocks[own.clone()].chunk_by(|a, b| a / BLOCKS_PER_GROUP == b / BLOCKS_PER_GROUP) {
+            let bounds = self.blocks.bounds(group);
+            self.blocks.overlapping(&bounds, |block| is_near[block] = true);
         }
-        let mut items: Vec<u32> = own.clone().map(|item| item as u32).collect();
-        for (block, _) in (last..).zip(&is_near).filter(|(_, is_near)| **is_near) {
-            items.extend((block * WIDTH..self.len.min((block + 1) * WIDTH)).map(|item| item as u32));
-        }
-        Window { items, own: own.len() }
+        // Pairs with items of earlier windows lie in those.
+        blocks[..own.end].iter().for_each(|&block| is_near[block as usize] = false);
+        let of = |block: u32| block * WIDTH as u32..(self.len as u32).min((block + 1) * WIDTH as u32);
+        let mut items: Vec<u32> = blocks[own].iter().flat_map(|&block| of(block)).collect();
+        let own = items.len();
+        items.extend((0..).zip(&is_near).filter(|(_, is_near)| **is_near).flat_map(|(block, _)| of(block)));
+        Window { items, own }
     }
 
     /// Calls `visit` for every item whose bounds overlap `query`, in ascending order.
@@ -117,10 +124,10 @@ mod tests {
         bvh::points(segments.map(ends), points);
     }
 
-    /// All pairs, found by windows.
-    fn pairs(coarse: &Coarse, items: &[Segment]) -> Vec<(u32, u32)> {
+    /// Pairs found in windows.
+    fn pairs(windows: impl Iterator<Item = Window>, items: &[Segment]) -> Vec<(u32, u32)> {
         let mut found = Vec::new();
-        for window in coarse.windows() {
+        for window in windows {
             let numbers = &window.items;
             let bvh = Bvh::of_hulls(Bvh::default(), numbers.len(), |some, of| {
                 points(numbers[some].iter().map(|&i| items[i as usize]), of);
@@ -128,7 +135,7 @@ mod tests {
             for part in 0..window.own.div_ceil(bvh.part_len()) {
                 bvh.pairs(part, |i, j| {
                     if i < window.own {
-                        found.push((numbers[i], numbers[j]));
+                        found.push((numbers[i].min(numbers[j]), numbers[i].max(numbers[j])));
                     }
                 });
             }
@@ -146,7 +153,7 @@ mod tests {
             moved in prop::array::uniform3(-40i8..40),
         ) {
             let mut coarse = Coarse::of_hulls(items.len(), |some, of| points(items[some].iter().copied(), of));
-            for round in 0..2 {
+            for round in 0..2u32 {
                 let mut expected = Vec::new();
                 for i in 0..items.len() {
                     for j in i + 1..items.len() {
@@ -155,7 +162,11 @@ mod tests {
                         }
                     }
                 }
-                prop_assert_eq!(pairs(&coarse, &items), expected);
+                prop_assert_eq!(&pairs(coarse.windows(), &items), &expected);
+                let is_some = |block: u32| block % 5 < 2 + round;
+                let some = (0..items.len().div_ceil(WIDTH) as u32).filter(|&block| is_some(block)).collect();
+                expected.retain(|&(i, j)| is_some(i / WIDTH as u32) || is_some(j / WIDTH as u32));
+                prop_assert_eq!(pairs(coarse.windows_over(some), &items), expected);
                 for &query in items.iter().take(20) {
                     let mut found = Vec::new();
                     coarse.overlapping(&bounds(query), |some, of| points(items[some].iter().copied(), of), |i| found.push(i));

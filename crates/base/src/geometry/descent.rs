@@ -92,7 +92,7 @@ impl<B: Block, V: FnMut(usize, usize, u32)> WithSimd for Descent<'_, B, V> {
 
 /// Calls `visit` with the position of each bit that is set.
 #[inline(always)]
-pub(super) fn lanes(mut mask: u32, mut visit: impl FnMut(usize)) {
+pub fn lanes(mut mask: u32, mut visit: impl FnMut(usize)) {
     while mask != 0 {
         visit(mask.trailing_zeros() as usize);
         mask &= mask - 1;

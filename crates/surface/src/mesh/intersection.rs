@@ -1,7 +1,7 @@
 //! Finds all pairs of triangles that intersect outside their shared vertices and edges. All
 //! decisions use exact predicates.
 
-use crate::geometry::bvh::{self, Bounds, Bvh, Points};
+use crate::geometry::bvh::{self, Bvh, Points, WIDTH, lanes};
 use crate::geometry::coarse::{Coarse, Window};
 use crate::geometry::tri_tri::{Triangle, meet_in_mesh};
 use crate::model::Mesh;
@@ -39,56 +39,50 @@ impl IntersectionSearch {
 
     /// Returns all intersecting pairs.
     pub(super) fn all_pairs(&self, mesh: &Mesh) -> Vec<[u32; 2]> {
-        let mut pairs: Vec<[u32; 2]> = (0..mesh.triangles.len()).filter_map(|t| self.flat(t)).collect();
+        self.pairs_touching(mesh, &vec![true; mesh.triangles.len()])
+    }
+
+    /// Returns the intersecting pairs that contain at least one of the marked triangles.
+    pub(super) fn pairs_touching(&self, mesh: &Mesh, is_marked: &[bool]) -> Vec<[u32; 2]> {
+        let blocks = is_marked.chunks(WIDTH).zip(0u32..).filter(|(is_marked, _)| is_marked.contains(&true));
+        let blocks: Vec<u32> = blocks.map(|(_, block)| block).collect();
+        let mut pairs = Vec::new();
         let mut tree = Bvh::default();
-        for Window { items, own } in self.coarse.windows() {
+        for Window { items, own } in self.coarse.windows_over(blocks) {
             let triangle = |item: usize| items[item] as usize;
+            let is_flat = |t: &&u32| self.is_flat[**t as usize] && is_marked[**t as usize];
+            pairs.extend(items[..own].iter().filter(is_flat).map(|&t| [t; 2]));
             tree = Bvh::of_hulls(tree, items.len(), |some, of| points(mesh, &self.is_flat, some.map(triangle), of));
             pairs.par_extend((0..own.div_ceil(tree.part_len())).into_par_iter().flat_map_iter(|part| {
                 let mut found = Vec::new();
-                tree.pairs(part, |i, j| {
-                    if i < own {
-                        found.extend(pair(mesh, triangle(i), triangle(j)));
-                    }
-                });
+                tree.pairs_by_block(
+                    part,
+                    #[inline(always)]
+                    |i, block, others| {
+                        // The last part may contain items that are not the window's own.
+                        if i >= own {
+                            return;
+                        }
+                        let i = triangle(i);
+                        let (a, ta) = (Triangle::new(corners(mesh, i)), mesh.triangles[i]);
+                        lanes(others, |lane| {
+                            let j = triangle(block * WIDTH + lane);
+                            let (points, tb) = (corners(mesh, j), mesh.triangles[j]);
+                            if !(is_marked[i] || is_marked[j]) || a.clears_in_mesh(ta, points, tb) {
+                                return;
+                            }
+                            let b = Triangle::new(points);
+                            if !b.clears_in_mesh(tb, a.points, ta) && meet_in_mesh((&a, ta), (&b, tb)) {
+                                found.push([i.min(j) as u32, i.max(j) as u32]);
+                            }
+                        });
+                    },
+                );
                 found
             }));
         }
         pairs.sort_unstable();
         pairs
-    }
-
-    /// Returns the intersecting pairs that contain at least one of the marked triangles.
-    pub(super) fn pairs_touching(&self, mesh: &Mesh, is_marked: &[bool]) -> Vec<[u32; 2]> {
-        let mut pairs: Vec<[u32; 2]> = numbers(is_marked)
-            .into_par_iter()
-            .with_min_len(256)
-            .flat_map_iter(|t| {
-                let t = t as usize;
-                // A triangle without area has no exact test with others.
-                if let Some(own) = self.flat(t) {
-                    return vec![own];
-                }
-                let mut found = Vec::new();
-                let near = Bounds::of(corners(mesh, t));
-                self.coarse.overlapping(
-                    &near,
-                    |some, of| points(mesh, &self.is_flat, some, of),
-                    |other| {
-                        if other > t || (other < t && !is_marked[other]) {
-                            found.extend(pair(mesh, t.min(other), t.max(other)));
-                        }
-                    },
-                );
-                found
-            })
-            .collect();
-        pairs.sort_unstable();
-        pairs
-    }
-
-    fn flat(&self, t: usize) -> Option<[u32; 2]> {
-        self.is_flat[t].then_some([t as u32; 2])
     }
 }
 
@@ -118,15 +112,10 @@ fn corners(mesh: &Mesh, t: usize) -> [[f64; 3]; 3] {
     mesh.triangles[t].map(|v| mesh.positions[v as usize].map(f64::from))
 }
 
-/// Returns the pair if its triangles intersect.
-fn pair(mesh: &Mesh, i: usize, j: usize) -> Option<[u32; 2]> {
-    let [a, b] = [i, j].map(|t| Triangle::new(corners(mesh, t)));
-    meet_in_mesh((&a, mesh.triangles[i]), (&b, mesh.triangles[j])).then_some([i as u32, j as u32])
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mesh::lean::tests::pressed;
     use crate::model::BodyKind;
 
     #[test]
@@ -139,5 +128,27 @@ mod tests {
         assert_eq!(search.all_pairs(&mesh), [[0, 0], [1, 3], [2, 2]]);
         assert_eq!(search.pairs_touching(&mesh, &[true; 4]), [[0, 0], [1, 3], [2, 2]]);
         assert_eq!(search.pairs_touching(&mesh, &[true, false, false, false]), [[0, 0]]);
+    }
+
+    #[test]
+    fn pairs_are_those_of_an_exact_test_of_all_neighbours() {
+        let (mesh, ..) = pressed();
+        let search = IntersectionSearch::new(&mesh);
+        let all = search.all_pairs(&mesh);
+        let found: Vec<_> = (0..all.len() / 50).map(|k| all[50 * k]).collect();
+        assert!(found.len() > 3, "too few pairs to test: {}", all.len());
+        let triangle = |t: usize| Triangle::new(corners(&mesh, t));
+        for t in found.iter().map(|pair| pair[0] as usize) {
+            let mut is_marked = vec![false; mesh.triangles.len()];
+            is_marked[t] = true;
+            let others = (0..mesh.triangles.len()).filter(|&other| other != t);
+            let exact: Vec<[u32; 2]> = others
+                .filter(|&j| meet_in_mesh((&triangle(t), mesh.triangles[t]), (&triangle(j), mesh.triangles[j])))
+                .map(|j| [t.min(j) as u32, t.max(j) as u32])
+                .collect();
+            assert_eq!(search.pairs_touching(&mesh, &is_marked), exact);
+            let touching: Vec<_> = all.iter().copied().filter(|pair| pair.contains(&(t as u32))).collect();
+            assert_eq!(touching, exact);
+        }
     }
 }

@@ -51,10 +51,31 @@ impl Triangle {
         }
     }
 
+    /// True if the filter proves that a triangle with these corners lies on one side of this
+    /// triangle's plane, which it touches in common vertices at most. `of_this` and `of_other` are
+    /// the numbers of the vertices. If so, [`meet_in_mesh`] is false.
+    #[inline(always)]
+    #[must_use]
+    pub fn clears_in_mesh(&self, of_this: [u32; 3], points: [P3; 3], of_other: [u32; 3]) -> bool {
+        let (mut below, mut above, mut commons) = (true, true, 0);
+        for (q, vertex) in points.into_iter().zip(of_other) {
+            let is_common = of_this.into_iter().fold(false, |is, of_this| is | (of_this == vertex));
+            let d = sub(q, self.points[0]);
+            let det = dot(self.normal, d);
+            let error = self.error_per_distance * max_norm(d);
+            below &= is_common | (-det > error);
+            above &= is_common | (det > error);
+            commons += u32::from(is_common);
+        }
+        (below | above) & (commons < 3)
+    }
+
     /// True if the corners are collinear or coincide. Exact.
+    #[inline]
     #[must_use]
     pub fn is_degenerate(&self) -> bool {
-        self.projection_axis().is_none()
+        // The bound of a determinant is one of its cofactors as well.
+        max_norm(self.normal) <= self.error_per_distance && self.projection_axis().is_none()
     }
 
     /// Finds an axis along which the triangle can be projected without becoming degenerate.

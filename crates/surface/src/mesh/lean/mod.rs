@@ -41,6 +41,10 @@ const STEEPEST: f64 = 0.9;
 /// Maximum number of times that the displacement is scaled down; after that it is zero.
 const SCALINGS: u32 = 6;
 
+/// Number of vertices that are compared with a centre together. Vertices of the same z follow their
+/// contour, so they are close.
+const RUN: usize = 64;
+
 /// Statistics of the lean: intersecting triangles, and the damping that separated them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
@@ -65,8 +69,10 @@ struct LeaningSurface<'a> {
     full: Vec<f64>,
     /// Fraction of the displacement that remains.
     left: Vec<f64>,
-    /// Vertices by ascending z.
+    /// Vertices that can be displaced, by ascending z.
     order: Vec<u32>,
+    /// Minima and maxima of x and y of each [`RUN`] of `order`, µm.
+    boxes: Vec<[[f64; 2]; 2]>,
 }
 
 /// Displaces a surface along the tube. `stop` is called between rounds; if it returns true, the
@@ -76,10 +82,17 @@ pub fn lean(mesh: &mut Mesh, lean: &Lean, stop: &dyn Fn() -> bool) -> Leaned {
     let field = LeanField::new(lean);
     let full: Vec<f64> = mesh.positions.par_iter().map(|p| field.at(p.map(in_um))).collect();
     let z: Vec<f32> = mesh.positions.iter().map(|p| p[2]).collect();
-    let mut order: Vec<u32> = (0..z.len() as u32).collect();
+    let mut order: Vec<u32> = (0..z.len() as u32).filter(|&v| full[v as usize] != 0.0).collect();
     order.sort_by(|&a, &b| z[a as usize].total_cmp(&z[b as usize]));
+    let box_of = |run: &[u32]| {
+        [0, 1].map(|axis| {
+            let along = || run.iter().map(|&v| in_um(mesh.positions[v as usize][axis]));
+            [along().fold(f64::INFINITY, f64::min), along().fold(f64::NEG_INFINITY, f64::max)]
+        })
+    };
+    let boxes = order.chunks(RUN).map(box_of).collect();
     let left = vec![1.0; z.len()];
-    let mut surface = LeaningSurface { mesh, z, full, left, order };
+    let mut surface = LeaningSurface { mesh, z, full, left, order, boxes };
     let mut done = Leaned::default();
     let at_first = (STEEPEST / lean.steepness()).min(1.0);
     for scaling in 0..=SCALINGS {
@@ -87,7 +100,7 @@ pub fn lean(mesh: &mut Mesh, lean: &Lean, stop: &dyn Fn() -> bool) -> Leaned {
         surface.left.fill(done.scale);
         (0..surface.z.len()).for_each(|v| surface.displace(v));
         let mut search = IntersectionSearch::new(surface.mesh);
-        let mut pairs = search.all_pairs(surface.mesh);
+        let mut pairs = search.pairs_touching(surface.mesh, &surface.with_a_corner(|v| surface.full[v] != 0.0));
         done.met = done.met.max(pairs.len());
         for round in 0..ROUNDS {
             if pairs.is_empty() || stop() {
@@ -169,6 +182,11 @@ impl LeaningSurface<'_> {
         }
     }
 
+    /// Marks the triangles with at least one of some vertices.
+    fn with_a_corner(&self, is_one: impl Fn(usize) -> bool + Sync) -> Vec<bool> {
+        self.mesh.triangles.par_iter().map(|t| t.iter().fold(false, |is, &v| is | is_one(v as usize))).collect()
+    }
+
     /// Midpoints of intersecting pairs before the displacement, thinned out.
     fn centres(&self, pairs: &[[u32; 2]], lean: &Lean) -> Vec<Centre> {
         let mut centres: Vec<Centre> = Vec::new();
@@ -184,21 +202,29 @@ impl LeaningSurface<'_> {
         let mut is_moved = vec![false; self.z.len()];
         for centre in centres {
             let (z, far) = (centre.place[2], FAR * centre.reach[1]);
-            let first = self.order.partition_point(|&v| in_um(self.z[v as usize]) < z - far);
-            for &v in &self.order[first..] {
-                let v = v as usize;
-                if in_um(self.z[v]) > z + far {
-                    break;
+            let z_of = |v: &u32| in_um(self.z[*v as usize]);
+            let first = self.order.partition_point(|v| z_of(v) < z - far);
+            let end = self.order.partition_point(|v| z_of(v) <= z + far);
+            for run in first / RUN..end.div_ceil(RUN) {
+                let [x, y] = [0, 1].map(|axis| {
+                    let [low, high] = self.boxes[run][axis];
+                    centre.place[axis].clamp(low, high)
+                });
+                // Rounding is monotone, so no vertex in the box is nearer than this place.
+                if centre.remainder([x, y, z], damping).is_none() {
+                    continue;
                 }
-                if let Some(remainder) = centre.remainder(self.place(v), damping).filter(|_| self.full[v] != 0.0) {
-                    self.left[v] *= remainder;
-                    is_moved[v] = true;
+                for &v in &self.order[first.max(run * RUN)..end.min((run + 1) * RUN)] {
+                    let v = v as usize;
+                    if let Some(remainder) = centre.remainder(self.place(v), damping) {
+                        self.left[v] *= remainder;
+                        is_moved[v] = true;
+                    }
                 }
             }
         }
         (0..is_moved.len()).filter(|&v| is_moved[v]).for_each(|v| self.displace(v));
-        let is_changed: Vec<bool> =
-            self.mesh.triangles.iter().map(|t| t.iter().any(|&v| is_moved[v as usize])).collect();
+        let is_changed = self.with_a_corner(|v| is_moved[v]);
         search.update(self.mesh, &is_changed);
         search.pairs_touching(self.mesh, &is_changed)
     }
