@@ -269,7 +269,13 @@ impl Bvh {
         points: impl Fn(Range<usize>, &mut Points<N>) + Sync,
     ) -> Self {
         let mut first = memory.levels.into_iter().next().unwrap_or_default();
-        first.resize(len.div_ceil(WIDTH), Block::EMPTY);
+        let count = len.div_ceil(WIDTH);
+        if first.capacity() < count {
+            // Frees the memory before it takes more, and no more than that.
+            drop(first);
+            first = Vec::with_capacity(count);
+        }
+        first.resize(count, Block::EMPTY);
         first.par_chunks_mut(BLOCKS_PER_TASK).enumerate().for_each(|(run, blocks)| {
             Vectors::best().run(
                 #[inline(always)]
@@ -353,16 +359,11 @@ impl Bvh {
     }
 
     /// Calls `visit` for every item whose bounds overlap `query`, in ascending order.
-    pub fn overlapping(&self, query: &Bounds, visit: impl FnMut(usize)) {
-        self.overlapping_from(query, 0, visit);
-    }
-
-    /// Like [`Self::overlapping`], without the items before `first`.
-    pub fn overlapping_from(&self, query: &Bounds, first: usize, mut visit: impl FnMut(usize)) {
-        self.descend(self.levels.len() - 1, 0, 0, query, first / WIDTH, &mut |block| {
+    pub fn overlapping(&self, query: &Bounds, mut visit: impl FnMut(usize)) {
+        self.descend(self.levels.len() - 1, 0, 0, query, 0, &mut |block| {
             lanes(self.levels[0][block].overlaps(query), |lane| {
                 let item = block * WIDTH + lane;
-                if (first..self.len).contains(&item) {
+                if item < self.len {
                     visit(item);
                 }
             });

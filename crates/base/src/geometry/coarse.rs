@@ -4,13 +4,12 @@
 //! window, each window with its own hierarchy. As in [`super::bvh`], the items must be in coherent
 //! order, and every pair with overlapping bounds is found exactly once.
 
-use super::bvh::{Block, Bounds, Bvh, Points, WIDTH, no_points};
-use super::descent::lanes;
+use super::bvh::{Block, Bvh, Points, WIDTH, no_points};
 use crate::vectorize::Vectors;
 use std::ops::Range;
 
 const BLOCKS_PER_WINDOW: usize = if cfg!(test) { 1 << 4 } else { 1 << 13 };
-/// Blocks whose joint bounds are compared with later blocks.
+/// Consecutive blocks whose joint bounds are compared with all blocks.
 const BLOCKS_PER_GROUP: u32 = if cfg!(test) { 1 << 2 } else { 1 << 6 };
 
 /// Bounds of blocks of items.
@@ -45,15 +44,21 @@ impl Coarse {
 
     /// Windows over all items.
     pub fn windows(&self) -> impl Iterator<Item = Window> {
-        self.windows_over((0..self.len.div_ceil(WIDTH) as u32).collect())
+        self.windows_of((0..self.len.div_ceil(WIDTH) as u32).collect(), BLOCKS_PER_WINDOW)
     }
 
-    /// Windows over the items of some blocks, given by ascending numbers. Each overlapping pair that
-    /// contains such an item lies in exactly one window, and at least one of the two is the
-    /// window's own.
+    /// Windows over the items of some blocks, given by ascending numbers. Each overlapping pair
+    /// with such an item lies in exactly one window, and at least one of the two is the window's
+    /// own.
     pub fn windows_over(&self, blocks: Vec<u32>) -> impl Iterator<Item = Window> {
-        let starts = (0..blocks.len()).step_by(BLOCKS_PER_WINDOW);
-        starts.map(move |start| self.window(&blocks, start..blocks.len().min(start + BLOCKS_PER_WINDOW)))
+        // Scattered blocks overlap more other ones, which take memory.
+        let is_scattered = blocks.len() * WIDTH < self.len / 4;
+        self.windows_of(blocks, BLOCKS_PER_WINDOW / if is_scattered { 4 } else { 2 })
+    }
+
+    fn windows_of(&self, blocks: Vec<u32>, most: usize) -> impl Iterator<Item = Window> {
+        let starts = (0..blocks.len()).step_by(most);
+        starts.map(move |start| self.window(&blocks, start..blocks.len().min(start + most)))
     }
 
     /// Window over some of the `blocks`.
@@ -70,23 +75,6 @@ impl Coarse {
         let own = items.len();
         items.extend((0..).zip(&is_near).filter(|(_, is_near)| **is_near).flat_map(|(block, _)| of(block)));
         Window { items, own }
-    }
-
-    /// Calls `visit` for every item whose bounds overlap `query`, in ascending order.
-    pub fn overlapping<const N: usize>(
-        &self,
-        query: &Bounds,
-        points: impl Fn(Range<usize>, &mut Points<N>),
-        mut visit: impl FnMut(usize),
-    ) {
-        self.blocks.overlapping(query, |block| {
-            lanes(hulls(block, self.len, &points).overlaps(query), |lane| {
-                let item = block * WIDTH + lane;
-                if item < self.len {
-                    visit(item);
-                }
-            });
-        });
     }
 }
 
@@ -105,7 +93,7 @@ fn hulls<const N: usize>(block: usize, len: usize, points: impl Fn(Range<usize>,
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::bvh;
+    use crate::geometry::bvh::{self, Bounds};
     use proptest::prelude::*;
 
     type Segment = [[i8; 3]; 2];
@@ -167,13 +155,6 @@ mod tests {
                 let some = (0..items.len().div_ceil(WIDTH) as u32).filter(|&block| is_some(block)).collect();
                 expected.retain(|&(i, j)| is_some(i / WIDTH as u32) || is_some(j / WIDTH as u32));
                 prop_assert_eq!(pairs(coarse.windows_over(some), &items), expected);
-                for &query in items.iter().take(20) {
-                    let mut found = Vec::new();
-                    coarse.overlapping(&bounds(query), |some, of| points(items[some].iter().copied(), of), |i| found.push(i));
-                    let expected: Vec<_> =
-                        (0..items.len()).filter(|&i| bounds(query).overlaps(&bounds(items[i]))).collect();
-                    prop_assert_eq!(found, expected);
-                }
                 let changed: Vec<u32> = (0..items.len() as u32).filter(|i| i % 29 == round).collect();
                 changed.iter().for_each(|&i| items[i as usize][0] = moved);
                 coarse.update(&changed, |some, of| points(items[some].iter().copied(), of));

@@ -138,7 +138,7 @@ pub fn bend_apart(
                     || straight.triangles[t].iter().any(|&v| is_moved[v as usize])
             })
             .collect();
-        pairs = IntersectionSearch::new(&found).pairs_touching(&found, &is_changed);
+        pairs = IntersectionSearch::new(&found).pairs_touching(&found, |t| is_changed[t]);
     }
     (found, done, split)
 }

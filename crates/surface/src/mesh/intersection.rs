@@ -29,8 +29,8 @@ impl IntersectionSearch {
     }
 
     /// Updates the search after the corners of some triangles moved.
-    pub(super) fn update(&mut self, mesh: &Mesh, is_moved: &[bool]) {
-        let moved = numbers(is_moved);
+    pub(super) fn update(&mut self, mesh: &Mesh, is_moved: impl Fn(usize) -> bool) {
+        let moved: Vec<u32> = (0..mesh.triangles.len() as u32).filter(|&t| is_moved(t as usize)).collect();
         for &t in &moved {
             self.is_flat[t as usize] = Triangle::new(corners(mesh, t as usize)).is_degenerate();
         }
@@ -39,18 +39,22 @@ impl IntersectionSearch {
 
     /// Returns all intersecting pairs.
     pub(super) fn all_pairs(&self, mesh: &Mesh) -> Vec<[u32; 2]> {
-        self.pairs_touching(mesh, &vec![true; mesh.triangles.len()])
+        self.pairs_touching(mesh, |_| true)
     }
 
     /// Returns the intersecting pairs that contain at least one of the marked triangles.
-    pub(super) fn pairs_touching(&self, mesh: &Mesh, is_marked: &[bool]) -> Vec<[u32; 2]> {
-        let blocks = is_marked.chunks(WIDTH).zip(0u32..).filter(|(is_marked, _)| is_marked.contains(&true));
-        let blocks: Vec<u32> = blocks.map(|(_, block)| block).collect();
+    pub(super) fn pairs_touching(&self, mesh: &Mesh, is_marked: impl Fn(usize) -> bool + Sync) -> Vec<[u32; 2]> {
+        let count = mesh.triangles.len();
+        let mut blocks: Vec<u32> = (0..count.div_ceil(WIDTH) as u32).collect();
+        blocks.retain(|&block| {
+            let first = block as usize * WIDTH;
+            (first..count.min(first + WIDTH)).any(&is_marked)
+        });
         let mut pairs = Vec::new();
         let mut tree = Bvh::default();
         for Window { items, own } in self.coarse.windows_over(blocks) {
             let triangle = |item: usize| items[item] as usize;
-            let is_flat = |t: &&u32| self.is_flat[**t as usize] && is_marked[**t as usize];
+            let is_flat = |t: &&u32| self.is_flat[**t as usize] && is_marked(**t as usize);
             pairs.extend(items[..own].iter().filter(is_flat).map(|&t| [t; 2]));
             tree = Bvh::of_hulls(tree, items.len(), |some, of| points(mesh, &self.is_flat, some.map(triangle), of));
             pairs.par_extend((0..own.div_ceil(tree.part_len())).into_par_iter().flat_map_iter(|part| {
@@ -68,7 +72,7 @@ impl IntersectionSearch {
                         lanes(others, |lane| {
                             let j = triangle(block * WIDTH + lane);
                             let (points, tb) = (corners(mesh, j), mesh.triangles[j]);
-                            if !(is_marked[i] || is_marked[j]) || a.clears_in_mesh(ta, points, tb) {
+                            if !(is_marked(i) || is_marked(j)) || a.clears_in_mesh(ta, points, tb) {
                                 return;
                             }
                             let b = Triangle::new(points);
@@ -84,11 +88,6 @@ impl IntersectionSearch {
         pairs.sort_unstable();
         pairs
     }
-}
-
-/// Indices of the marked triangles.
-fn numbers(is_marked: &[bool]) -> Vec<u32> {
-    (0u32..).zip(is_marked).filter(|(_, is_marked)| **is_marked).map(|(t, _)| t).collect()
 }
 
 /// Centre of the six corners of two triangles at the positions that `place` returns.
@@ -126,8 +125,8 @@ mod tests {
         let mesh = Mesh { body: BodyKind::Tissue, positions, triangles, patches: Vec::new() };
         let search = IntersectionSearch::new(&mesh);
         assert_eq!(search.all_pairs(&mesh), [[0, 0], [1, 3], [2, 2]]);
-        assert_eq!(search.pairs_touching(&mesh, &[true; 4]), [[0, 0], [1, 3], [2, 2]]);
-        assert_eq!(search.pairs_touching(&mesh, &[true, false, false, false]), [[0, 0]]);
+        assert_eq!(search.pairs_touching(&mesh, |_| true), [[0, 0], [1, 3], [2, 2]]);
+        assert_eq!(search.pairs_touching(&mesh, |t| t == 0), [[0, 0]]);
     }
 
     #[test]
@@ -139,14 +138,12 @@ mod tests {
         assert!(found.len() > 3, "too few pairs to test: {}", all.len());
         let triangle = |t: usize| Triangle::new(corners(&mesh, t));
         for t in found.iter().map(|pair| pair[0] as usize) {
-            let mut is_marked = vec![false; mesh.triangles.len()];
-            is_marked[t] = true;
             let others = (0..mesh.triangles.len()).filter(|&other| other != t);
             let exact: Vec<[u32; 2]> = others
                 .filter(|&j| meet_in_mesh((&triangle(t), mesh.triangles[t]), (&triangle(j), mesh.triangles[j])))
                 .map(|j| [t.min(j) as u32, t.max(j) as u32])
                 .collect();
-            assert_eq!(search.pairs_touching(&mesh, &is_marked), exact);
+            assert_eq!(search.pairs_touching(&mesh, |other| other == t), exact);
             let touching: Vec<_> = all.iter().copied().filter(|pair| pair.contains(&(t as u32))).collect();
             assert_eq!(touching, exact);
         }

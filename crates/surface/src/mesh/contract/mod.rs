@@ -160,11 +160,8 @@ impl<'a> Contracting<'a> {
             let triangles = &frame.mesh.triangles;
             let mut is_changed: Vec<bool> = triangles.par_iter().map(|t| t.iter().any(has_moved)).collect();
             pairs.as_flattened().iter().for_each(|&t| is_changed[t as usize] = true);
-            search.update(&moved.mesh, &is_changed);
-            // If most triangles changed, a search of the whole surface is faster.
-            let is_part = is_changed.iter().filter(|is| **is).count() < triangles.len() / 4;
-            pairs =
-                if is_part { search.pairs_touching(&moved.mesh, &is_changed) } else { search.all_pairs(&moved.mesh) };
+            search.update(&moved.mesh, |t| is_changed[t]);
+            pairs = search.pairs_touching(&moved.mesh, |t| is_changed[t]);
             frame = moved;
         }
         frame

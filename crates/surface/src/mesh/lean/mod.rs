@@ -63,10 +63,9 @@ pub struct Leaned {
 /// Surface during its displacement.
 struct LeaningSurface<'a> {
     mesh: &'a mut Mesh,
+    field: LeanField<'a>,
     /// z before the displacement, m.
     z: Vec<f32>,
-    /// Full displacement, µm.
-    full: Vec<f64>,
     /// Fraction of the displacement that remains.
     left: Vec<f64>,
     /// Vertices that can be displaced, by ascending z.
@@ -79,28 +78,18 @@ struct LeaningSurface<'a> {
 /// surface stays as it is.
 #[inline(never)] // counted by scripts/counts
 pub fn lean(mesh: &mut Mesh, lean: &Lean, stop: &dyn Fn() -> bool) -> Leaned {
+    let z = mesh.positions.iter().map(|p| p[2]).collect();
     let field = LeanField::new(lean);
-    let full: Vec<f64> = mesh.positions.par_iter().map(|p| field.at(p.map(in_um))).collect();
-    let z: Vec<f32> = mesh.positions.iter().map(|p| p[2]).collect();
-    let mut order: Vec<u32> = (0..z.len() as u32).filter(|&v| full[v as usize] != 0.0).collect();
-    order.sort_by(|&a, &b| z[a as usize].total_cmp(&z[b as usize]));
-    let box_of = |run: &[u32]| {
-        [0, 1].map(|axis| {
-            let along = || run.iter().map(|&v| in_um(mesh.positions[v as usize][axis]));
-            [along().fold(f64::INFINITY, f64::min), along().fold(f64::NEG_INFINITY, f64::max)]
-        })
-    };
-    let boxes = order.chunks(RUN).map(box_of).collect();
-    let left = vec![1.0; z.len()];
-    let mut surface = LeaningSurface { mesh, z, full, left, order, boxes };
+    let mut surface = LeaningSurface { mesh, field, z, left: Vec::new(), order: Vec::new(), boxes: Vec::new() };
     let mut done = Leaned::default();
     let at_first = (STEEPEST / lean.steepness()).min(1.0);
     for scaling in 0..=SCALINGS {
         done.scale = if scaling == SCALINGS { 0.0 } else { at_first * SCALE.powi(scaling as i32) };
-        surface.left.fill(done.scale);
-        (0..surface.z.len()).for_each(|v| surface.displace(v));
+        surface.displace_all(done.scale);
         let mut search = IntersectionSearch::new(surface.mesh);
-        let mut pairs = search.pairs_touching(surface.mesh, &surface.with_a_corner(|v| surface.full[v] != 0.0));
+        // Triangles that have not moved do not intersect each other.
+        let has_moved = |v: usize| surface.mesh.positions[v][2] != surface.z[v];
+        let mut pairs = search.pairs_touching(surface.mesh, |t| surface.has_corner(t, has_moved));
         done.met = done.met.max(pairs.len());
         for round in 0..ROUNDS {
             if pairs.is_empty() || stop() {
@@ -175,16 +164,37 @@ impl LeaningSurface<'_> {
         [x, y, self.z[v]].map(in_um)
     }
 
-    /// Moves a vertex to its displaced position.
-    fn displace(&mut self, v: usize) {
-        if self.full[v] != 0.0 {
-            self.mesh.positions[v][2] = ((in_um(self.z[v]) + self.left[v] * self.full[v]) * 1e-6) as f32;
+    /// Displaces all vertices by a fraction of the field.
+    fn displace_all(&mut self, scale: f64) {
+        self.left = Vec::new();
+        let mut full: Vec<f64> = (0..self.z.len()).into_par_iter().map(|v| self.field.at(self.place(v))).collect();
+        self.order = (0..full.len() as u32).collect();
+        self.order.retain(|&v| full[v as usize] != 0.0);
+        self.order.shrink_to_fit();
+        self.order.sort_by(|&a, &b| self.z[a as usize].total_cmp(&self.z[b as usize]));
+        let box_of = |run: &[u32]| {
+            [0, 1].map(|axis| {
+                let along = || run.iter().map(|&v| in_um(self.mesh.positions[v as usize][axis]));
+                [along().fold(f64::INFINITY, f64::min), along().fold(f64::NEG_INFINITY, f64::max)]
+            })
+        };
+        self.boxes = self.order.chunks(RUN).map(box_of).collect();
+        for (v, &full) in full.iter().enumerate().filter(|(_, full)| **full != 0.0) {
+            self.displace(v, scale * full);
         }
+        // The displacement of the few vertices that damping moves is computed again.
+        full.fill(scale);
+        self.left = full;
     }
 
-    /// Marks the triangles with at least one of some vertices.
-    fn with_a_corner(&self, is_one: impl Fn(usize) -> bool + Sync) -> Vec<bool> {
-        self.mesh.triangles.par_iter().map(|t| t.iter().fold(false, |is, &v| is | is_one(v as usize))).collect()
+    /// Displaces a vertex from its first position.
+    fn displace(&mut self, v: usize, by_um: f64) {
+        self.mesh.positions[v][2] = ((in_um(self.z[v]) + by_um) * 1e-6) as f32;
+    }
+
+    /// True if a triangle has at least one of some vertices.
+    fn has_corner(&self, t: usize, is_one: impl Fn(usize) -> bool) -> bool {
+        self.mesh.triangles[t].iter().fold(false, |is, &v| is | is_one(v as usize))
     }
 
     /// Midpoints of intersecting pairs before the displacement, thinned out.
@@ -223,9 +233,11 @@ impl LeaningSurface<'_> {
                 }
             }
         }
-        (0..is_moved.len()).filter(|&v| is_moved[v]).for_each(|v| self.displace(v));
-        let is_changed = self.with_a_corner(|v| is_moved[v]);
-        search.update(self.mesh, &is_changed);
-        search.pairs_touching(self.mesh, &is_changed)
+        for v in (0..is_moved.len()).filter(|&v| is_moved[v]) {
+            self.displace(v, self.left[v] * self.field.at(self.place(v)));
+        }
+        let is_changed = |t: usize| self.has_corner(t, |v| is_moved[v]);
+        search.update(self.mesh, is_changed);
+        search.pairs_touching(self.mesh, is_changed)
     }
 }
