@@ -6,7 +6,7 @@ use super::sections::LayersAt;
 use super::shape::Shape;
 use super::spread::Spread;
 use super::track::{Changes, Following, Frame, Traced, per_mm};
-use super::tube::{Basis, Found, Intervals, Morphometry, Regions, Tube, measured_of};
+use super::tube::{Basis, Found, Intervals, Morphometry, Regions, Tube, detailed};
 use crate::geometry::cut::Body;
 use crate::model::{Cut, CutRing, Mesh, RingKind};
 use rayon::prelude::*;
@@ -85,7 +85,7 @@ pub fn morphometry_of_cuts(
     simulated: &Morphometry,
 ) -> (Morphometry, Option<Cuts>) {
     let sections = simulated.along.get("z_mm").map_or(0, Vec::len);
-    let measured = measured_of(sections);
+    let measured = cuts_of(sections);
     let intervals = Intervals::of_cuts(measured, sections);
     let (slices, changes) = slices(tissue, &places(tissue, intervals, measured), layers);
     let at: Vec<usize> = (0..slices.len()).filter(|&k| slices[k].measured.is_some()).collect();
@@ -103,6 +103,12 @@ pub fn morphometry_of_cuts(
         twist_deg,
     };
     (found.summarized(QUANTITIES.iter(), regions), cuts)
+}
+
+/// Number of cuts that are measured across a surface with this number of recorded sections.
+#[must_use]
+pub fn cuts_of(sections: usize) -> usize {
+    detailed(sections)
 }
 
 /// Place of a cut, and what is measured of it.

@@ -345,19 +345,21 @@ fn a_turning_tube() {
 }
 
 #[test]
-fn a_fifth_of_many_sections_is_measured_in_detail() {
+fn few_of_many_sections_are_measured_in_detail() {
     let lumen = comb(12, &plain());
-    let sections: Vec<Section> = (0..=90).map(|k| section(lumen.clone(), 10.0 * f64::from(k))).collect();
-    let regions = Regions { length_mm: 0.9, junction: [0.3, 0.4], piece: [0.0, 1.0] };
+    let sections: Vec<Section> = (0..=91).map(|k| section(lumen.clone(), 10.0 * f64::from(k))).collect();
+    let regions = Regions { length_mm: 0.91, junction: [0.3, 0.4], piece: [0.0, 1.0] };
     let found = morphometry(&sections, &[], &regions, Some(&|_| Layers::NONE));
     let Settings { detail_every, tree_every, layers_every, .. } = found.settings;
-    assert_eq!((detail_every, tree_every, layers_every), (5, 5, 15));
+    assert_eq!((detail_every, tree_every, layers_every), (6, 4, 16));
     let measured = |name: &str| found.along[name].iter().flatten().count();
-    assert_eq!(["lumen_area_mm2", "folds_on_ring", "islands"].map(measured), [91; 3]);
-    assert_eq!(["lumen_gap_p50_um", "lacunarity", "asymmetry", "primary_folds"].map(measured), [19; 4]);
+    assert_eq!(["lumen_area_mm2", "folds_on_ring", "islands"].map(measured), [92; 3]);
+    assert_eq!(measured("primary_folds"), 24);
+    // At the multiples of 6 and where layers are measured.
+    assert_eq!(["lumen_gap_p50_um", "lacunarity", "asymmetry"].map(measured), [21; 3]);
     assert_eq!(["free_lumen", "lumen_disc_share"].map(measured), [7; 2]);
     // The last section belongs to the measured ones even if it is not at a multiple.
-    assert!(found.along["lumen_gap_p50_um"][90].is_some());
+    assert!(found.along["lumen_gap_p50_um"][91].is_some());
     let short = morphometry(&sections[..13], &[], &regions, None);
     assert_eq!((short.settings.detail_every, short.settings.tree_every), (1, 1));
 }

@@ -6,10 +6,10 @@ use super::{fractal, ring, tree};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Number of sections per measured place, and the minimum and maximum number of such places.
-/// Neighbouring sections differ little.
-const SECTIONS_PER_MEASURED: usize = 5;
-const MEASURED: [usize; 2] = [13, 41];
+/// Number of sections per section that is measured in detail, and the minimum and maximum number of
+/// such sections; the same holds for cuts. Neighbouring sections differ little.
+const SECTIONS_PER_DETAILED: usize = 5;
+const DETAILED: [usize; 2] = [13, 41];
 /// Maximum number of sections whose shape tree is built; they are evenly spread.
 const TREES: usize = 31;
 /// Number of recorded sections per section whose layers are measured, and the minimum number of
@@ -246,10 +246,9 @@ impl Found {
     }
 }
 
-/// Number of places that are measured in a model with a number of recorded sections.
-#[must_use]
-pub fn measured_of(sections: usize) -> usize {
-    sections.div_ceil(SECTIONS_PER_MEASURED).clamp(MEASURED[0], MEASURED[1])
+/// Number of sections or cuts that are measured in detail in a model with a number of sections.
+pub(super) fn detailed(sections: usize) -> usize {
+    sections.div_ceil(SECTIONS_PER_DETAILED).clamp(DETAILED[0], DETAILED[1])
 }
 
 /// Intervals of measured sections or cuts.
@@ -258,7 +257,7 @@ pub(super) struct Intervals {
     count: usize,
     /// Interval at which more than the outline is measured.
     pub(super) detail: usize,
-    /// Interval at which the shape tree is built, a multiple of the other one.
+    /// Interval at which the shape tree is built.
     pub(super) tree: usize,
     /// Interval at which layers are measured, a multiple of that of the shape tree.
     pub(super) layers: usize,
@@ -267,26 +266,21 @@ pub(super) struct Intervals {
 impl Intervals {
     /// Intervals of the recorded sections of a model.
     pub(super) fn of_sections(count: usize) -> Self {
-        let last = count.saturating_sub(1);
-        Self::new(count, count, last.div_ceil(measured_of(count) - 1).max(1))
+        let detail = count.saturating_sub(1).div_ceil(detailed(count) - 1).max(1);
+        Self { detail, ..Self::of_cuts(count, count) }
     }
 
     /// Intervals of the measured cuts across a model with a number of recorded sections.
     pub(super) fn of_cuts(count: usize, sections: usize) -> Self {
-        Self::new(count, sections, 1)
-    }
-
-    fn new(count: usize, sections: usize, detail: usize) -> Self {
         let last = count.saturating_sub(1);
-        let every = |inner: usize, most: usize| inner * last.div_ceil(inner * (most - 1)).max(1);
-        let tree = every(detail, TREES);
+        let tree = last.div_ceil(TREES - 1).max(1);
         let layered = (sections / SECTIONS_PER_LAYERED).clamp(LEAST_LAYERED, LAYERED);
-        Self { count, detail, tree, layers: every(tree, layered) }
+        Self { count, detail: 1, tree, layers: tree * last.div_ceil(tree * (layered - 1)).max(1) }
     }
 
-    /// True if more than the outline of a section is measured.
+    /// True if more than the outline of a section is measured: at the interval, and where layers are.
     pub(super) fn has_detail(&self, k: usize) -> bool {
-        k.is_multiple_of(self.detail) || k + 1 == self.count
+        k.is_multiple_of(self.detail) || self.has_layers(k)
     }
 
     /// True if the shape tree of a section is built.
