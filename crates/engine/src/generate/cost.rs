@@ -10,7 +10,7 @@
 use super::outputs::{Output, Outputs};
 use crate::export::labels::SLICES_AT_A_TIME;
 use crate::export::lod::LEVEL_TRIANGLES;
-use crate::measure::morphometry::cuts_of;
+use crate::measure::morphometry::detailed_places;
 use crate::mesh::bend::PART_OF_RADIUS;
 use crate::model::BodyKind;
 use crate::spec::{Integrator, ModelSpec, Search};
@@ -204,7 +204,7 @@ impl Cost {
         bytes.insert("sections".to_owned(), count(SECTIONS_FIXED + SECTIONS_POINT_BYTES * section_points));
         let frames = spec.contraction.frames;
         let measured = if has_cuts(spec) {
-            u64::from(sections) * REPORT_SECTION_BYTES + cuts_of(sections as usize) as u64 * REPORT_CUT_BYTES
+            u64::from(sections) * REPORT_SECTION_BYTES + detailed_places(sections as usize) as u64 * REPORT_CUT_BYTES
         } else {
             u64::from(sections) * REPORT_CUT_BYTES
         };

@@ -1,12 +1,12 @@
 //! Measures of planar cuts across a surface: what a histologist sees of a leaning tube.
 
 use super::quantity::QUANTITIES;
-use super::section::{Extent, MODEL_RAYS_UM, Measures, measure_with};
+use super::section::{MODEL_RAYS_UM, Measures, Scope, measure_with};
 use super::sections::LayersAt;
 use super::shape::Shape;
 use super::spread::Spread;
 use super::track::{Changes, Following, Frame, Traced, per_mm};
-use super::tube::{Basis, Found, Intervals, Morphometry, Regions, Tube, detailed};
+use super::tube::{Basis, Found, Intervals, Morphometry, Regions, Tube, detailed_places};
 use crate::geometry::cut::Body;
 use crate::model::{Cut, CutRing, Mesh, RingKind};
 use rayon::prelude::*;
@@ -85,7 +85,7 @@ pub fn morphometry_of_cuts(
     simulated: &Morphometry,
 ) -> (Morphometry, Option<Cuts>) {
     let sections = simulated.along.get("z_mm").map_or(0, Vec::len);
-    let measured = cuts_of(sections);
+    let measured = detailed_places(sections);
     let intervals = Intervals::of_cuts(measured, sections);
     let (slices, changes) = slices(tissue, &places(tissue, intervals, measured), layers);
     let at: Vec<usize> = (0..slices.len()).filter(|&k| slices[k].measured.is_some()).collect();
@@ -103,12 +103,6 @@ pub fn morphometry_of_cuts(
         twist_deg,
     };
     (found.summarized(QUANTITIES.iter(), regions), cuts)
-}
-
-/// Number of cuts that are measured across a surface with this number of recorded sections.
-#[must_use]
-pub fn cuts_of(sections: usize) -> usize {
-    detailed(sections)
 }
 
 /// Place of a cut, and what is measured of it.
@@ -187,7 +181,7 @@ fn slice(cut: &Cut, place: &Place, layers: &LayersAt<'_>, frame: &Frame) -> Opti
             measures: measure_with(
                 &shape,
                 &base,
-                Extent { rays_um: Some(MODEL_RAYS_UM), tree: place.has_tree, layers: layers.as_ref() },
+                Scope { rays_um: Some(MODEL_RAYS_UM), tree: place.has_tree, layers: layers.as_ref() },
             ),
             islands: islands.map(|ring| ring.area_um2 as f32).collect(),
             pockets: cut.of(RingKind::Pocket).count(),

@@ -1,6 +1,6 @@
 //! Largest disc in the lumen.
 
-use super::shape::{Shape, edges};
+use super::shape::Shape;
 use crate::model::Border;
 use crate::tissue::Contour;
 
@@ -38,7 +38,8 @@ pub(super) fn largest_radius(shape: &Shape<'_>, mut chords: Vec<Chord>) -> f64 {
             break;
         }
         if let Some(radius) = contour.distance_beyond(chord.middle, least)
-            && is_in_lumen(shape, chord.middle)
+            // The normal at a sharp tip can leave the lumen.
+            && shape.has_in_lumen(chord.middle)
         {
             let place = starts.partition_point(|start| start.0 >= radius);
             starts.insert(place, (radius, chord.middle));
@@ -46,13 +47,6 @@ pub(super) fn largest_radius(shape: &Shape<'_>, mut chords: Vec<Chord>) -> f64 {
         }
     }
     starts.into_iter().map(|start| widened(&contour, start)).fold(0.0, f64::max)
-}
-
-/// True if a point lies in the lumen. The normal at a sharp tip can leave the lumen, so the middle
-/// of a chord can lie in the tissue.
-fn is_in_lumen(shape: &Shape<'_>, [x, y]: P2) -> bool {
-    let crosses = |([ax, ay], [bx, by]): (P2, P2)| (ay > y) != (by > y) && x < ax + (y - ay) / (by - ay) * (bx - ax);
-    shape.lumen.iter().flat_map(|ring| edges(ring)).filter(|&edge| crosses(edge)).count() % 2 == 1
 }
 
 /// Radius of a disc that was moved until it does not grow any more.

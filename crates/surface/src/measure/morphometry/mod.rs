@@ -41,7 +41,7 @@ mod tube;
 mod walls;
 
 pub use around::Around;
-pub use cuts::{AmongCuts, Cuts, cuts_of, morphometry_of_cuts};
+pub use cuts::{AmongCuts, Cuts, morphometry_of_cuts};
 pub use fractal::Dimension;
 pub use layers::LayerMeasures;
 pub use quantity::{CHANGES, ISLANDS, QUANTITIES, Quantity};
@@ -51,7 +51,7 @@ pub use shape::Shape;
 pub(in crate::measure) use shape::edges;
 pub use spread::Spread;
 pub use tree::Folds;
-pub use tube::{Along, Basis, Morphometry, Region, Regions, Settings, Tube};
+pub use tube::{Along, Basis, Morphometry, Region, Regions, Settings, Tube, detailed_places};
 
 #[cfg(test)]
 mod tests;

@@ -87,7 +87,7 @@ impl Measures {
 
 /// What is measured of a section.
 #[derive(Clone, Copy)]
-pub(super) struct Extent<'a> {
+pub(super) struct Scope<'a> {
     /// Maximum distance between the starts of rays, µm. `None` measures only areas, lengths and the
     /// counting ring.
     pub(super) rays_um: Option<f64>,
@@ -101,15 +101,15 @@ pub(super) struct Extent<'a> {
 /// measures.
 #[must_use]
 pub fn measure(shape: &Shape<'_>, trees: bool) -> Measures {
-    measure_with(shape, &shape.base_ellipse(), Extent { rays_um: Some(IMAGE_RAYS_UM), tree: trees, layers: None })
+    measure_with(shape, &shape.base_ellipse(), Scope { rays_um: Some(IMAGE_RAYS_UM), tree: trees, layers: None })
 }
 
 /// Measures a section with its base ellipse.
-pub(super) fn measure_with(shape: &Shape<'_>, base: &Ellipse, extent: Extent<'_>) -> Measures {
+pub(super) fn measure_with(shape: &Shape<'_>, base: &Ellipse, scope: Scope<'_>) -> Measures {
     let (lumen, outer, perimeter) = (shape.lumen_area(), shape.outer_area(), shape.perimeter());
-    let folds = if extent.tree { tree::folds(shape, base) } else { None };
+    let folds = if scope.tree { tree::folds(shape, base) } else { None };
     let clefts = folds.as_ref().map_or(&[][..], |folds| &folds.clefts);
-    let layers = extent.layers.filter(|_| !shape.lumen.is_empty());
+    let layers = scope.layers.filter(|_| !shape.lumen.is_empty());
     let height = folds.as_ref().and_then(|folds| folds.height_um);
     let mut measures = Measures {
         lumen_area_mm2: lumen / MM2_UM2,
@@ -134,7 +134,7 @@ pub(super) fn measure_with(shape: &Shape<'_>, base: &Ellipse, extent: Extent<'_>
         outline_dimension: None,
         lacunarity: None,
     };
-    if let Some(rays_um) = extent.rays_um {
+    if let Some(rays_um) = scope.rays_um {
         measures.add_detail(shape, base, rays_um, layers);
     }
     measures

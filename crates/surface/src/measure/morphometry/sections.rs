@@ -2,7 +2,7 @@
 
 use super::quantity::{QUANTITIES, Quantity};
 use super::ring::{Marked, Step};
-use super::section::{Extent, MODEL_RAYS_UM, Measures, measure_with};
+use super::section::{MODEL_RAYS_UM, Measures, Scope, measure_with};
 use super::shape::{Ellipse, Shape};
 use super::track::{Following, Frame, Traced, per_mm};
 use super::tube::{Basis, Found, Intervals, Morphometry, Regions};
@@ -41,8 +41,8 @@ pub fn morphometry(
         .map(|(k, ((_, section), (shape, base)))| {
             let layers = layers.filter(|_| intervals.has_layers(k)).map(|layers| layers(section.z_um));
             let rays_um = intervals.has_detail(k).then_some(MODEL_RAYS_UM);
-            let extent = Extent { rays_um, tree: intervals.has_tree(k), layers: layers.as_ref() };
-            (measure_with(shape, base, extent), Marked::new(section, base))
+            let scope = Scope { rays_um, tree: intervals.has_tree(k), layers: layers.as_ref() };
+            (measure_with(shape, base, scope), Marked::new(section, base))
         })
         .collect();
     let steps: Vec<Step> = measured.windows(2).map(|pair| pair[0].1.step(&pair[1].1)).collect();

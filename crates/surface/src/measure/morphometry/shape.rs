@@ -42,6 +42,13 @@ impl Shape<'_> {
         self.lumen.iter().filter(|ring| signed_area(ring) < 0.0).count() as u32
     }
 
+    /// True if a point lies in the lumen.
+    pub(super) fn has_in_lumen(&self, [x, y]: P2) -> bool {
+        let crosses =
+            |([ax, ay], [bx, by]): (P2, P2)| (ay > y) != (by > y) && x < ax + (y - ay) / (by - ay) * (bx - ax);
+        self.lumen.iter().flat_map(|ring| edges(ring)).filter(|&edge| crosses(edge)).count() % 2 == 1
+    }
+
     /// Length of the boundary of the lumen, µm.
     pub(super) fn perimeter(&self) -> f64 {
         let length = |ring: &&[[f32; 2]]| -> f64 { edges(ring).map(|(a, b)| distance(a, b)).sum() };

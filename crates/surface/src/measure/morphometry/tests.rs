@@ -1,6 +1,6 @@
 //! Shapes whose measures are known.
 
-use super::section::{Extent, measure_with};
+use super::section::{Scope, measure_with};
 use super::*;
 use crate::model::{Ring, Section};
 use crate::tissue::Layers;
@@ -68,8 +68,8 @@ const AREA: f64 = 0.08 * 0.36 + std::f64::consts::PI * 0.04 * 0.04 / 2.0;
 const LENGTH: f64 = 2.0 * 0.36 + std::f64::consts::PI * 0.04 - 0.08;
 
 /// All measures.
-fn with_layers(layers: &Layers) -> Extent<'_> {
-    Extent { rays_um: Some(5.0), tree: true, layers: Some(layers) }
+fn with_layers(layers: &Layers) -> Scope<'_> {
+    Scope { rays_um: Some(5.0), tree: true, layers: Some(layers) }
 }
 
 fn of(lumen: &[[f32; 2]], outer: &[[f32; 2]]) -> Measures {

@@ -131,7 +131,7 @@ pub struct Settings {
     pub least_slenderness: f64,
     /// Interval of sections or cuts at which thickness, gap, asymmetry, dimensions and lacunarity are
     /// measured. Reports of version 0.3.0 and earlier lack this member; they measured all sections.
-    #[serde(default = "every")]
+    #[serde(default)]
     #[cfg_attr(feature = "schema", schema(required = false))]
     pub detail_every: u32,
     /// Interval of sections or cuts at which the shape tree is built.
@@ -141,10 +141,6 @@ pub struct Settings {
     #[serde(default)]
     #[cfg_attr(feature = "schema", schema(required = false))]
     pub layers_every: u32,
-}
-
-fn every() -> u32 {
-    1
 }
 
 impl Morphometry {
@@ -247,7 +243,8 @@ impl Found {
 }
 
 /// Number of sections or cuts that are measured in detail in a model with a number of sections.
-pub(super) fn detailed(sections: usize) -> usize {
+#[must_use]
+pub fn detailed_places(sections: usize) -> usize {
     sections.div_ceil(SECTIONS_PER_DETAILED).clamp(DETAILED[0], DETAILED[1])
 }
 
@@ -266,7 +263,7 @@ pub(super) struct Intervals {
 impl Intervals {
     /// Intervals of the recorded sections of a model.
     pub(super) fn of_sections(count: usize) -> Self {
-        let detail = count.saturating_sub(1).div_ceil(detailed(count) - 1).max(1);
+        let detail = count.saturating_sub(1).div_ceil(detailed_places(count) - 1).max(1);
         Self { detail, ..Self::of_cuts(count, count) }
     }
 
