@@ -89,7 +89,8 @@ fn begin(
 ) -> Result<Outcome, GenerateError> {
     match request.backend {
         Backend::Gpu => Err(GenerateError::Backend { detail: "a GPU needs a device: use generate_batch".into() }),
-        Backend::Auto | Backend::Cpu => run(request, from, sink, cancel),
+        // On a thread of the pool, so that the caller is not one thread too many.
+        Backend::Auto | Backend::Cpu => rayon::scope(|_| run(request, from, sink, cancel)),
         // The caller has a pool of one thread already.
         Backend::CpuSingle if rayon::current_thread_index().is_some() && rayon::current_num_threads() == 1 => {
             run(request, from, sink, cancel)

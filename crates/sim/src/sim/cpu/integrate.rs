@@ -11,8 +11,10 @@
 //! in the chain of the next one. The last pass of a step moves the particles.
 
 use super::chain::{Chain, Stretch, take};
-use super::neighbours::{LoopPart, Neighbours, OwnSegments, Update, each};
-use super::pairs::{CLEARANCE_CAP, Group, Kernel, Sums};
+use super::clearance::SegmentDistances;
+use super::neighbours::{LoopPart, Neighbours, OwnSegments, Update};
+use super::pairs::{Group, Kernel, Sums};
+use super::team::each;
 use super::{local, scalar, sway};
 use crate::sim::layout::StepRow;
 use crate::sim::maths::{max, min};
@@ -33,7 +35,7 @@ pub(super) const LIMITS: [f32; 2] = [1e-5, 5.0];
 const STAGES: [(f32, f32); 4] = [(1.0, 0.5), (2.0, 0.5), (2.0, 1.0), (1.0, 0.0)];
 
 /// Buffers of a step.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub(super) struct Work {
     /// Arithmetic of the pair forces.
     kernel: Kernel,
@@ -43,9 +45,10 @@ pub(super) struct Work {
     /// True if the first chain is the chain of the state.
     loaded: bool,
     parts: Vec<Buffers>,
-    /// For each part, the minimum squared distance of each segment of the loop to the particles of
-    /// the part at the start of the step.
-    near: Vec<Vec<f32>>,
+    /// Minimum squared distance of each segment to the particles at the start of the step, during
+    /// and after the first evaluation.
+    nearing: SegmentDistances,
+    near: Vec<f32>,
     /// Clearance of each particle at the start of the last step, µm.
     clearance: Vec<f32>,
 }
@@ -86,6 +89,7 @@ impl Work {
             chains: [Chain::default(), Chain::default()],
             loaded: false,
             parts: Vec::new(),
+            nearing: SegmentDistances::default(),
             near: Vec::new(),
             clearance,
         }
@@ -106,8 +110,7 @@ impl Work {
         let n = s.len();
         self.chains[0].load(s);
         self.chains[1].resize(n);
-        self.near.resize_with(parts.len(), Vec::new);
-        self.near.iter_mut().for_each(|near| near.resize(n, 0.0));
+        self.nearing.resize(n);
         self.clearance.resize(n, 0.0);
         self.parts.resize_with(parts.len(), Buffers::default);
         for (buffers, part) in self.parts.iter_mut().zip(parts) {
@@ -163,13 +166,15 @@ pub(super) fn step(
         let (parts, lists) = neighbours.prepare(chain, &s.scale, row);
         let mut steps = part_steps(s, next, parts, &mut work.parts, &mut work.clearance);
         if stage == 0 {
-            each(steps.iter_mut().zip(&mut work.near), |(step, near)| {
+            let nearing = &work.nearing;
+            each(steps.iter_mut(), |step| {
                 step.begin(common);
-                step.evaluate(common, modifier, chain, &lists, Some(near));
+                step.evaluate(common, modifier, chain, &lists, Some(nearing));
                 if plan.integrator == Integrator::Rk4 {
                     step.advance(common, stage, chain);
                 }
             });
+            work.nearing.take(&mut work.near);
         } else {
             let near = &work.near;
             each(steps.iter_mut(), |step| {
@@ -266,7 +271,7 @@ impl PartStep<'_> {
         modifier: f32,
         chain: &Chain,
         lists: &Update<'_>,
-        near: Option<&mut Vec<f32>>,
+        near: Option<&SegmentDistances>,
     ) {
         lists.apply(self.part, self.scale);
         let step = local::LocalStep { row: c.row, region: c.region, modifier };
@@ -275,10 +280,6 @@ impl PartStep<'_> {
         let Buffers { a: [ax, ay], near: vertex_near, pull, sway, rest, .. } = &mut **buffers;
         let own = local::OwnParticles { rest, anchor: self.anchor, sign: self.sign, cleft: self.cleft };
         let (ax, ay, vertex_near) = (&mut ax[..], &mut ay[..], &mut vertex_near[..]);
-        let mut near = near.map(|near| &mut near[..]);
-        if let Some(near) = &mut near {
-            near.fill(CLEARANCE_CAP * CLEARANCE_CAP);
-        }
         match c.kernel {
             Kernel::Scalar => {
                 scalar::gather(c.vectors.lanes(), chain, scale, c.row, part, [ax, ay, vertex_near], near);
@@ -338,8 +339,8 @@ impl PartStep<'_> {
     }
 
     /// Moves the particles, as far as their clearances allow.
-    fn conclude(&mut self, c: Common<'_>, chain: &Chain, near: &[Vec<f32>]) {
-        self.clear(c, chain.len(), near);
+    fn conclude(&mut self, c: Common<'_>, chain: &Chain, near: &[f32]) {
+        self.clear(c, near);
         let places = self.part.particles.start + 1..self.part.particles.end + 1;
         let (own_vx, own_vy) = (&chain.vx[places.clone()], &chain.vy[places]);
         let Buffers { a: [ax, ay], sum_v: [sum_vx, sum_vy], sum_a: [sum_ax, sum_ay], result, .. } = &mut *self.buffers;
@@ -373,27 +374,17 @@ impl PartStep<'_> {
     }
 
     /// Computes the clearances from the distances that all parts have found.
-    fn clear(&mut self, c: Common<'_>, n: usize, near: &[Vec<f32>]) {
+    fn clear(&mut self, c: Common<'_>, near: &[f32]) {
         let (first, count) = (self.part.particles.start, self.part.particles.len());
-        let vertex_near = &self.buffers.near[..count];
+        let before = near[if first == 0 { near.len() - 1 } else { first - 1 }];
+        let (vertex_near, near) = (&self.buffers.near[..count], &near[first..][..count]);
         let clearance = &mut self.clearance[..count];
         c.vectors.run(
             #[inline(always)]
             || {
-                clearance.copy_from_slice(vertex_near);
-                for near in near {
-                    let before = near[(first + n - 1) % n];
-                    clearance[0] = min(clearance[0], before);
-                    let near = &near[first..][..count];
-                    for i in 1..count {
-                        clearance[i] = min(clearance[i], near[i - 1]);
-                    }
-                    for i in 0..count {
-                        clearance[i] = min(clearance[i], near[i]);
-                    }
-                }
-                for clearance in clearance.iter_mut() {
-                    *clearance = clearance.sqrt();
+                clearance[0] = min(min(vertex_near[0], before), near[0]).sqrt();
+                for i in 1..count {
+                    clearance[i] = min(min(vertex_near[i], near[i - 1]), near[i]).sqrt();
                 }
             },
         );
@@ -507,24 +498,24 @@ struct Gather<'a> {
     fx: &'a mut [f32],
     fy: &'a mut [f32],
     near: &'a mut [f32],
-    segment_near: Option<&'a mut [f32]>,
+    segment_near: Option<&'a SegmentDistances>,
 }
 
 impl WithSimd for Gather<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(mut self, simd: S) {
-        match self.segment_near.take() {
+    fn with_simd<S: Simd>(self, simd: S) {
+        match self.segment_near {
             Some(segment_near) => self.run::<S, true>(simd, segment_near),
-            None => self.run::<S, false>(simd, &mut []),
+            None => self.run::<S, false>(simd, &SegmentDistances::default()),
         }
     }
 }
 
 impl Gather<'_> {
     #[inline(always)]
-    fn run<S: Simd, const CLEARANCE: bool>(self, simd: S, segment_near: &mut [f32]) {
+    fn run<S: Simd, const CLEARANCE: bool>(self, simd: S, segment_near: &SegmentDistances) {
         let Self { chain, scale, row, part, fx, fy, near, .. } = self;
         let (lanes, n) = (Lanes::<S>::COUNT, chain.len());
         let (first, count) = (part.particles.start, part.particles.len());
@@ -545,7 +536,7 @@ impl Gather<'_> {
                         group.place::<false>(&chain.blocks, j)
                     };
                     if CLEARANCE && let Some(least) = sums.approach(&group, &placed) {
-                        segment_near[j] = min(segment_near[j], least);
+                        segment_near.lower(j, least);
                     }
                     sums.take(&group, placed);
                 },

@@ -6,6 +6,7 @@
 //! code never uses fused multiply-add.
 
 mod chain;
+mod clearance;
 mod clefts;
 #[cfg(feature = "fuzzing")]
 #[doc(hidden)]
@@ -19,6 +20,7 @@ mod pairs;
 mod saved;
 mod scalar;
 mod sway;
+mod team;
 mod thickness;
 mod variety;
 
@@ -138,6 +140,10 @@ impl CpuSimulation {
     /// # Errors
     /// [`SimError`] if the new state is not valid.
     pub fn step(&mut self) -> Result<(), SimError> {
+        team::awake(self.neighbours.threads(), || self.advance())
+    }
+
+    fn advance(&mut self) -> Result<(), SimError> {
         let row = *self.plan.at(self.time);
         if self.plan.grows_at(self.time) {
             self.grow(&row);

@@ -26,7 +26,6 @@ use crate::vectorize::{Simd, Vectors, WithSimd};
 use grid::Grid;
 pub(super) use lists::OwnSegments;
 use lists::{Groups, Lists, OwnParticles, References, Restless, SLOPE, Sight, Tables, square};
-use rayon::prelude::*;
 use std::ops::Range;
 
 /// Factor of the skin, µm. With a skin s, the length of lists grows in proportion to s, and a
@@ -111,6 +110,10 @@ impl Neighbours {
             valid: false,
             builds: 0,
         }
+    }
+
+    pub(super) fn threads(&self) -> usize {
+        self.threads
     }
 
     /// Continues the count of builds from `builds`.
@@ -334,15 +337,5 @@ impl WithSimd for ListUpdate<'_> {
             None => lists.build(simd, own, groups),
             Some(restless) => lists.mend(simd, own, restless, groups),
         }
-    }
-}
-
-/// Runs `work` on every item, in parallel.
-pub(super) fn each<T: Send>(items: impl Iterator<Item = T>, work: impl Fn(T) + Sync + Send) {
-    let items: Vec<T> = items.collect();
-    if items.len() == 1 {
-        items.into_iter().for_each(work);
-    } else {
-        items.into_par_iter().for_each(work);
     }
 }

@@ -3,6 +3,7 @@
 //! arithmetic.
 
 use super::chain::Chain;
+use super::clearance::SegmentDistances;
 use super::neighbours::{LoopPart, OwnSegments};
 use super::pairs::{CLEARANCE_CAP, PairTerms, reference_force};
 use crate::sim::layout::StepRow;
@@ -17,7 +18,7 @@ pub(super) fn gather(
     row: &StepRow,
     part: &LoopPart,
     [fx, fy, near]: [&mut [f32]; 3],
-    mut segment_near: Option<&mut [f32]>,
+    segment_near: Option<&SegmentDistances>,
 ) {
     let n = chain.len();
     let point = |i: usize| [chain.x[i + 1], chain.y[i + 1]];
@@ -32,10 +33,10 @@ pub(super) fn gather(
             let (force, closeness) = reference_force(&terms, point(j), point(j + 1));
             sum[0] += force[0];
             sum[1] += force[1];
-            if let Some(segment_near) = &mut segment_near {
+            if let Some(segment_near) = segment_near {
                 let square = 1.0 / (closeness * closeness);
                 nearest = nearest.min(square);
-                segment_near[j] = segment_near[j].min(square);
+                segment_near.lower(j, square);
             }
         };
         let group = k - k % lanes;
