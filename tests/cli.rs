@@ -483,6 +483,14 @@ fn a_job_store_that_cannot_be_opened_is_named_and_ends_the_process() {
 }
 
 #[test]
+fn a_gpu_that_does_not_exist_stops_the_service() {
+    let at = folder();
+    let output = run(at.path(), &["serve", "--gpu", "no such card"]);
+    assert_eq!(code(&output), 2, "{}", said(&output));
+    assert!(said(&output).contains("--gpu: "), "{}", said(&output));
+}
+
+#[test]
 fn faults_are_armed_by_name_in_builds_of_tests() {
     let at = folder();
     let mut command = oviduct(at.path());

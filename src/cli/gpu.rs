@@ -5,39 +5,51 @@ use crate::generate::{
     Backend, Calls, CancelToken, GenerateError, Member, Outcome, Request, Sink, generate, generate_batch,
 };
 use crate::lock::Mutex;
-use crate::sim::gpu::{GpuDevice, GpuError, GpuOptions, adapters};
+use crate::sim::gpu::{GpuDevice, GpuError, GpuOptions, adapters, choose};
 use crate::worker::{BatchGenerator, GpuGenerator};
 use std::sync::Arc;
 
 /// Reason that is reported with `--gpu off`.
 const OFF: &str = "GPUs are switched off (--gpu off)";
 
-fn options(args: GpuArgs) -> GpuOptions {
+fn options(args: &GpuArgs) -> GpuOptions {
     GpuOptions { allow_software: args.allow_software_adapter, ..GpuOptions::default() }
 }
 
 /// Returns a generator for each GPU, or the reason why there is none.
-pub(super) async fn generators(args: GpuArgs) -> Result<Vec<Arc<dyn BatchGenerator>>, String> {
-    let found = match args.gpu {
-        GpuUse::Off => Err(OFF.to_owned()),
-        GpuUse::Auto => match tokio::task::spawn_blocking(move || GpuGenerator::all(options(args))).await {
+pub(super) async fn generators(args: &GpuArgs) -> Result<Vec<Arc<dyn BatchGenerator>>, String> {
+    let options = options(args);
+    let list = match args.gpu.clone() {
+        GpuUse::Off => None,
+        GpuUse::Auto => Some(tokio::task::spawn_blocking(move || GpuGenerator::all(options))),
+        GpuUse::One(choice) => {
+            Some(tokio::task::spawn_blocking(move || Ok(vec![GpuGenerator::chosen(options, &choice)?])))
+        }
+    };
+    let found = match list {
+        None => Err(OFF.to_owned()),
+        Some(list) => match list.await {
             Ok(found) => found.map_err(|error| error.to_string()),
             Err(panic) => Err(format!("the graphics driver failed: {panic}")),
         },
     };
-    if let Err(reason) = &found {
+    if let (Err(reason), GpuUse::Auto | GpuUse::Off) = (&found, &args.gpu) {
         tracing::info!(reason, "no GPU worker; models are grown on the CPU");
     }
     Ok(found?.into_iter().map(|gpu| Arc::new(gpu) as Arc<dyn BatchGenerator>).collect())
 }
 
-/// Opens the best GPU, or returns the reason why there is none.
-pub fn best(args: GpuArgs) -> Result<GpuDevice, String> {
-    if args.gpu == GpuUse::Off {
-        return Err(OFF.to_owned());
+/// Opens the chosen GPU or else the best one, or returns the reason why there is none.
+pub fn best(args: &GpuArgs) -> Result<GpuDevice, String> {
+    let mut found = match args.gpu {
+        GpuUse::Off => return Err(OFF.to_owned()),
+        GpuUse::Auto | GpuUse::One(_) => adapters(&options(args)).map_err(|error| error.to_string())?,
+    };
+    if let GpuUse::One(choice) = &args.gpu {
+        found = vec![found.swap_remove(choose(&found, choice).map_err(|error| error.to_string())?)];
     }
     let mut last = GpuError::NoAdapter { software: false };
-    for adapter in adapters(&options(args)).map_err(|error| error.to_string())? {
+    for adapter in found {
         match GpuDevice::open(&adapter, &options(args)) {
             Ok(device) => return Ok(device),
             Err(error) => last = error,
@@ -53,7 +65,7 @@ pub fn best(args: GpuArgs) -> Result<GpuDevice, String> {
 /// [`GenerateError`].
 pub(super) fn grow(
     request: &Request,
-    args: GpuArgs,
+    args: &GpuArgs,
     sink: &dyn Sink,
     cancel: &CancelToken,
 ) -> Result<(Outcome, Option<String>), GenerateError> {
@@ -67,7 +79,8 @@ pub(super) fn grow(
             Err(GenerateError::Gpu(error)) if auto => error.to_string(),
             other => return other.map(|outcome| (outcome, None)),
         },
-        Err(reason) if auto => reason,
+        // The absence of a GPU that was chosen is an error of the command line.
+        Err(reason) if auto && !matches!(args.gpu, GpuUse::One(_)) => reason,
         Err(detail) => return Err(GenerateError::Backend { detail }),
     };
     tracing::info!(reason, "the model is grown on the CPU");
@@ -146,11 +159,16 @@ mod tests {
             memory_limit_bytes: None,
         };
         let off = GpuArgs { gpu: GpuUse::Off, allow_software_adapter: false };
-        let run = |backend| grow(&request(backend), off, &(), &CancelToken::default());
+        let run = |backend| grow(&request(backend), &off, &(), &CancelToken::default());
         let (outcome, fallback) = run(Backend::Auto).unwrap();
         assert_eq!((outcome.used, fallback.as_deref()), (UsedBackend::Cpu, Some(OFF)));
         assert_eq!(run(Backend::CpuSingle).unwrap().1, None);
         let error = run(Backend::Gpu).unwrap_err().to_string();
         assert!(error.contains(OFF), "{error}");
+        let absent = GpuArgs { gpu: GpuUse::One("no such card".into()), ..off };
+        for backend in [Backend::Auto, Backend::Gpu] {
+            let error = grow(&request(backend), &absent, &(), &CancelToken::default()).unwrap_err();
+            assert!(matches!(error, GenerateError::Backend { .. }), "{error}");
+        }
     }
 }

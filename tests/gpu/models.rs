@@ -80,6 +80,19 @@ fn the_command_grows_on_a_gpu() {
     assert_eq!(told["certificate"]["passed"], true);
     assert!(dir.path().join("model/model.glb").exists());
 
+    // A card is chosen by its number or a part of its name.
+    let name = told["backend"]["device"].as_str().unwrap().to_lowercase();
+    for choice in ["0", &name[..name.len().min(8)]] {
+        let output = run(&["--backend", "gpu", "--allow-software-adapter", "--force", "--gpu", choice]);
+        let told: Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(told["backend"]["used"], "gpu", "{choice}");
+    }
+    // A card that does not exist is an error even where the CPU would do.
+    let output = run(&["--allow-software-adapter", "--gpu", "no such card"]);
+    let told = String::from_utf8_lossy(&output.stderr).to_lowercase();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(told.contains("there is no gpu `no such card`; this machine has 0: ") && told.contains(&name), "{told}");
+
     let output = run(&["--backend", "gpu", "--gpu", "off"]);
     assert_eq!(output.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&output.stderr).contains("--gpu off"));

@@ -46,8 +46,8 @@ impl Command {
     /// Returns true if the command may open a GPU.
     fn may_use_gpu(&self) -> bool {
         match self {
-            Self::Bench(args) => args.gpu.gpu == GpuUse::Auto,
-            Self::Figures(args) => args.gpu.gpu == GpuUse::Auto,
+            Self::Bench(args) => args.gpu.gpu != GpuUse::Off,
+            Self::Figures(args) => args.gpu.gpu != GpuUse::Off,
             Self::Plot(_) => false,
         }
     }

@@ -145,13 +145,14 @@ pub(super) enum Command {
 impl Command {
     /// Returns true if the command may open a GPU.
     pub(super) fn may_use_gpu(&self) -> bool {
-        let gpu = match self {
-            Self::Serve(args) => args.process.gpu.gpu,
-            Self::Worker(args) => args.process.gpu.gpu,
-            Self::Generate(args) if matches!(args.model.backend, Backend::Auto | Backend::Gpu) => args.gpu.gpu,
-            Self::Demo(_) => GpuUse::Auto,
-            _ => GpuUse::Off,
-        };
-        gpu == GpuUse::Auto
+        match self {
+            Self::Serve(args) => args.process.gpu.gpu != GpuUse::Off,
+            Self::Worker(args) => args.process.gpu.gpu != GpuUse::Off,
+            Self::Generate(args) if matches!(args.model.backend, Backend::Auto | Backend::Gpu) => {
+                args.gpu.gpu != GpuUse::Off
+            }
+            Self::Demo(_) => true,
+            _ => false,
+        }
     }
 }

@@ -4,8 +4,9 @@ use crate::cli::remote::Key;
 use crate::cli::units::{self, NamedUnit};
 use crate::generate::{Backend, Output, Outputs};
 use crate::model::{BodyKind, LengthUnit};
+use clap::Args;
 use clap::builder::FalseyValueParser;
-use clap::{Args, ValueEnum};
+use std::fmt;
 use std::path::PathBuf;
 
 /// Spec and seed of a model.
@@ -56,10 +57,10 @@ impl ModelArgs {
 }
 
 /// Selection of GPUs.
-#[derive(Clone, Copy, Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct GpuArgs {
-    /// Use of GPUs
-    #[arg(long, value_name = "WHEN", value_enum, default_value_t = GpuUse::Auto)]
+    /// GPUs to use: auto (all), off, or one of them by its number, from 0, or a part of its name
+    #[arg(long, value_name = "WHICH", value_parser = GpuUse::parse, default_value_t = GpuUse::Auto)]
     pub gpu: GpuUse,
     /// Also use software adapters, which compute on the CPU (Mesa's llvmpipe); slow, for tests
     #[arg(long, value_parser = FalseyValueParser::new())]
@@ -67,12 +68,37 @@ pub struct GpuArgs {
 }
 
 /// Use of GPUs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum GpuUse {
     /// All GPUs of this machine.
     Auto,
     /// No GPU.
     Off,
+    /// The GPU with this number or this part of its name, and no other; see [`choose`].
+    ///
+    /// [`choose`]: crate::sim::gpu::choose
+    One(String),
+}
+
+impl GpuUse {
+    fn parse(text: &str) -> Result<Self, String> {
+        match text.trim() {
+            "" => Err("must be auto, off, or a GPU by its number or a part of its name".to_owned()),
+            "auto" => Ok(Self::Auto),
+            "off" => Ok(Self::Off),
+            choice => Ok(Self::One(choice.to_owned())),
+        }
+    }
+}
+
+impl fmt::Display for GpuUse {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Auto => "auto",
+            Self::Off => "off",
+            Self::One(choice) => choice,
+        })
+    }
 }
 
 /// Unit of a surface that is read.

@@ -33,7 +33,7 @@ pub(in crate::cli) async fn run(args: GenerateArgs) -> Ended {
         dir: scratch.dir().to_owned(),
         memory_limit_bytes: args.memory_limit,
     };
-    let (mut outcome, fallback, request) = grow(request, args.gpu, &mut signals).await?;
+    let (mut outcome, fallback, request) = grow(request, args.gpu.clone(), &mut signals).await?;
     let manifest = manifest(&request, &outcome, scratch.dir()).context(MANIFEST)?;
     outcome.files.push(manifest);
     let publish = |name: &str| scratch.publish(name).with_context(|| name.to_owned());
@@ -105,7 +105,7 @@ pub async fn grow(
     let bar = term::Bar::on_stderr();
     let task = tokio::task::spawn_blocking({
         let (cancel, sink) = (cancel.clone(), Shown(bar.clone()));
-        move || (gpu::grow(&request, gpu, &sink, &cancel), request)
+        move || (gpu::grow(&request, &gpu, &sink, &cancel), request)
     });
     match signals.stoppable(task, &cancel, &bar).await?.context("the generation panicked")? {
         (Ok((outcome, fallback)), request) => Ok((outcome, fallback, request)),

@@ -7,7 +7,7 @@ pub(super) mod run;
 pub(super) mod scrub;
 mod upkeep;
 
-use crate::cli::args::{DatabaseArgs, ProcessArgs, ServeArgs};
+use crate::cli::args::{DatabaseArgs, GpuUse, ProcessArgs, ServeArgs};
 use crate::cli::exit::Failure;
 use crate::cli::{gpu, term};
 use crate::http::{AccessOptions, AppState, Limits, WithoutKeys, execute_operations, router, watch_router};
@@ -185,7 +185,7 @@ type Gpus = Result<Vec<Arc<dyn BatchGenerator>>, String>;
 /// Returns the GPUs that the options allow.
 ///
 /// # Errors
-/// [`Failure::Usage`] for leases that are too short or too long.
+/// [`Failure::Usage`] for leases that are too short or too long, and for a GPU that does not exist.
 async fn find_gpus(args: &ProcessArgs) -> Result<Gpus, Failure> {
     if args.lease < 2 * args.heartbeat {
         return Err(Failure::usage("--lease must be at least twice --heartbeat"));
@@ -193,7 +193,10 @@ async fn find_gpus(args: &ProcessArgs) -> Result<Gpus, Failure> {
     if args.lease > MAX_LEASE {
         return Err(Failure::usage(format!("--lease must be at most {} s", MAX_LEASE.as_secs())));
     }
-    Ok(gpu::generators(args.gpu).await)
+    match gpu::generators(&args.gpu).await {
+        Err(reason) if matches!(args.gpu.gpu, GpuUse::One(_)) => Err(Failure::usage(format!("--gpu: {reason}"))),
+        found => Ok(found),
+    }
 }
 
 impl Service {

@@ -7,7 +7,7 @@ use crate::jobs::{BackendReport, Job};
 use crate::lock::Mutex;
 use crate::panics::panic_message;
 use crate::sim::Plan;
-use crate::sim::gpu::{Adapter, GpuDevice, GpuError, GpuOptions, adapters};
+use crate::sim::gpu::{Adapter, GpuDevice, GpuError, GpuOptions, adapters, choose};
 use crate::worker::generator::{AdmittedPlan, BatchCallbacks, BatchGenerator, BatchMember, GenerationInput, WorkError};
 use crate::worker::verdict;
 use rayon::ThreadPool;
@@ -164,6 +164,15 @@ impl GpuGenerator {
             device: Mutex::new(None),
         };
         Ok(found.iter().enumerate().map(generator).collect())
+    }
+
+    /// A generator for the adapter that `choice` names, among those that `options` allow.
+    ///
+    /// # Errors
+    /// [`GpuError`] if there is no such adapter.
+    pub fn chosen(options: GpuOptions, choice: &str) -> Result<Self, GpuError> {
+        let place = choose(&adapters(&options)?, choice)?;
+        Ok(Self::all(options)?.swap_remove(place))
     }
 
     /// The device, open.

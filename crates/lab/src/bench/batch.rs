@@ -15,7 +15,7 @@ const LARGEST: usize = 64;
 /// Largest batch size with `--quick`.
 const LARGEST_QUICK: usize = 8;
 
-pub(super) fn run(quick: bool, args: GpuArgs) -> anyhow::Result<Report> {
+pub(super) fn run(quick: bool, args: &GpuArgs) -> anyhow::Result<Report> {
     let (what, patch) = if quick {
         let small = json!({
             "steps": 200, "burn_in": 20,

@@ -88,7 +88,7 @@ enum Bench {
 pub(crate) async fn run(args: BenchArgs) -> Ended {
     let BenchArgs { what, quick, json, out, peers, python, program, before, presets, database, gpu } = args;
     let (name, task) = match what {
-        Bench::Paper => ("bench-paper", tokio::task::spawn_blocking(move || paper::run(quick, gpu))),
+        Bench::Paper => ("bench-paper", tokio::task::spawn_blocking(move || paper::run(quick, &gpu))),
         Bench::Model => {
             let models = model::Models { program, before, presets };
             ("bench-model", tokio::task::spawn_blocking(move || model::run(quick, &models)))
@@ -98,9 +98,9 @@ pub(crate) async fn run(args: BenchArgs) -> Ended {
             let dir = peers
                 .ok_or_else(|| anyhow::anyhow!("--peers DIR is needed: where peer_numba.py and peer_warp.py are"))?;
             let peers = peers::Peers { dir, python };
-            ("bench-peers", tokio::task::spawn_blocking(move || peers::run(quick, &peers, gpu)))
+            ("bench-peers", tokio::task::spawn_blocking(move || peers::run(quick, &peers, &gpu)))
         }
-        Bench::Batch => ("bench-batch", tokio::task::spawn_blocking(move || batch::run(quick, gpu))),
+        Bench::Batch => ("bench-batch", tokio::task::spawn_blocking(move || batch::run(quick, &gpu))),
         Bench::Overhead => ("bench-overhead", tokio::spawn(overhead::run(quick, gpu))),
         Bench::Queue => ("bench-queue", tokio::spawn(queue::run(quick, database))),
     };

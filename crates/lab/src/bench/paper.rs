@@ -75,13 +75,13 @@ impl Version {
     }
 }
 
-pub(super) fn run(quick: bool, args: GpuArgs) -> anyhow::Result<Report> {
+pub(super) fn run(quick: bool, args: &GpuArgs) -> anyhow::Result<Report> {
     let spec = probe::paper(&json!({}))?;
     report(&measure(&Plan::new(&spec, SEED), quick, args)?)
 }
 
 /// Measures all versions on a plan.
-pub(crate) fn measure(plan: &Plan, quick: bool, args: GpuArgs) -> anyhow::Result<Measured> {
+pub(crate) fn measure(plan: &Plan, quick: bool, args: &GpuArgs) -> anyhow::Result<Measured> {
     let cores = machine::threads();
     let (runs, repeats) = if quick { (1, 1) } else { (5, 7) };
     let variant = |search, kernel, threads| Variant { search, kernel, threads };

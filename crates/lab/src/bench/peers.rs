@@ -57,7 +57,7 @@ struct Comparison {
     ratio: f64,
 }
 
-pub(super) fn run(quick: bool, peers: &Peers, args: GpuArgs) -> anyhow::Result<Report> {
+pub(super) fn run(quick: bool, peers: &Peers, args: &GpuArgs) -> anyhow::Result<Report> {
     let spec = probe::paper(&json!({}))?;
     let plan = Plan::new(&spec, SEED);
     let runs = if quick { 1 } else { 5 };
@@ -230,7 +230,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let peers = peers(dir.path(), "exit 1");
         let off = GpuArgs { gpu: GpuUse::Off, allow_software_adapter: false };
-        let error = run(true, &peers, off).err().unwrap().to_string();
+        let error = run(true, &peers, &off).err().unwrap().to_string();
         for wanted in ["no peer could be compared", "peer_numba.py failed", "there is no", "peer_warp.py"] {
             assert!(error.contains(wanted), "{error}");
         }

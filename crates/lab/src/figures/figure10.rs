@@ -12,7 +12,7 @@ const VERSIONS: [&str; 5] = ["lists", "lists-multi", "gpu", "paper-single", "pap
 /// Steps between points of the curve by time steps.
 const EVERY: usize = 10;
 
-pub(super) fn draw(measured: &Measured, allowed: GpuUse) -> anyhow::Result<Figure> {
+pub(super) fn draw(measured: &Measured, allowed: &GpuUse) -> anyhow::Result<Figure> {
     let found: Vec<(&str, Option<&Version>)> = VERSIONS.iter().map(|id| (*id, measured.version(id))).collect();
     let by_particles: Vec<Line> = found
         .iter()
@@ -82,18 +82,20 @@ pub(super) fn draw(measured: &Measured, allowed: GpuUse) -> anyhow::Result<Figur
 }
 
 /// Returns a sentence about the GPU.
-pub(super) fn gpu(measured: &Measured, allowed: GpuUse) -> String {
+pub(super) fn gpu(measured: &Measured, allowed: &GpuUse) -> String {
     let reason = measured.gpu()["reason"].as_str().unwrap_or_default();
     match (measured.version("gpu"), allowed) {
         (Some(version), _) => format!("GPU: {}.", version.label),
-        (None, GpuUse::Auto) => format!("No GPU on this machine, so there is no time of one ({reason})."),
+        (None, GpuUse::Auto | GpuUse::One(_)) => {
+            format!("No GPU on this machine, so there is no time of one ({reason}).")
+        }
         (None, GpuUse::Off) => format!("There is no time of a GPU: {reason}."),
     }
 }
 
-fn no_gpu(allowed: GpuUse) -> Line {
+fn no_gpu(allowed: &GpuUse) -> Line {
     let label = match allowed {
-        GpuUse::Auto => "GPU: none on this machine",
+        GpuUse::Auto | GpuUse::One(_) => "GPU: none on this machine",
         GpuUse::Off => "GPU: not used",
     };
     Line { label: label.to_owned(), points: Vec::new() }

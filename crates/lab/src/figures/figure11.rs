@@ -14,13 +14,13 @@ const NAMES: [&str; 3] = ["Single-core CPU", "Multi-core CPU", "GPU"];
 const VERSIONS: [[Option<&str>; 2]; 3] =
     [[Some("paper-single"), Some("lists")], [Some("paper-multi"), Some("lists-multi")], [None, Some("gpu")]];
 
-pub(super) fn draw(measured: &Measured, allowed: GpuUse) -> Figure {
+pub(super) fn draw(measured: &Measured, allowed: &GpuUse) -> Figure {
     let seconds = VERSIONS.map(|ids| ids.map(|id| measured.version(id?).map(|version| version.seconds)));
     let paper = PAPER.map(|(_, seconds)| Some(seconds));
     let columns = [paper, seconds.map(|row| row[0]), seconds.map(|row| row[1])];
     let time = |column: usize, row: usize| match (columns[column][row], column, row) {
         (Some(seconds), ..) => clock(seconds),
-        (None, 2, 2) if allowed == GpuUse::Auto => "no GPU".to_owned(),
+        (None, 2, 2) if *allowed != GpuUse::Off => "no GPU".to_owned(),
         (None, 2, 2) => "not used".to_owned(),
         _ => "–".to_owned(),
     };

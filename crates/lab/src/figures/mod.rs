@@ -80,7 +80,7 @@ pub(crate) async fn run(args: FiguresArgs) -> Ended {
             dir: scratch.dir().to_owned(),
             memory_limit_bytes: None,
         };
-        let (outcome, fallback, request) = generate::grow(request, args.gpu, &mut signals).await?;
+        let (outcome, fallback, request) = generate::grow(request, args.gpu.clone(), &mut signals).await?;
         generate::warn(&outcome);
         document["model"] = json!({
             "backend": outcome.used, "device": outcome.device, "fallback": fallback, "seconds": outcome.seconds,
@@ -113,13 +113,13 @@ fn draw(grown: &Grown, args: &FiguresArgs) -> anyhow::Result<Vec<Figure>> {
 }
 
 fn measure(spec: &ModelSpec, seed: u64, args: &FiguresArgs) -> anyhow::Result<Vec<Figure>> {
-    let measured = paper::measure(&Plan::new(spec, seed), args.quick, args.gpu)?;
+    let measured = paper::measure(&Plan::new(spec, seed), args.quick, &args.gpu)?;
     let mut made = Vec::new();
     if args.wants(FigureNumber::Ten) {
-        made.push(figure10::draw(&measured, args.gpu.gpu)?);
+        made.push(figure10::draw(&measured, &args.gpu.gpu)?);
     }
     if args.wants(FigureNumber::Eleven) {
-        made.push(figure11::draw(&measured, args.gpu.gpu));
+        made.push(figure11::draw(&measured, &args.gpu.gpu));
     }
     Ok(made)
 }

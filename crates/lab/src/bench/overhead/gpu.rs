@@ -21,8 +21,9 @@ const SOFTWARE_SIZES: [(u32, u32, u32); 1] = [(60, 300, 420)];
 
 /// Returns lines of text and results, or the reason why there are none.
 pub(super) async fn run(args: GpuArgs, rounds: u32, seconds_a_round: f64) -> anyhow::Result<(Vec<String>, Value)> {
+    let chosen = args.clone();
     let device =
-        match tokio::task::spawn_blocking(move || gpu::best(args)).await.context("the graphics driver failed")? {
+        match tokio::task::spawn_blocking(move || gpu::best(&chosen)).await.context("the graphics driver failed")? {
             Ok(device) => device,
             Err(reason) => {
                 return Ok((vec![format!("nothing to measure on a GPU: {reason}")], json!({ "reason": reason })));
@@ -30,8 +31,8 @@ pub(super) async fn run(args: GpuArgs, rounds: u32, seconds_a_round: f64) -> any
         };
     let (sizes, batch): (&[_], usize) =
         if device::is_software(&device) { (&SOFTWARE_SIZES, SOFTWARE_BATCH) } else { (&SIZES, BATCH) };
-    let at_a_time = batch.to_string();
-    let mut options = vec!["--cpu-workers", "0", "--gpu", "auto", "--gpu-batch", &at_a_time];
+    let (at_a_time, which) = (batch.to_string(), args.gpu.to_string());
+    let mut options = vec!["--cpu-workers", "0", "--gpu", &which, "--gpu-batch", &at_a_time];
     if args.allow_software_adapter {
         options.push("--allow-software-adapter");
     }

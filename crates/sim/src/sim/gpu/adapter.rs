@@ -118,6 +118,34 @@ pub fn adapters(options: &GpuOptions) -> Result<Vec<Adapter>, GpuError> {
     Err(GpuError::NoAdapter { software: found > 0 })
 }
 
+/// Index of the adapter that `choice` names: its place in the list, or a part of its name without
+/// regard to case.
+///
+/// # Errors
+/// [`GpuError::NotChosen`] if no name matches, or several.
+pub fn choose(adapters: &[Adapter], choice: &str) -> Result<usize, GpuError> {
+    chosen(&adapters.iter().map(|adapter| adapter.name.as_str()).collect::<Vec<_>>(), choice)
+}
+
+fn chosen(names: &[&str], choice: &str) -> Result<usize, GpuError> {
+    if let Some(place) = choice.parse().ok().filter(|&place: &usize| place < names.len()) {
+        return Ok(place);
+    }
+    let part = choice.to_lowercase();
+    let listed = |places: &[usize]| {
+        places.iter().map(|&place| format!("{place}: {}", names[place])).collect::<Vec<_>>().join(", ")
+    };
+    let all: Vec<usize> = (0..names.len()).collect();
+    let matching: Vec<usize> =
+        all.iter().copied().filter(|&place| names[place].to_lowercase().contains(&part)).collect();
+    let detail = match matching[..] {
+        [place] => return Ok(place),
+        [] => format!("there is no GPU `{choice}`; this machine has {}", listed(&all)),
+        _ => format!("`{choice}` names several GPUs; choose one by its number: {}", listed(&matching)),
+    };
+    Err(GpuError::NotChosen { detail })
+}
+
 /// True if a graphics interface was loaded. Called only if no adapter was found.
 fn has_interface(instance: &wgpu::Instance) -> bool {
     let options = wgpu::RequestAdapterOptions::default();
@@ -169,5 +197,21 @@ mod tests {
         let found = [(card, "vulkan"), (card, "vulkan"), (chip, "dx12"), (card, "dx12"), (card, "dx12")];
         assert_eq!(shown_first(&found), [true, true, true, false, false]);
         assert_eq!(shown_first(&[]), [false; 0]);
+    }
+
+    #[test]
+    fn a_card_is_chosen_by_its_number_or_a_part_of_its_name() {
+        let names = ["NVIDIA GeForce RTX 4090", "NVIDIA GeForce RTX 4090", "Intel(R) Arc(tm) A770"];
+        let detail = |choice| chosen(&names, choice).unwrap_err().to_string();
+        assert_eq!(["0", "1", "2", "arc", "A770"].map(|choice| chosen(&names, choice)), [0, 1, 2, 2, 2].map(Ok));
+        assert_eq!(
+            detail("4090"),
+            "`4090` names several GPUs; choose one by its number: 0: NVIDIA GeForce RTX 4090, 1: NVIDIA GeForce RTX \
+             4090"
+        );
+        for absent in ["3", "-1", "H200"] {
+            let expected = format!("there is no GPU `{absent}`; this machine has 0: NVIDIA GeForce RTX 4090, 1: ");
+            assert!(detail(absent).starts_with(&expected), "{}", detail(absent));
+        }
     }
 }

@@ -14,6 +14,12 @@ pub enum GpuError {
         /// True if software adapters exist that are not allowed.
         software: bool,
     },
+    /// A choice names no adapter, or several.
+    #[error("{detail}")]
+    NotChosen {
+        /// The choice, and the adapters of this machine.
+        detail: String,
+    },
     /// The driver did not open the adapter.
     #[error("{adapter} could not be opened: {detail}")]
     NotOpened {

@@ -19,7 +19,7 @@ pub mod shaders;
 mod sizes;
 
 pub use crate::sim::Checkpoint;
-pub use adapter::{Adapter, AdapterKind, GpuOptions, adapters};
+pub use adapter::{Adapter, AdapterKind, GpuOptions, adapters, choose};
 pub use batch::{BatchReport, BatchSink, advance, replay, run_batch};
 pub use device::GpuDevice;
 pub use error::GpuError;
