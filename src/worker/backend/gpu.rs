@@ -157,13 +157,7 @@ impl GpuGenerator {
     /// [`GpuError`] if there is no such adapter.
     pub fn all(options: GpuOptions) -> Result<Vec<Self>, GpuError> {
         let found = adapters(&options)?;
-        let generator = |(place, adapter): (usize, &Adapter)| Self {
-            name: adapter.name.clone(),
-            ordinal: found[..place].iter().filter(|other| other.name == adapter.name).count(),
-            options,
-            device: Mutex::new(None),
-        };
-        Ok(found.iter().enumerate().map(generator).collect())
+        Ok((0..found.len()).map(|place| Self::of(&found, place, options)).collect())
     }
 
     /// A generator for the adapter that `choice` names, among those that `options` allow.
@@ -171,8 +165,14 @@ impl GpuGenerator {
     /// # Errors
     /// [`GpuError`] if there is no such adapter.
     pub fn chosen(options: GpuOptions, choice: &str) -> Result<Self, GpuError> {
-        let place = choose(&adapters(&options)?, choice)?;
-        Ok(Self::all(options)?.swap_remove(place))
+        let found = adapters(&options)?;
+        Ok(Self::of(&found, choose(&found, choice)?, options))
+    }
+
+    fn of(found: &[Adapter], place: usize, options: GpuOptions) -> Self {
+        let name = found[place].name.clone();
+        let ordinal = found[..place].iter().filter(|other| other.name == name).count();
+        Self { name, ordinal, options, device: Mutex::new(None) }
     }
 
     /// The device, open.
