@@ -16,22 +16,26 @@ fn options(args: &GpuArgs) -> GpuOptions {
     GpuOptions { allow_software: args.allow_software_adapter, ..GpuOptions::default() }
 }
 
+/// Keeps the chosen one of all GPUs; without a choice, keeps all.
+fn chosen<T>(mut all: Vec<T>, name: impl Fn(&T) -> String, gpu: &GpuUse) -> Result<Vec<T>, GpuError> {
+    if let GpuUse::One(choice) = gpu {
+        let names: Vec<String> = all.iter().map(name).collect();
+        all = vec![all.swap_remove(choose(&names, choice)?)];
+    }
+    Ok(all)
+}
+
 /// Returns a generator for each GPU, or the reason why there is none.
 pub(super) async fn generators(args: &GpuArgs) -> Result<Vec<Arc<dyn BatchGenerator>>, String> {
-    let options = options(args);
-    let list = match args.gpu.clone() {
-        GpuUse::Off => None,
-        GpuUse::Auto => Some(tokio::task::spawn_blocking(move || GpuGenerator::all(options))),
-        GpuUse::One(choice) => {
-            Some(tokio::task::spawn_blocking(move || Ok(vec![GpuGenerator::chosen(options, &choice)?])))
-        }
-    };
-    let found = match list {
-        None => Err(OFF.to_owned()),
-        Some(list) => match list.await {
+    let (options, gpu) = (options(args), args.gpu.clone());
+    let found = if gpu == GpuUse::Off {
+        Err(OFF.to_owned())
+    } else {
+        let list = move || chosen(GpuGenerator::all(options)?, BatchGenerator::device, &gpu);
+        match tokio::task::spawn_blocking(list).await {
             Ok(found) => found.map_err(|error| error.to_string()),
             Err(panic) => Err(format!("the graphics driver failed: {panic}")),
-        },
+        }
     };
     if let (Err(reason), GpuUse::Auto | GpuUse::Off) = (&found, &args.gpu) {
         tracing::info!(reason, "no GPU worker; models are grown on the CPU");
@@ -41,15 +45,12 @@ pub(super) async fn generators(args: &GpuArgs) -> Result<Vec<Arc<dyn BatchGenera
 
 /// Opens the chosen GPU or else the best one, or returns the reason why there is none.
 pub fn best(args: &GpuArgs) -> Result<GpuDevice, String> {
-    let mut found = match args.gpu {
-        GpuUse::Off => return Err(OFF.to_owned()),
-        GpuUse::Auto | GpuUse::One(_) => adapters(&options(args)).map_err(|error| error.to_string())?,
-    };
-    if let GpuUse::One(choice) = &args.gpu {
-        found = vec![found.swap_remove(choose(&found, choice).map_err(|error| error.to_string())?)];
+    if args.gpu == GpuUse::Off {
+        return Err(OFF.to_owned());
     }
+    let found = adapters(&options(args)).and_then(|all| chosen(all, |adapter| adapter.name.clone(), &args.gpu));
     let mut last = GpuError::NoAdapter { software: false };
-    for adapter in found {
+    for adapter in found.map_err(|error| error.to_string())? {
         match GpuDevice::open(&adapter, &options(args)) {
             Ok(device) => return Ok(device),
             Err(error) => last = error,

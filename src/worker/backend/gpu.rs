@@ -7,7 +7,7 @@ use crate::jobs::{BackendReport, Job};
 use crate::lock::Mutex;
 use crate::panics::panic_message;
 use crate::sim::Plan;
-use crate::sim::gpu::{Adapter, GpuDevice, GpuError, GpuOptions, adapters, choose};
+use crate::sim::gpu::{Adapter, GpuDevice, GpuError, GpuOptions, adapters};
 use crate::worker::generator::{AdmittedPlan, BatchCallbacks, BatchGenerator, BatchMember, GenerationInput, WorkError};
 use crate::worker::verdict;
 use rayon::ThreadPool;
@@ -157,22 +157,13 @@ impl GpuGenerator {
     /// [`GpuError`] if there is no such adapter.
     pub fn all(options: GpuOptions) -> Result<Vec<Self>, GpuError> {
         let found = adapters(&options)?;
-        Ok((0..found.len()).map(|place| Self::of(&found, place, options)).collect())
-    }
-
-    /// A generator for the adapter that `choice` names, among those that `options` allow.
-    ///
-    /// # Errors
-    /// [`GpuError`] if there is no such adapter.
-    pub fn chosen(options: GpuOptions, choice: &str) -> Result<Self, GpuError> {
-        let found = adapters(&options)?;
-        Ok(Self::of(&found, choose(&found, choice)?, options))
-    }
-
-    fn of(found: &[Adapter], place: usize, options: GpuOptions) -> Self {
-        let name = found[place].name.clone();
-        let ordinal = found[..place].iter().filter(|other| other.name == name).count();
-        Self { name, ordinal, options, device: Mutex::new(None) }
+        let generator = |(place, adapter): (usize, &Adapter)| Self {
+            name: adapter.name.clone(),
+            ordinal: found[..place].iter().filter(|other| other.name == adapter.name).count(),
+            options,
+            device: Mutex::new(None),
+        };
+        Ok(found.iter().enumerate().map(generator).collect())
     }
 
     /// The device, open.

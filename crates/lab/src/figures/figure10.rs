@@ -86,17 +86,15 @@ pub(super) fn gpu(measured: &Measured, allowed: &GpuUse) -> String {
     let reason = measured.gpu()["reason"].as_str().unwrap_or_default();
     match (measured.version("gpu"), allowed) {
         (Some(version), _) => format!("GPU: {}.", version.label),
-        (None, GpuUse::Auto | GpuUse::One(_)) => {
-            format!("No GPU on this machine, so there is no time of one ({reason}).")
-        }
-        (None, GpuUse::Off) => format!("There is no time of a GPU: {reason}."),
+        (None, GpuUse::Auto) => format!("No GPU on this machine, so there is no time of one ({reason})."),
+        (None, GpuUse::Off | GpuUse::One(_)) => format!("There is no time of a GPU: {reason}."),
     }
 }
 
 fn no_gpu(allowed: &GpuUse) -> Line {
     let label = match allowed {
-        GpuUse::Auto | GpuUse::One(_) => "GPU: none on this machine",
-        GpuUse::Off => "GPU: not used",
+        GpuUse::Auto => "GPU: none on this machine",
+        GpuUse::Off | GpuUse::One(_) => "GPU: not used",
     };
     Line { label: label.to_owned(), points: Vec::new() }
 }

@@ -20,7 +20,7 @@ pub(super) fn draw(measured: &Measured, allowed: &GpuUse) -> Figure {
     let columns = [paper, seconds.map(|row| row[0]), seconds.map(|row| row[1])];
     let time = |column: usize, row: usize| match (columns[column][row], column, row) {
         (Some(seconds), ..) => clock(seconds),
-        (None, 2, 2) if *allowed != GpuUse::Off => "no GPU".to_owned(),
+        (None, 2, 2) if *allowed == GpuUse::Auto => "no GPU".to_owned(),
         (None, 2, 2) => "not used".to_owned(),
         _ => "–".to_owned(),
     };

@@ -45,9 +45,9 @@ pub(super) struct Work {
     /// True if the first chain is the chain of the state.
     loaded: bool,
     parts: Vec<Buffers>,
-    /// Minimum squared distance of each segment to the particles at the start of the step, during
-    /// and after the first evaluation.
-    nearing: SegmentDistances,
+    /// Minimum squared distance of each segment to the particles at the start of the step: while the
+    /// parts find it, and complete.
+    segment_near: SegmentDistances,
     near: Vec<f32>,
     /// Clearance of each particle at the start of the last step, µm.
     clearance: Vec<f32>,
@@ -89,7 +89,7 @@ impl Work {
             chains: [Chain::default(), Chain::default()],
             loaded: false,
             parts: Vec::new(),
-            nearing: SegmentDistances::default(),
+            segment_near: SegmentDistances::default(),
             near: Vec::new(),
             clearance,
         }
@@ -110,7 +110,7 @@ impl Work {
         let n = s.len();
         self.chains[0].load(s);
         self.chains[1].resize(n);
-        self.nearing.resize(n);
+        self.segment_near.resize(n);
         self.clearance.resize(n, 0.0);
         self.parts.resize_with(parts.len(), Buffers::default);
         for (buffers, part) in self.parts.iter_mut().zip(parts) {
@@ -166,15 +166,15 @@ pub(super) fn step(
         let (parts, lists) = neighbours.prepare(chain, &s.scale, row);
         let mut steps = part_steps(s, next, parts, &mut work.parts, &mut work.clearance);
         if stage == 0 {
-            let nearing = &work.nearing;
+            let segment_near = &work.segment_near;
             each(steps.iter_mut(), |step| {
                 step.begin(common);
-                step.evaluate(common, modifier, chain, &lists, Some(nearing));
+                step.evaluate(common, modifier, chain, &lists, Some(segment_near));
                 if plan.integrator == Integrator::Rk4 {
                     step.advance(common, stage, chain);
                 }
             });
-            work.nearing.take(&mut work.near);
+            work.segment_near.take(&mut work.near);
         } else {
             let near = &work.near;
             each(steps.iter_mut(), |step| {
@@ -376,7 +376,7 @@ impl PartStep<'_> {
     /// Computes the clearances from the distances that all parts have found.
     fn clear(&mut self, c: Common<'_>, near: &[f32]) {
         let (first, count) = (self.part.particles.start, self.part.particles.len());
-        let before = near[if first == 0 { near.len() - 1 } else { first - 1 }];
+        let before = near[(first + near.len() - 1) % near.len()];
         let (vertex_near, near) = (&self.buffers.near[..count], &near[first..][..count]);
         let clearance = &mut self.clearance[..count];
         c.vectors.run(

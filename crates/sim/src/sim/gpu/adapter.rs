@@ -118,16 +118,12 @@ pub fn adapters(options: &GpuOptions) -> Result<Vec<Adapter>, GpuError> {
     Err(GpuError::NoAdapter { software: found > 0 })
 }
 
-/// Index of the adapter that `choice` names: its place in the list, or a part of its name without
-/// regard to case.
+/// Index of the adapter that `choice` names among those with these `names`: its place, or a part of
+/// its name without regard to case.
 ///
 /// # Errors
 /// [`GpuError::NotChosen`] if no name matches, or several.
-pub fn choose(adapters: &[Adapter], choice: &str) -> Result<usize, GpuError> {
-    chosen(&adapters.iter().map(|adapter| adapter.name.as_str()).collect::<Vec<_>>(), choice)
-}
-
-fn chosen(names: &[&str], choice: &str) -> Result<usize, GpuError> {
+pub fn choose(names: &[String], choice: &str) -> Result<usize, GpuError> {
     if let Some(place) = choice.parse().ok().filter(|&place: &usize| place < names.len()) {
         return Ok(place);
     }
@@ -201,9 +197,9 @@ mod tests {
 
     #[test]
     fn a_card_is_chosen_by_its_number_or_a_part_of_its_name() {
-        let names = ["NVIDIA GeForce RTX 4090", "NVIDIA GeForce RTX 4090", "Intel(R) Arc(tm) A770"];
-        let detail = |choice| chosen(&names, choice).unwrap_err().to_string();
-        assert_eq!(["0", "1", "2", "arc", "A770"].map(|choice| chosen(&names, choice)), [0, 1, 2, 2, 2].map(Ok));
+        let names = ["NVIDIA GeForce RTX 4090", "NVIDIA GeForce RTX 4090", "Intel(R) Arc(tm) A770"].map(String::from);
+        let detail = |choice| choose(&names, choice).unwrap_err().to_string();
+        assert_eq!(["0", "1", "2", "arc", "A770"].map(|choice| choose(&names, choice)), [0, 1, 2, 2, 2].map(Ok));
         assert_eq!(
             detail("4090"),
             "`4090` names several GPUs; choose one by its number: 0: NVIDIA GeForce RTX 4090, 1: NVIDIA GeForce RTX \
