@@ -318,18 +318,16 @@ impl Lofter {
 
     /// Emits the triangles of a slab. Those of the inner wall face the lumen.
     fn emit(&mut self, slab: &Slab, lower: &[u32], upper: &[u32]) {
-        let index = |id: usize| match id.checked_sub(lower.len()) {
-            None => lower[id],
-            Some(id) => upper[id],
-        };
-        for cell in 0..slab.len() {
-            for k in 0..=slab.edges(cell) {
-                let [a, b, c] = slab.triangle(cell, k).map(index);
-                if cell < slab.lower.inner {
-                    self.patches[INNER_WALL].push([a, c, b]);
-                } else {
-                    self.patches[OUTER_WALL].push([a, b, c]);
-                }
+        let vertices = [lower, upper].concat();
+        let inner = slab.lower.inner;
+        for (wall, cells) in [(INNER_WALL, 0..inner), (OUTER_WALL, inner..slab.len())] {
+            let patch = &mut self.patches[wall];
+            patch.reserve(slab.triangle_count(&cells));
+            for cell in cells {
+                slab.for_triangles(cell, |triangle| {
+                    let [a, b, c] = triangle.map(|corner| vertices[corner]);
+                    patch.push(if wall == INNER_WALL { [a, c, b] } else { [a, b, c] });
+                });
             }
         }
     }

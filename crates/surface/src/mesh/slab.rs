@@ -13,6 +13,7 @@ use crate::geometry::blocks::{Blocks, Rect};
 use crate::geometry::polygon::next_on_rings;
 use crate::geometry::predicates::widen2;
 use crate::geometry::tri_tri::Triangle;
+use std::ops::Range;
 
 /// Diagonal along which a cell is split.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -133,6 +134,28 @@ impl Slab {
             Diagonal::Backward if k == 0 => [a, b, upper(0)],
             Diagonal::Backward => [b, upper(k), upper(k - 1)],
         }
+    }
+
+    /// Visits the triangles of `cell` in their order; see [`Self::triangle`].
+    #[inline]
+    pub(super) fn for_triangles(&self, cell: usize, mut each: impl FnMut([usize; 3])) {
+        let m = self.edges(cell);
+        if m > 1 {
+            (0..=m).for_each(|k| each(self.triangle(cell, k)));
+            return;
+        }
+        let (a, b) = (cell, self.lower.next(cell));
+        let [u, v] = [a, b].map(|start| self.lower.len() + self.start[start] as usize);
+        let triangles = match self.diagonals[cell] {
+            Diagonal::Forward => [[a, v, u], [a, b, v]],
+            Diagonal::Backward => [[a, b, u], [b, v, u]],
+        };
+        triangles.into_iter().for_each(each);
+    }
+
+    /// Number of triangles of a range of cells.
+    pub(super) fn triangle_count(&self, cells: &Range<usize>) -> usize {
+        (self.start[cells.end] - self.start[cells.start]) as usize + cells.len()
     }
 
     /// Triangle `k` of `cell` in space, and the numbers of its corners. The triangle must have an
