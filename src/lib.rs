@@ -5,7 +5,7 @@
 
 pub use oviduct_engine::{
     ENGINE_VERSION, export, fit, generate, geometry, lock, measure, mesh, model, preview, random, render, report, sim,
-    spec, tissue,
+    spec, tissue, way,
 };
 
 pub mod availability;

@@ -38,5 +38,6 @@ mod api {
     mod slides;
     mod studies;
     mod waiting;
+    mod way;
     mod wire;
 }

@@ -5,7 +5,7 @@ use super::access::tickets;
 use super::models::{files, retry};
 use super::openapi::Description;
 use super::openapi::docs;
-use super::pictures::{course, cut, preview, report_page, sections};
+use super::pictures::{course, cut, preview, report_page, sections, way};
 use super::wire::compress::compress;
 use super::wire::envelope::enclose;
 use super::{AppState, batches, console, events, fits, health, metrics, models, openapi, operations, presets, workers};
@@ -43,6 +43,7 @@ fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(sections::section))
         .routes(routes!(course::course))
         .routes(routes!(cut::cut))
+        .routes(routes!(way::way))
         .routes(routes!(preview::preview))
         .routes(routes!(operations::read::list))
         .routes(routes!(operations::read::get))

@@ -18,7 +18,7 @@ fn needs(operation: &str) -> Option<Needs> {
         "get_health" | "get_readiness" | "get_docs" => Needs::Nothing,
         "list_presets" | "get_preset" | "get_schema" | "get_openapi" => Needs::Key,
         "list_models" | "get_model" | "validate_model" | "get_batch" | "follow_model" | "follow_all"
-        | "download_file" | "get_report" | "get_section" | "get_course" | "cut_model" | "get_preview"
+        | "download_file" | "get_report" | "get_section" | "get_course" | "cut_model" | "get_way" | "get_preview"
         | "get_report_page" | "get_manifest" | "list_workers" | "list_fits" | "get_fit" | "validate_fit"
         | "follow_fit" | "create_ticket" | "validate_batch" | "get_batch_table" | "get_batch_archive"
         | "list_batches" | "list_operations" | "get_operation" => Needs::Scope(Scope::Read),
@@ -203,6 +203,7 @@ async fn a_key_allows_what_its_scopes_say() {
             let refused = [
                 ("get_section", 404),
                 ("cut_model", 422),
+                ("get_way", 404),
                 ("get_preview", 404),
                 ("get_report_page", 404),
                 ("retry_model", 409),

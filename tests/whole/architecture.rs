@@ -25,7 +25,7 @@ const ORDER: &[&[&str]] = &[
     &["spec"],
     &["sim", "mesh", "measure", "export", "render"],
     &["generate", "preview", "report"],
-    &["fit"],
+    &["fit", "way"],
     // oviduct
     &["metrics", "panics", "status", "tls", "trace"],
     &["availability"],

@@ -32,7 +32,7 @@
 //! | `oviduct-sim` | [`sim`]: the particle simulation on CPU and GPU |
 //! | `oviduct-surface` | [`mesh`]: loft, lean, bend; [`measure`]: certificate, morphometry |
 //! | `oviduct-export` | [`export`]: writers and readers of files; [`render`]: pictures |
-//! | `oviduct-engine` | [`generate`]: specification to files; [`fit`], [`preview`], [`report`] |
+//! | `oviduct-engine` | [`generate`]: specification to files; [`fit`], [`preview`], [`report`], [`way`] |
 
 pub use oviduct_base::{ENGINE_VERSION, clock, geometry, lock, model, random, tissue};
 pub use oviduct_export::{export, render};
@@ -44,3 +44,4 @@ pub mod fit;
 pub mod generate;
 pub mod preview;
 pub mod report;
+pub mod way;

@@ -97,7 +97,8 @@ pub(super) fn answer(state: &AppState, method: &Method, tag: &ETag, png: Bytes) 
     Ok((headers, png).into_response())
 }
 
-fn kept(state: &AppState, tag: &ETag) -> Option<Bytes> {
+/// A kept picture or way.
+pub(super) fn kept(state: &AppState, tag: &ETag) -> Option<Bytes> {
     let png = state.pictures.picture(tag)?;
     state.metrics.picture("kept");
     Some(png)

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `preview`, `slides` | pictures of a model, and of its sections as histological slides |
 //! | `sections`, `cut`, `course` | recorded sections, planar cuts of the surface, the centre line |
+//! | `way` | the way through the lumen |
 //! | `report_page` | the report as a page |
 //! | `draw`, `queue` | drawing a picture; turns, and the pictures and surfaces kept in memory |
 //! | `surfaces` | surfaces, read from the artifact store |
@@ -17,3 +18,4 @@ pub(in crate::http) mod report_page;
 pub(in crate::http) mod sections;
 pub(in crate::http) mod slides;
 mod surfaces;
+pub(in crate::http) mod way;

@@ -68,6 +68,8 @@ kinds! {
     SectionNotFound = "section-not-found", NOT_FOUND, "The model has no such section";
     /// The plane does not intersect the model.
     CutNotFound = "cut-not-found", NOT_FOUND, "The plane does not meet the model";
+    /// The lumen has no way that touches nothing.
+    WayNotFound = "way-not-found", NOT_FOUND, "No way through the lumen was found";
     /// No preset has this name.
     PresetNotFound = "preset-not-found", NOT_FOUND, "There is no such preset";
     /// No live worker has this name.

@@ -36,6 +36,8 @@ problems! {
     SectionMissing: ModelNotFound, FileNotFound, SectionNotFound;
     /// No model has this id, the model has no surface, or the plane does not intersect it.
     CutMissing: ModelNotFound, FileNotFound, CutNotFound;
+    /// No model has this id, the model has no surface, or no way was found.
+    WayMissing: ModelNotFound, FileNotFound, WayNotFound;
     /// A query parameter is invalid, or the surface is too large.
     CutProblems: BadRequest, InvalidRequest, SurfaceTooLarge;
     /// No preset has this name.

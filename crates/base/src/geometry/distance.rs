@@ -53,6 +53,16 @@ impl<F: Fn(usize) -> [[f64; 3]; 3] + Sync> Triangles<F> {
         )
     }
 
+    /// Distance of a point from the nearest triangle; infinite if there are no triangles. `hint` is
+    /// `None` or what another search left in it, best one for a point nearby.
+    pub fn distance(&self, point: [f64; 3], hint: &mut Option<usize>) -> f64 {
+        let squared_distance = |block| self.squared_distance(point, block);
+        let mut search = NearestSearch { squared_distance, good_enough: 0.0, best: f64::INFINITY, item: None };
+        self.block_bvh.nearest(point, *hint, &mut search);
+        *hint = search.item;
+        search.best.sqrt()
+    }
+
     /// Maximum of `least` and of the distances of samples from their nearest triangles; infinite if
     /// there are no triangles. `samples(i, visit)` calls `visit` with the samples of item `i`, for
     /// `items` items.

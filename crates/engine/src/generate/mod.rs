@@ -50,6 +50,7 @@ use crate::mesh::contract::Rest;
 use crate::mesh::lean::{self, Lean, Leaned};
 use crate::model::{BodyKind, LengthUnit, Mesh, Section};
 use crate::sim::{Plan, Statistics};
+use crate::spec::ModelSpec;
 use files::Inputs;
 use grow::GrownSections;
 use pace::ProgressMeter;
@@ -170,7 +171,7 @@ impl Finishing<'_> {
         let stop = || self.cancel.is_cancelled();
         let along = self.request.spec.bent_course();
         let course = along.as_ref().map(|bent| &bent.course);
-        let by = lean_of(self.request);
+        let by = lean_of(&self.request.spec, self.request.seed);
         let coordinates = skin::coordinates(self.request, &straight)?;
         let z: Vec<f32> = straight.positions.iter().map(|p| p[2]).collect();
         let leaned = by.as_ref().map(|by| lean::lean(&mut straight, by, &stop));
@@ -362,12 +363,11 @@ impl ShapesFound {
 }
 
 /// Lean of the surface; `None` if the specification has none.
-fn lean_of(request: &Request) -> Option<Lean> {
-    let spec = &request.spec;
+pub(crate) fn lean_of(spec: &ModelSpec, seed: u64) -> Option<Lean> {
     if !spec.leans() {
         return None;
     }
-    let plan = Plan::new(spec, request.seed);
+    let plan = Plan::new(spec, seed);
     let station = |step: u32| {
         let row = plan.at(i64::from(step));
         lean::Station {
@@ -379,7 +379,7 @@ fn lean_of(request: &Request) -> Option<Lean> {
         }
     };
     Some(Lean {
-        seed: request.seed,
+        seed,
         wavelength_um: spec.lean.wavelength_um,
         along_um: spec.lean.along_mm * 1000.0,
         ends_um: spec.lean.ends_mm * 1000.0,

@@ -1,6 +1,6 @@
 //! Measures of a finished surface: its certificate (see [`certify`]), and the [`morphometry`] of
 //! sections, including sections in images ([`micrograph`]); walls and gaps of any surface
-//! ([`printable`]).
+//! ([`printable`]); the [`way`] through the lumen.
 
 mod certificate;
 pub mod checklist;
@@ -8,6 +8,7 @@ pub mod comparison;
 pub mod micrograph;
 pub mod morphometry;
 pub mod printable;
+pub mod way;
 
 pub use certificate::{
     BothCertificate, Certificate, CheckOptions, Component, Failure, FailureKind, Place, RegionsCertificate,

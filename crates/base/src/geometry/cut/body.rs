@@ -2,14 +2,16 @@
 
 use super::rings::nested_rings;
 use super::{Crossing, EdgeKey, Lines, edge_intersection};
+use crate::geometry::distance::Triangles;
 use crate::model::{Border, Cut, Line, Mesh, PatchKind, Plane};
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::ops::Range;
 
-const TRIANGLES_PER_TASK: usize = 1 << 16;
-const TRIANGLES_PER_RANGE: usize = 1 << 10;
+/// Number of consecutive triangles with a common bounding box.
+const TRIANGLES_PER_BOX: usize = 1 << 10;
+const BOXES_PER_TASK: usize = 16;
 
 /// A closed surface that bounds tissue or lumen, ready to be cut.
 #[derive(Clone, Debug)]
@@ -17,8 +19,17 @@ pub struct Body<'a> {
     positions: Cow<'a, [[f32; 3]]>,
     triangles: Cow<'a, [[u32; 3]]>,
     um_per_unit: f64,
+    /// Bounding box of every [`TRIANGLES_PER_BOX`] triangles, µm.
+    boxes: Vec<Extent>,
     is_lumen: bool,
     walls: Option<Walls>,
+}
+
+/// Minimum and maximum corner of a box, µm.
+#[derive(Clone, Copy, Debug)]
+struct Extent {
+    low: [f64; 3],
+    high: [f64; 3],
 }
 
 /// Walls of a body of tissue, each with the fans of triangles that would close its ends.
@@ -50,13 +61,36 @@ impl<'a> Body<'a> {
             }
             _ => None,
         };
-        Self { is_lumen: range(PatchKind::Wall).is_some(), positions, triangles, um_per_unit, walls }
+        let boxes = triangles
+            .par_chunks(TRIANGLES_PER_BOX)
+            .with_min_len(BOXES_PER_TASK)
+            .map(|triangles| Extent::of(triangles, &positions, um_per_unit))
+            .collect();
+        Self { is_lumen: range(PatchKind::Wall).is_some(), positions, triangles, um_per_unit, boxes, walls }
     }
 
     /// Approximate memory of the surface, bytes.
     #[must_use]
     pub fn bytes(&self) -> usize {
         12 * (self.positions.len() + self.triangles.len())
+    }
+
+    /// Number of triangles.
+    #[must_use]
+    pub fn triangle_count(&self) -> usize {
+        self.triangles.len()
+    }
+
+    /// Corners of a triangle, µm.
+    #[must_use]
+    pub fn corners_um(&self, triangle: usize) -> [[f64; 3]; 3] {
+        self.triangles[triangle].map(|v| self.position_um(v))
+    }
+
+    /// The triangles, for distances from them in micrometres.
+    #[must_use]
+    pub fn triangles(&self) -> Triangles<impl Fn(usize) -> [[f64; 3]; 3] + Sync> {
+        Triangles::new(self.triangles.len(), |k| self.corners_um(k))
     }
 
     /// Cuts the body with a plane.
@@ -69,24 +103,6 @@ impl<'a> Body<'a> {
             .into_iter()
             .map(|line| line.iter().map(|p| plane.coordinates(*p)).collect());
         nested_rings(*plane, lines.collect(), self.is_lumen)
-    }
-
-    /// Prepares the body for cuts by planes of constant z.
-    #[must_use]
-    pub fn across(&self) -> Across<'_> {
-        let range = |triangles: &[[u32; 3]]| {
-            triangles
-                .iter()
-                .map(|t| self.z_range(t))
-                .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], next| [low.min(next[0]), high.max(next[1])])
-        };
-        Across { body: self, ranges: self.triangles.par_chunks(TRIANGLES_PER_RANGE).map(range).collect() }
-    }
-
-    /// Minimum and maximum z of a triangle, µm.
-    fn z_range(&self, triangle: &[u32; 3]) -> [f64; 2] {
-        let [a, b, c] = triangle.map(|v| f64::from(self.positions[v as usize][2]) * self.um_per_unit);
-        [a.min(b).min(c), a.max(b).max(c)]
     }
 
     /// Borders of the inner and of the outer wall in a plane. `None` if the body lacks the patches
@@ -122,10 +138,21 @@ impl<'a> Body<'a> {
         self.positions[v as usize].map(|x| f64::from(x) * self.um_per_unit)
     }
 
+    /// Crossings of a range of triangles, in their order.
     fn crossings(&self, triangles: Range<usize>, plane: &Plane) -> Vec<Crossing> {
         let height = plane.height_um();
-        (self.triangles[triangles].par_iter().with_min_len(TRIANGLES_PER_TASK))
-            .filter_map(|t| Crossing::new(t, t.map(|v| plane.height_of(self.position_um(v))), height))
+        let boxes = triangles.start / TRIANGLES_PER_BOX..triangles.end.div_ceil(TRIANGLES_PER_BOX);
+        let of_box = |k: usize| {
+            let own = k * TRIANGLES_PER_BOX..(k + 1) * TRIANGLES_PER_BOX;
+            let own = own.start.max(triangles.start)..own.end.min(triangles.end);
+            (self.triangles[own].iter())
+                .filter_map(|t| Crossing::new(t, t.map(|v| plane.height_of(self.position_um(v))), height))
+        };
+        boxes
+            .into_par_iter()
+            .with_min_len(BOXES_PER_TASK)
+            .filter(|&k| self.boxes[k].meets(plane, height))
+            .flat_map_iter(of_box)
             .filter(|crossing| plane.reaches(self.intersection(plane, crossing.from)))
             .collect()
     }
@@ -143,45 +170,25 @@ impl<'a> Body<'a> {
     }
 }
 
-/// A body that is cut by many planes of constant z.
-pub struct Across<'a> {
-    body: &'a Body<'a>,
-    /// Minimum and maximum z of every [`TRIANGLES_PER_RANGE`] triangles, µm.
-    ranges: Vec<[f64; 2]>,
-}
-
-impl Across<'_> {
-    /// Cuts at some places, which must ascend.
-    #[must_use]
-    pub fn cuts(&self, z_um: &[f64]) -> Vec<Cut> {
-        let body = self.body;
-        let triangles = body.triangles.par_chunks(TRIANGLES_PER_RANGE).zip(&self.ranges);
-        let crossings = |(triangles, &[low, high]): (&[[u32; 3]], &[f64; 2])| {
-            let within = z_um.partition_point(|&z| z < low)..z_um.partition_point(|&z| z < high);
-            let mut found = Vec::new();
-            for triangle in triangles.iter().filter(|_| !within.is_empty()) {
-                let [low, high] = body.z_range(triangle);
-                for k in within.clone().filter(|&k| low <= z_um[k] && z_um[k] < high) {
-                    let heights = triangle.map(|v| body.position_um(v)[2]);
-                    found.extend(Crossing::new(triangle, heights, z_um[k]).map(|crossing| (k, crossing)));
-                }
+impl Extent {
+    fn of(triangles: &[[u32; 3]], positions: &[[f32; 3]], um_per_unit: f64) -> Self {
+        let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+        for &v in triangles.as_flattened() {
+            for (axis, x) in positions[v as usize].into_iter().enumerate() {
+                low[axis] = low[axis].min(x);
+                high[axis] = high[axis].max(x);
             }
-            found
-        };
-        let found: Vec<Vec<(usize, Crossing)>> = triangles.map(crossings).collect();
-        let mut counts = vec![0; z_um.len()];
-        found.iter().flatten().for_each(|&(k, _)| counts[k] += 1);
-        let mut by_plane: Vec<Vec<Crossing>> = counts.into_iter().map(Vec::with_capacity).collect();
-        for (k, crossing) in found.into_iter().flatten() {
-            by_plane[k].push(crossing);
         }
-        let cut = |(&z, crossings): (&f64, Vec<Crossing>)| {
-            let plane = Plane::across(z);
-            let lines = body.lines(&plane, &crossings).closed;
-            let flat = lines.into_iter().map(|line| line.into_iter().map(|[x, y, _]| [x, y]).collect());
-            nested_rings(plane, flat.collect(), body.is_lumen)
-        };
-        z_um.par_iter().zip(by_plane).map(cut).collect()
+        let um = |x: f32| f64::from(x) * um_per_unit;
+        Self { low: low.map(um), high: high.map(um) }
+    }
+
+    /// True if a triangle within the box may cross the plane. Rounding is monotone, so no rounded
+    /// height of a point is beyond the rounded heights of the corners.
+    fn meets(&self, plane: &Plane, height_um: f64) -> bool {
+        let rises = plane.normal.map(|x| x >= 0.0);
+        let corner = |ahead: bool| [0, 1, 2].map(|k| if rises[k] == ahead { self.high[k] } else { self.low[k] });
+        plane.height_of(corner(false)) <= height_um && plane.height_of(corner(true)) > height_um
     }
 }
 
@@ -306,15 +313,29 @@ mod tests {
                 assert!(found.0 == expected.0 && (found.1 / expected.1 - 1.0).abs() < 1e-3, "{found:?} {expected:?}");
             }
         }
-        assert_eq!(
-            body.across().cuts(&[-1.0, 1700.0, 4000.1]).iter().map(|cut| cut.rings.len()).collect::<Vec<_>>(),
-            [0, 2, 0]
-        );
-        assert_eq!(body.across().cuts(&[1700.0])[0], body.cut(&across));
+        assert_eq!([-1.0, 1700.0, 4000.1].map(|z_um| body.cut(&Plane::across(z_um)).rings.len()), [0, 2, 0]);
         // Along the axis the tissue is two strips of 4 mm, and no ring encloses the lumen.
         let along = body.cut(&Plane::through([0.0, 1.0, 0.0], [0.0, 1.0, 0.0]).unwrap());
         assert!(along.rings.iter().all(|ring| ring.kind == RingKind::Tissue) && along.rings.len() == 2);
         assert!((along.tissue_um2() / (4000.0 * 1000.0) - 1.0).abs() < 0.01, "{}", along.tissue_um2());
+    }
+
+    #[test]
+    fn boxes_leave_out_no_triangle_that_a_plane_crosses() {
+        let mesh = tube(700, 5, 0.2);
+        let body = Body::from(&mesh);
+        assert!(body.boxes.len() > 20);
+        for k in 0..200 {
+            let [a, b, c] = [k as f64, (k * k) as f64, (3 * k) as f64].map(|x| libm::sin(x + 0.5));
+            // Every other plane passes through a vertex.
+            let origin =
+                if k % 2 == 0 { [600.0 * a, 700.0 * b, 2000.0 + 2100.0 * c] } else { body.position_um(17 * k) };
+            let plane = Plane::through(origin, [b, c, a]).unwrap();
+            let crossed =
+                |t: &&[u32; 3]| Crossing::new(t, corners(t).map(|p| plane.height_of(p)), plane.height_um()).is_some();
+            let expected = mesh.triangles.iter().filter(crossed).count();
+            assert_eq!(body.crossings(0..mesh.triangles.len(), &plane).len(), expected, "{plane:?}");
+        }
     }
 
     #[test]

@@ -9,7 +9,7 @@ mod body;
 mod half;
 mod rings;
 
-pub use body::{Across, Body};
+pub use body::Body;
 pub use half::{Half, HalfError, HalfSpace, half};
 pub use rings::nested_rings;
 

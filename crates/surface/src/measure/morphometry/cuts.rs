@@ -8,7 +8,7 @@ use super::spread::Spread;
 use super::track::{Changes, Following, Frame, Traced, per_mm};
 use super::tube::{Basis, Found, Intervals, Morphometry, Regions, Tube, detailed_places};
 use crate::geometry::cut::Body;
-use crate::model::{Cut, CutRing, Mesh, RingKind};
+use crate::model::{Cut, CutRing, Mesh, Plane, RingKind};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -152,12 +152,9 @@ fn frame(tissue: &Mesh) -> Frame {
 /// misses the surface has no cut.
 fn slices(tissue: &Mesh, places: &[Place], layers: &LayersAt<'_>) -> (Vec<Slice>, Vec<Changes>) {
     let (body, frame) = (Body::from(tissue), frame(tissue));
-    let across = body.across();
     let (mut slices, mut following) = (Vec::with_capacity(places.len()), Following::default());
     for some in places.chunks(Following::PORTION) {
-        let z_um: Vec<f64> = some.iter().map(|place| place.z_um).collect();
-        let cuts = across.cuts(&z_um);
-        let found = cuts.par_iter().zip(some).map(|(cut, place)| slice(cut, place, layers, &frame));
+        let found = some.par_iter().map(|place| slice(&body.cut(&Plane::across(place.z_um)), place, layers, &frame));
         let (found, traced): (Vec<Slice>, Vec<Traced>) = found.collect::<Vec<_>>().into_iter().flatten().unzip();
         slices.extend(found);
         following.add(traced);
