@@ -58,6 +58,17 @@ export function boundsOf({ x, y }: Outline): Box {
   return box;
 }
 
+/** The outline without points that are closer than `step` to the last kept one, for small pictures. */
+export function thinned({ x, y }: Outline, step: number): Outline {
+  const [keptX, keptY]: [number[], number[]] = [[], []];
+  for (let i = 0; i < x.length; i++) {
+    if (i > 0 && Math.hypot(x[i]! - keptX.at(-1)!, y[i]! - keptY.at(-1)!) < step) continue;
+    keptX.push(x[i]!);
+    keptY.push(y[i]!);
+  }
+  return { x: keptX, y: keptY };
+}
+
 /** Data of an SVG path, rounded to hundredths of a micrometre. */
 export function pathData({ x, y }: Outline): string {
   let data = "";

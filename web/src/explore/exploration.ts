@@ -1,18 +1,23 @@
 // Loaded data of one explored model: levels of detail, sections, and results computed from them.
-import { batch, computed, signal } from "@preact/signals";
+import { batch, computed, effect, signal, untracked } from "@preact/signals";
 import type { Model, Report, Sections } from "oviduct-client";
 import { ask, explain } from "../service.ts";
 import { reconnections } from "../stream.ts";
 import type { Course } from "./course.ts";
-import type { Answer } from "./cuts.ts";
+import { answered, planeAt, type Answer } from "./cuts.ts";
 import type { Tube } from "./framing.ts";
 import { Latest } from "./latest.ts";
 import { Measurement } from "./measure.ts";
+import { Passage, type Obstacle } from "./passage.ts";
 import type { Picture } from "./slides.ts";
-import { survey, type Survey } from "./survey.ts";
+import { survey, type Profile } from "./survey.ts";
+import type { View } from "./view.ts";
 import { device } from "./viewer/device.ts";
 import { automaticLevel, levelsOf, type Level } from "./viewer/levels.ts";
 import { readSurface, type Surface } from "./viewer/surface.ts";
+
+/** Index of the coarsest level of detail whose walls a flight can pass. */
+const FLIGHT_LEVEL = 1;
 
 export class Exploration {
   readonly model: Model;
@@ -27,20 +32,34 @@ export class Exploration {
   readonly surfaceFault = signal<{ reason: string; left: readonly Level[] } | undefined>(undefined);
   readonly sections = signal<Sections | undefined>(undefined);
   readonly sectionsFault = signal<string | undefined>(undefined);
-  /** Planar cuts by the index of the section that they replace. */
+  /** Planar cuts by their position along the tube in micrometres. */
   readonly cuts = new Latest<Answer>(120, 30);
   /** Reason why no plane can cut the surface. */
   readonly uncut = signal<string | undefined>(undefined);
   /** Pictures of cross sections. */
   readonly pictures = new Latest<Picture>(200, 8, ({ url }) => URL.revokeObjectURL(url));
-  readonly survey = signal<Survey | undefined>(undefined);
+  readonly profile = signal<Profile | undefined>(undefined);
   readonly report = signal<Report | undefined>(undefined);
   readonly reportFault = signal<string | undefined>(undefined);
   readonly measurement = new Measurement();
+  /** The way of the flight. */
+  readonly passage: Passage;
+  /** Reason why a flight cannot begin; undefined if it can. */
+  readonly obstacle = computed<Obstacle | undefined>(() => {
+    const obstacle = this.passage.obstacle.value;
+    if (obstacle) return obstacle;
+    const [level, needed] = [this.level.value, this.#flightLevel];
+    if (!needed || (level && !this.isTooCoarse(level))) return undefined;
+    const title = needed.title.toLowerCase();
+    if (this.surfaceFault.value) return { words: `The flight needs ${title} detail.`, state: "failed" };
+    return { words: `The flight begins when ${title} detail is loaded.`, state: "waiting" };
+  });
   /** Positions of the sections as fractions of the tube's length. */
   readonly fractions = computed(() => this.sections.value?.entries.map(({ z_um }) => (z_um / 1000 - this.tube.begin) / this.tube.length) ?? []);
   readonly #abort = new AbortController();
   #surfaceLoad = new AbortController();
+  /** Levels of detail that are being loaded or will be. */
+  #planned: readonly Level[] = [];
   #leave = () => {};
 
   /** Bent models require their course. */
@@ -48,23 +67,59 @@ export class Exploration {
     this.model = model;
     this.levels = levelsOf(model);
     this.tube = tubeOf(model, course);
+    this.passage = new Passage(model.id, this.tube);
   }
 
   /**
-   * Loads sections and report; failed requests are repeated when the service is available again.
+   * Loads sections, report, and the cuts at the places of a view; failed requests are repeated when
+   * the service is available again.
    *
    * The surface is loaded later, when a picture can show it.
    */
-  start(): void {
+  start(view: View): void {
     void this.loadSections();
     void this.loadReport();
-    this.#leave = reconnections.subscribe(() => {
+    const follow = effect(() => this.#follow(view));
+    const repeat = reconnections.subscribe(() => {
       if (this.surfaceFault.peek()) void this.retrySurface();
+      void this.passage.again();
       if (this.sectionsFault.peek() !== undefined) void this.loadSections();
       if (this.reportFault.peek() !== undefined) void this.loadReport();
       this.cuts.again();
       this.pictures.again();
     });
+    this.#leave = () => {
+      follow();
+      repeat();
+    };
+  }
+
+  /** Position along the tube of the cut at a place, micrometres; `place` is a fraction. */
+  planeOf(place: number): number {
+    const { begin, length } = this.tube;
+    const z_um = planeAt((begin + place * length) * 1000, begin * 1000, (begin + length) * 1000);
+    return Math.round(z_um * 100) / 100;
+  }
+
+  /** Requests the cut at the place of a view; subscribes the calling effect. */
+  #follow(view: View): void {
+    const z_um = this.planeOf(view.section.value);
+    if (this.uncut.value !== undefined) return;
+    // A flight waits for each cut; a request for every place would abort all requests before it.
+    if (view.flying.value && this.cuts.awaited.value !== undefined) return;
+    untracked(() => {
+      this.cuts.want(String(z_um), async (signal) => {
+        const answer = await answered(ask((service) => service.cut(this.model.id, { z_um }, { signal })));
+        if (answer.cut === undefined && answer.ever) this.uncut.value = answer.why;
+        return answer;
+      });
+    });
+  }
+
+  /** Removes the obstacle of the flight, if it can be removed. */
+  async removeObstacle(): Promise<void> {
+    if (this.passage.obstacle.peek()) await this.passage.load();
+    else if (this.surfaceFault.peek()) await this.retrySurface();
   }
 
   /** Loads the coarsest level of detail, then finer ones as far as the device can show them. */
@@ -72,6 +127,23 @@ export class Exploration {
     const present = device();
     if (!present) return;
     await this.#loadLevels(this.levels.slice(0, automaticLevel(this.levels, present) + 1));
+  }
+
+  /** Coarsest level of detail with which the flight is possible. */
+  get #flightLevel(): Level | undefined {
+    return this.levels[Math.min(FLIGHT_LEVEL, this.levels.length - 1)];
+  }
+
+  /** True if a level of detail is too coarse for the flight. */
+  isTooCoarse(level: Level): boolean {
+    return this.levels.indexOf(level) < this.levels.indexOf(this.#flightLevel!);
+  }
+
+  /** Loads a level of detail with which the flight is possible, unless one is shown or planned. */
+  loadFlightLevel(): void {
+    const level = this.level.peek();
+    if (!level || [level, ...this.#planned].some((one) => !this.isTooCoarse(one))) return;
+    void this.#loadLevels([this.#flightLevel!]);
   }
 
   /** Replaces the current level of detail by another one. */
@@ -91,6 +163,7 @@ export class Exploration {
     const signal = AbortSignal.any([this.#surfaceLoad.signal, this.#abort.signal]);
     this.surfaceFault.value = undefined;
     for (const [k, level] of levels.entries()) {
+      this.#planned = levels.slice(k);
       try {
         await this.#load(level, signal);
       } catch (error) {
@@ -99,9 +172,10 @@ export class Exploration {
           this.surfaceFault.value = { reason: explain(error), left: levels.slice(k) };
           this.loading.value = undefined;
         });
-        return;
+        break;
       }
     }
+    if (!signal.aborted) this.#planned = [];
   }
 
   async #load(level: Level, signal: AbortSignal): Promise<void> {
@@ -128,7 +202,7 @@ export class Exploration {
       const sections = await ask((service) => service.sections(this.model.id, { signal }));
       signal.throwIfAborted();
       this.sections.value = sections;
-      this.survey.value = await survey(sections, this.tube.begin, signal);
+      this.profile.value = await survey(sections, signal);
     } catch (error) {
       if (!signal.aborted) this.sectionsFault.value = explain(error);
     }
@@ -147,6 +221,7 @@ export class Exploration {
   dispose(): void {
     this.#leave();
     this.#abort.abort();
+    this.passage.dispose();
     this.cuts.dispose();
     this.pictures.dispose();
   }

@@ -1,5 +1,5 @@
 // Flight through the lumen: play, pause, speed and keys.
-import { effect, signal } from "@preact/signals";
+import { effect, signal, type ReadonlySignal } from "@preact/signals";
 import { stillness } from "../ui/theme.ts";
 import type { View } from "./view.ts";
 
@@ -19,18 +19,24 @@ export class Flight {
   readonly #view: View;
   /** Length of the tube, millimetres. */
   readonly #length: number;
+  readonly #ready: ReadonlySignal<boolean>;
   #last = 0;
   #told = 0;
   readonly #leave: (() => void)[];
 
-  constructor(view: View, length: number) {
+  /** The flight does not move until it is `ready`. */
+  constructor(view: View, length: number, ready: ReadonlySignal<boolean>) {
     this.#view = view;
     this.#length = length;
+    this.#ready = ready;
     const follow = effect(() => {
-      this.shown.value = view.flown = view.flight.value ?? 0;
+      const at = view.flight.value;
+      this.shown.value = view.flown = at ?? 0;
+      if (at !== undefined) view.section.value = at;
     });
     const play = effect(() => {
       this.#last = 0;
+      void ready.value;
       if (this.playing.value && !view.flying.value) this.playing.value = false;
     });
     this.#leave = [follow, play];
@@ -79,7 +85,7 @@ export class Flight {
 
   /** Advances to the time of a frame, outside effects; returns true while the flight continues. */
   advance = (now: number): boolean => {
-    if (!this.playing.value) return false;
+    if (!this.playing.value || !this.#ready.value) return false;
     const view = this.#view;
     if (this.#last > 0) view.flown = Math.min(1, view.flown + (Math.min(100, now - this.#last) * this.speed.value) / (1000 * this.#length));
     this.#last = now;

@@ -14,10 +14,9 @@ import type { View } from "./view.ts";
  * The measures of the report, or the page's own measures of the sections if the report has none.
  */
 export function ProfileCharts({ exploration, view }: { exploration: Exploration; view: View }) {
-  const { survey, report, reportFault, sectionsFault } = exploration;
+  const { profile: { value: profile }, report, reportFault, sectionsFault } = exploration;
   const { morphometry, comparison } = report.value ?? {};
   const measured = useMemo(() => (morphometry ? seriesOf(morphometry, comparison) : []), [morphometry]);
-  const profile = survey.value?.profile;
   const own = useMemo(() => (profile ? ownSeries(profile) : []), [profile]);
   if (measured.length > 0) {
     const { from_mm, to_mm } = morphometry!.regions["junction"] ?? {};

@@ -1,12 +1,11 @@
 // A position along the tube: the cut of the surface or the simulated section, with its controls.
 import { OviductError, type Section, type Sections, type SlideUrlOptions } from "oviduct-client";
-import { useEffect, useMemo } from "preact/hooks";
+import { useMemo } from "preact/hooks";
 import { ask, explain } from "../service.ts";
 import { bytes, short } from "../ui/format.ts";
 import { Icon, Notice, toast } from "../ui/widgets.tsx";
 import { nearestIndex } from "./ascending.ts";
 import { areas, ofCut, ofSection, type CrossSection } from "./cross-section.ts";
-import { answered, planeAt } from "./cuts.ts";
 import type { Exploration } from "./exploration.ts";
 import { Drawing } from "./section-drawing.tsx";
 import { LOOKS, TISSUES, pictureOf, sizeFor, slideOptions, type Look, type Picture } from "./slides.ts";
@@ -47,38 +46,33 @@ interface Shown {
   fault?: string | undefined;
 }
 
-/**
- * The cut at a section's position; the section itself until the cut arrives or if there is none.
- */
-function useShown({ model, cuts, uncut }: Exploration, section: Section, z_um: number): Shown {
-  const key = String(section.index);
-  useEffect(() => {
-    if (uncut.peek() !== undefined) return;
-    cuts.want(key, async (signal) => {
-      const answer = await answered(ask((service) => service.cut(model.id, { z_um }, { signal })));
-      if (answer.cut === undefined && answer.ever) uncut.value = answer.why;
-      return answer;
-    });
-  }, [key]);
+/** The cut at a place; the nearest section until the cut arrives or if there is none. */
+function useShown({ cuts, uncut }: Exploration, section: Section, z_um: number): Shown {
+  const key = String(z_um);
   const { value: outcome } = cuts.outcome;
+  // Until the next cut arrives, the last one stays.
+  const cut = outcome?.value?.cut;
+  const shown = useMemo(() => (cut ? ofCut(cut) : ofSection(section)), [cut ?? section]);
   const { value, fault } = outcome?.key === key ? outcome : {};
-  const shown = useMemo(() => (value?.cut ? ofCut(value.cut) : ofSection(section)), [section, value]);
   const why = uncut.value ?? (value && !value.cut ? value.why : undefined);
-  return { section: shown, waiting: why === undefined && outcome?.key !== key, why, fault: fault === undefined ? undefined : explain(fault) };
+  return {
+    section: shown,
+    waiting: why === undefined && outcome?.key !== key,
+    why,
+    fault: fault === undefined ? undefined : explain(fault),
+  };
 }
 
 function Loaded({ exploration, view, sections, index }: Props & { sections: Sections; index: number }) {
   const stored = useMemo(() => sections.section(index), [sections, index]);
-  const { begin, length } = exploration.tube;
-  const z_um = planeAt(stored.z_um, begin * 1000, (begin + length) * 1000);
+  const z_um = exploration.planeOf(view.section.value);
   const shown = useShown(exploration, stored, z_um);
   const { section, waiting } = shown;
   const choose = (k: number) => (view.section.value = exploration.fractions.peek()[Math.max(0, Math.min(sections.length - 1, k))]!);
-  const z = `${short(stored.z_um / 1000)} mm`;
+  const z = `${short(z_um / 1000)} mm`;
   const cutHere = () => {
     view.flight.value = undefined;
-    // The position of the nearest section, which is shown, instead of the requested position.
-    view.position.value = exploration.fractions.peek()[index]!;
+    view.position.value = view.section.peek();
     view.across.value = true;
   };
   const place: Place = { id: exploration.model.id, source: section.source, index, z_um };
@@ -133,8 +127,10 @@ const LOOK_NAMES: Record<Look, string> = { contours: "Contours", stained: "Stain
 function Caption({ section, waiting, why, fault, again }: Shown & { again: () => void }) {
   if (section.source === "surface") {
     return (
-      <p class="section-caption small" role="status">
-        Planar cut of the surface: {census(areas(section, "island"), "island")}, {census(areas(section, "pocket"), "pocket")}.
+      <p class="section-caption small" role="status" aria-busy={waiting}>
+        {waiting
+          ? "The surface is being cut …"
+          : `Planar cut of the surface: ${census(areas(section, "island"), "island")}, ${census(areas(section, "pocket"), "pocket")}.`}
       </p>
     );
   }
@@ -166,7 +162,7 @@ interface PicturedProps {
 /** The drawing, with a picture over it after the picture has loaded. */
 function Pictured({ exploration: { pictures }, place, look, waiting, section, z }: PicturedProps) {
   const { id, source, index, z_um } = place;
-  const name = `${source} ${index} ${look}`;
+  const name = `${source} ${source === "surface" ? z_um : index} ${look}`;
   const want = (pixels: number) => {
     if (look === "contours" || waiting) {
       pictures.stop();
@@ -232,7 +228,7 @@ async function save({ cuts }: Exploration, { id, index, z_um }: Place, kind: "sv
   // Save the content that will be shown.
   await cuts.settled();
   const outcome = cuts.outcome.peek();
-  const isCut = outcome?.key === String(index) && outcome.value?.cut !== undefined;
+  const isCut = outcome?.key === String(z_um) && outcome.value?.cut !== undefined;
   try {
     const url = await ask((service) => (isCut ? service.cutUrl(id, { z_um }, options) : service.sectionUrl(id, index, options)));
     const link = document.createElement("a");

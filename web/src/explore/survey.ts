@@ -1,9 +1,6 @@
-// Results computed from the sections of a model: measures along the tube, and a path through the
-// lumen.
+// Measures along the tube, computed from the sections of a model.
 import type { Sections } from "oviduct-client";
-import { centreline, type Centreline } from "./centreline.ts";
 import { area, perimeter } from "./contours.ts";
-import { DistanceField } from "./lumen.ts";
 
 /** Measures of all sections, isthmus end first. */
 export interface Profile {
@@ -17,28 +14,18 @@ export interface Profile {
   mucosa: Float64Array;
 }
 
-export interface Survey {
-  profile: Profile;
-  way: Centreline;
-}
-
-/** Maximum number of sections for the path. More sections do not make it smoother. */
-const WAY_SECTIONS = 400;
 /** Milliseconds of work between two pauses, so that the page stays responsive. */
 const WORK = 12;
 
 /**
- * Reads all sections in portions; the path through them starts at `begin` millimetres.
+ * Reads all sections in portions.
  *
  * @throws `signal.reason` if the signal is aborted.
  */
-export async function survey(sections: Sections, begin: number, signal: AbortSignal): Promise<Survey> {
+export async function survey(sections: Sections, signal: AbortSignal): Promise<Profile> {
   const count = sections.length;
   const figures = () => new Float64Array(count);
   const [z, lumen, tissue, mucosa] = [figures(), figures(), figures(), figures()];
-  const stride = Math.ceil(count / WAY_SECTIONS);
-  const fields: DistanceField[] = [];
-  const fieldsAt: number[] = [];
   const pause = pauses(signal);
   for (let k = 0; k < count; k++) {
     const { inner, outer, z_um } = sections.section(k);
@@ -46,13 +33,9 @@ export async function survey(sections: Sections, begin: number, signal: AbortSig
     lumen[k] = area(inner) / 1e6;
     tissue[k] = area(outer) / 1e6 - lumen[k]!;
     mucosa[k] = perimeter(inner) / 1000;
-    if (k % stride === 0 || k === count - 1) {
-      fields.push(new DistanceField(inner));
-      fieldsAt.push(z_um - 1000 * begin);
-    }
     await pause();
   }
-  return { profile: { z, lumen, tissue, mucosa }, way: await centreline(fields, fieldsAt, pause) };
+  return { z, lumen, tissue, mucosa };
 }
 
 /** Returns a function that pauses from time to time, so that the page can do other work. */
