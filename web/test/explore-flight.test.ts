@@ -56,9 +56,15 @@ test("a flight moves when nothing is in its way any more, and the section follow
   ready.value = true;
   assert(flight.advance(9000) && flight.advance(9050));
   assert(Math.abs(view.flown - 0.0025) < 1e-9, `${view.flown}`);
+  flight.toggle();
+  assert(Math.abs(view.section.value - 0.0025) < 1e-9, `${view.section.value}`);
   flight.move(5);
   assert.equal(view.section.value, view.flight.value);
+  view.goTo(0.2525);
+  assert.deepEqual([view.flown, view.section.value], [0.2525, 0.2525], "the camera goes where a section is chosen");
+  flight.toggle();
+  for (const now of [9100, 9150]) assert(flight.advance(now));
   flight.leave();
-  assert(Math.abs(view.section.value - 0.2525) < 1e-9, "it stays where the flight was left");
+  assert(Math.abs(view.section.value - 0.255) < 1e-9, "it stays where the flight was left");
   flight.dispose();
 });

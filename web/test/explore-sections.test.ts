@@ -1,16 +1,16 @@
 // Sections in the explorer: contours, and distances between their points.
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { area, boundsOf, contains, nearest, pathData, perimeter, thinned, type Outline } from "../src/explore/contours.ts";
+import { area, boundsOf, contains, nearest, pathData, thinned, type Outline } from "../src/explore/contours.ts";
 import { nearestIndex } from "../src/explore/ascending.ts";
+import { placesIn, placesOf } from "../src/explore/places.ts";
 import { distanceOf, nearestPoint } from "../src/explore/section-points.ts";
 
 const square: Outline = { x: [0, 10, 10, 0], y: [0, 0, 10, 10] };
 
-test("area, perimeter and bounds of a square", () => {
+test("area and bounds of a square", () => {
   assert.equal(area(square), 100);
   assert.equal(area({ x: [...(square.x as number[])].reverse(), y: [...(square.y as number[])].reverse() }), -100);
-  assert.equal(perimeter(square), 40);
   assert.deepEqual(boundsOf(square), { x0: 0, y0: 0, x1: 10, y1: 10 });
   assert.equal(pathData(square), "M0 0L10 0L10 10L0 10Z");
 });
@@ -44,4 +44,21 @@ test("a distance in a section is that of the stored numbers", () => {
   const [a, b] = [nearestPoint(contours, 0, 0), nearestPoint(contours, 60, 5)];
   assert.deepEqual([a, b], [{ contour: 1, index: 0 }, { contour: 0, index: 1 }]);
   assert.equal(distanceOf(contours, a, b), Math.hypot(50 - Math.fround(0.1), -Math.fround(0.2)));
+});
+
+test("the places of the sections are those of the report, if it lists every section", () => {
+  type Given = Parameters<typeof placesOf>[0];
+  const along = { z_mm: [0, 1, 2], step: [0, 10, 20] };
+  const report = (given: object, summary: object = { sections: 3 }) => placesOf({ summary, ...given } as Given);
+  assert.deepEqual(report({ morphometry: { along }, simulated: null }), along);
+  // The cuts of a leaning surface do not lie at its sections.
+  assert.deepEqual(report({ morphometry: { along: { z_mm: [0.5] } }, simulated: { along } }), along);
+  assert.equal(report({}), undefined);
+  assert.equal(report({ morphometry: { along: { z_mm: [0, 1, 2] } } }), undefined);
+  assert.equal(report({ morphometry: { along } }, { sections: 3, sections_added: 1 }), undefined);
+  assert.equal(report({ morphometry: { along } }, { sections: 4 }), undefined);
+  const entries = [0, 500].map((z_um, index) => {
+    return { index, z_um, step: 2.5 * index, added: false, innerPoints: 0, outerPoints: 0 };
+  });
+  assert.deepEqual(placesIn({ entries }), { z_mm: [0, 0.5], step: [0, 2.5] });
 });

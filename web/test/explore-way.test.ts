@@ -86,7 +86,7 @@ test("the camera looks along the way without sudden turns, and keeps its vertica
   const way = new Way({ clearance_um: 20, points: points(...all) }, tube);
   const camera = new PerspectiveCamera();
   const flight = new FlightCamera(tube);
-  const [before, now, axis, up] = Array.from({ length: 4 }, () => new Vector3()) as [Vector3, Vector3, Vector3, Vector3];
+  const [before, now, axis, up] = [new Vector3(), new Vector3(), new Vector3(), new Vector3()];
   for (let place = 0; place <= tube.length; place += 0.01) {
     flight.place(camera, way, place);
     camera.getWorldDirection(now);

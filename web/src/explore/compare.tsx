@@ -116,7 +116,12 @@ function Comparison({ models, courses }: { models: readonly [Model, Model]; cour
         {explorations.map((exploration, k) => {
           const { tube, model } = exploration;
           return (
-            <section key={k} id={sectionId(k)} class="compare-section card" aria-label={`Cross section of ${ordinalName(model, k)}`}>
+            <section
+              key={k}
+              id={sectionId(k)}
+              class="compare-section card"
+              aria-label={`Cross section of ${ordinalName(model, k)}`}
+            >
               <SectionView exploration={exploration} view={view} />
               <MeasurePanel measurement={exploration.measurement} middle={middleOf(tube)} />
               <DetailPanel exploration={exploration} view={view} />

@@ -20,13 +20,6 @@ export function area({ x, y }: Outline): number {
   return twice / 2;
 }
 
-/** Length of the outline, micrometres. */
-export function perimeter({ x, y }: Outline): number {
-  let length = 0;
-  for (let i = 0, j = x.length - 1; i < x.length; j = i++) length += Math.hypot(x[i]! - x[j]!, y[i]! - y[j]!);
-  return length;
-}
-
 /** True if the point is inside, by the even-odd rule. */
 export function contains({ x, y }: Outline, px: number, py: number): boolean {
   let inside = false;

@@ -1,16 +1,18 @@
-// Loaded data of one explored model: levels of detail, sections, and results computed from them.
+// Loaded data of one explored model: levels of detail, report, cuts and sections.
 import { batch, computed, effect, signal, untracked } from "@preact/signals";
-import type { Model, Report, Sections } from "oviduct-client";
+import type { Model, Report } from "oviduct-client";
 import { ask, explain } from "../service.ts";
 import { reconnections } from "../stream.ts";
+import { nearestIndex } from "./ascending.ts";
 import type { Course } from "./course.ts";
-import { answered, planeAt, type Answer } from "./cuts.ts";
+import { ofSection, type CrossSection } from "./cross-section.ts";
+import { answered, planeAt, type Answer, type Lack } from "./cuts.ts";
 import type { Tube } from "./framing.ts";
 import { Latest } from "./latest.ts";
 import { Measurement } from "./measure.ts";
 import { Passage, type Obstacle } from "./passage.ts";
+import { placesIn, placesOf, type Places } from "./places.ts";
 import type { Picture } from "./slides.ts";
-import { survey, type Profile } from "./survey.ts";
 import type { View } from "./view.ts";
 import { device } from "./viewer/device.ts";
 import { automaticLevel, levelsOf, type Level } from "./viewer/levels.ts";
@@ -30,17 +32,20 @@ export class Exploration {
   readonly loading = signal<{ level: Level; received: number } | undefined>(undefined);
   /** Reason why a level of detail failed, and the levels left to load, starting with that level. */
   readonly surfaceFault = signal<{ reason: string; left: readonly Level[] } | undefined>(undefined);
-  readonly sections = signal<Sections | undefined>(undefined);
-  readonly sectionsFault = signal<string | undefined>(undefined);
   /** Planar cuts by their position along the tube in micrometres. */
   readonly cuts = new Latest<Answer>(120, 30);
   /** Reason why no plane can cut the surface. */
   readonly uncut = signal<string | undefined>(undefined);
+  /** Simulated sections by their index, where there is no cut. */
+  readonly simulated = new Latest<CrossSection>(120, 8);
   /** Pictures of cross sections. */
   readonly pictures = new Latest<Picture>(200, 8, ({ url }) => URL.revokeObjectURL(url));
-  readonly profile = signal<Profile | undefined>(undefined);
   readonly report = signal<Report | undefined>(undefined);
   readonly reportFault = signal<string | undefined>(undefined);
+  /** Places of the simulated sections. */
+  readonly places = signal<Places | undefined>(undefined);
+  /** Reason why the places, which the report does not list, could not be loaded. */
+  readonly placesFault = signal<string | undefined>(undefined);
   readonly measurement = new Measurement();
   /** The way of the flight. */
   readonly passage: Passage;
@@ -54,8 +59,11 @@ export class Exploration {
     if (this.surfaceFault.value) return { words: `The flight needs ${title} detail.`, state: "failed" };
     return { words: `The flight begins when ${title} detail is loaded.`, state: "waiting" };
   });
-  /** Positions of the sections as fractions of the tube's length. */
-  readonly fractions = computed(() => this.sections.value?.entries.map(({ z_um }) => (z_um / 1000 - this.tube.begin) / this.tube.length) ?? []);
+  /** Places of the sections as fractions of the tube's length. */
+  readonly fractions = computed(() => {
+    const { begin, length } = this.tube;
+    return this.places.value?.z_mm.map((z) => (z - begin) / length) ?? [];
+  });
   readonly #abort = new AbortController();
   #surfaceLoad = new AbortController();
   /** Levels of detail that are being loaded or will be. */
@@ -71,25 +79,25 @@ export class Exploration {
   }
 
   /**
-   * Loads sections, report, and the cuts at the places of a view; failed requests are repeated when
-   * the service is available again.
+   * Loads the cuts at the places of a view, and the report; failed requests are repeated when the
+   * service is available again.
    *
    * The surface is loaded later, when a picture can show it.
    */
   start(view: View): void {
-    void this.loadSections();
+    const follow = [effect(() => this.#wantCut(view)), effect(() => this.#wantSimulated(view))];
     void this.loadReport();
-    const follow = effect(() => this.#follow(view));
     const repeat = reconnections.subscribe(() => {
       if (this.surfaceFault.peek()) void this.retrySurface();
       void this.passage.again();
-      if (this.sectionsFault.peek() !== undefined) void this.loadSections();
+      if (this.placesFault.peek() !== undefined) void this.loadPlaces();
       if (this.reportFault.peek() !== undefined) void this.loadReport();
       this.cuts.again();
+      this.simulated.again();
       this.pictures.again();
     });
     this.#leave = () => {
-      follow();
+      for (const end of follow) end();
       repeat();
     };
   }
@@ -98,11 +106,39 @@ export class Exploration {
   planeOf(place: number): number {
     const { begin, length } = this.tube;
     const z_um = planeAt((begin + place * length) * 1000, begin * 1000, (begin + length) * 1000);
-    return Math.round(z_um * 100) / 100;
+    return Math.round(z_um * 1e4) / 1e4;
+  }
+
+  /** Index of the section that is nearest to a place; undefined while the places are unknown. */
+  indexAt(place: number): number | undefined {
+    const known = this.fractions.value;
+    return known.length > 0 ? nearestIndex(known, place) : undefined;
+  }
+
+  /** The reason why there is no cut at a position; undefined if there is one or it is awaited. */
+  lackAt(z_um: number): Lack | undefined {
+    if (this.uncut.value !== undefined) return { why: this.uncut.value, fault: false };
+    const outcome = this.cuts.outcome.value;
+    if (outcome?.key !== String(z_um)) return undefined;
+    const { value, fault } = outcome;
+    if (!value) return { why: explain(fault), fault: true };
+    return value.cut ? undefined : { why: value.why, fault: false };
+  }
+
+  /** Requests the simulated section next to a place without a cut; subscribes the calling effect. */
+  #wantSimulated(view: View): void {
+    const place = view.section.value;
+    const index = this.indexAt(place);
+    if (index === undefined || !this.lackAt(this.planeOf(place))) return;
+    untracked(() => {
+      this.simulated.want(String(index), async (signal) => {
+        return ofSection(await ask((service) => service.section(this.model.id, index, { signal })));
+      });
+    });
   }
 
   /** Requests the cut at the place of a view; subscribes the calling effect. */
-  #follow(view: View): void {
+  #wantCut(view: View): void {
     const z_um = this.planeOf(view.section.value);
     if (this.uncut.value !== undefined) return;
     // A flight waits for each cut; a request for every place would abort all requests before it.
@@ -195,16 +231,14 @@ export class Exploration {
     });
   }
 
-  async loadSections(): Promise<void> {
+  /** Reads the places of all sections from their file. */
+  async loadPlaces(): Promise<void> {
     const { signal } = this.#abort;
-    this.sectionsFault.value = undefined;
+    this.placesFault.value = undefined;
     try {
-      const sections = await ask((service) => service.sections(this.model.id, { signal }));
-      signal.throwIfAborted();
-      this.sections.value = sections;
-      this.profile.value = await survey(sections, signal);
+      this.places.value = placesIn(await ask((service) => service.sections(this.model.id, { signal })));
     } catch (error) {
-      if (!signal.aborted) this.sectionsFault.value = explain(error);
+      if (!signal.aborted) this.placesFault.value = explain(error);
     }
   }
 
@@ -212,7 +246,12 @@ export class Exploration {
     const { signal } = this.#abort;
     this.reportFault.value = undefined;
     try {
-      this.report.value = await ask((service) => service.report(this.model.id, { signal }));
+      const report = await ask((service) => service.report(this.model.id, { signal }));
+      batch(() => {
+        this.report.value = report;
+        this.places.value = placesOf(report);
+      });
+      if (!this.places.peek()) void this.loadPlaces();
     } catch (error) {
       if (!signal.aborted) this.reportFault.value = explain(error);
     }
@@ -223,6 +262,7 @@ export class Exploration {
     this.#abort.abort();
     this.passage.dispose();
     this.cuts.dispose();
+    this.simulated.dispose();
     this.pictures.dispose();
   }
 }

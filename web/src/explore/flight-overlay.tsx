@@ -53,7 +53,7 @@ export function FlightInset({ exploration, view, section }: Props & { section: s
   const place = `${short(z_um / 1000)} mm`;
   const leave = () => {
     view.flight.value = undefined;
-    document.getElementById(section)?.scrollIntoView({ block: "nearest" });
+    document.getElementById(section)?.scrollIntoView();
   };
   const turned = (-Math.atan2(up[0], up[1]) * 180) / Math.PI;
   const camera = `translate(${u} ${v}) rotate(${turned}) scale(${span / 100})`;

@@ -10,6 +10,8 @@ const STEP = 0.1;
 const BIG_STEP = 1;
 /** Milliseconds between updates of the controls and the link during the flight. */
 const TOLD = 100;
+/** Milliseconds between updates of the cross section and the charts. */
+const FOLLOWED = 250;
 
 export class Flight {
   readonly playing = signal(false);
@@ -22,6 +24,8 @@ export class Flight {
   readonly #ready: ReadonlySignal<boolean>;
   #last = 0;
   #told = 0;
+  /** Time of the last update of the cross section; undefined outside the flight. */
+  #followed: number | undefined;
   readonly #leave: (() => void)[];
 
   /** The flight does not move until it is `ready`. */
@@ -31,8 +35,8 @@ export class Flight {
     this.#ready = ready;
     const follow = effect(() => {
       const at = view.flight.value;
+      this.#follow(at);
       this.shown.value = view.flown = at ?? 0;
-      if (at !== undefined) view.section.value = at;
     });
     const play = effect(() => {
       this.#last = 0;
@@ -81,6 +85,18 @@ export class Flight {
 
   dispose(): void {
     for (const leave of this.#leave) leave();
+  }
+
+  /** Moves the cross section with the flight; at the end, to the place where it was left. */
+  #follow(at: number | undefined): void {
+    const view = this.#view;
+    if (at === undefined) {
+      if (this.#followed !== undefined) view.section.value = view.flown;
+      this.#followed = undefined;
+    } else if (!this.playing.value || performance.now() - (this.#followed ?? -Infinity) >= FOLLOWED) {
+      this.#followed = performance.now();
+      view.section.value = at;
+    }
   }
 
   /** Advances to the time of a frame, outside effects; returns true while the flight continues. */

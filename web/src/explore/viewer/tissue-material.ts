@@ -113,7 +113,8 @@ void main() {
     vec3 soft = mix(ground, sky, 0.5 * facing.y + 0.5);
     #ifdef FLIGHT
       float steps = length(seen) / ${LAMP_REACH.toFixed(2)};
-      vec3 shown = displayed(scattered * (lamp * (0.5 + 1.6 * max(facing.x, 0.0)) + 0.5 * soft) / (1.0 + steps * steps));
+      vec3 near = lamp * (0.5 + 1.6 * max(facing.x, 0.0)) + 0.5 * soft;
+      vec3 shown = displayed(scattered * near / (1.0 + steps * steps));
     #else
       vec3 shown = displayed(scattered * (lamp * max(facing.x, 0.0) + soft));
     #endif
