@@ -9,7 +9,7 @@ import { colour, sizeFor, slideOptions, TISSUES } from "../src/explore/slides.ts
 import { squareMicrometres } from "../src/ui/format.ts";
 import { census, islands } from "../src/explore/words.ts";
 
-const square = (side: number): number[][] => [[0, 0], [side, 0], [side, side], [0, side]];
+const square = (side: number): [number, number][] => [[0, 0], [side, 0], [side, side], [0, side]];
 
 const cut: Cut = {
   model: "00000000-0000-7000-8000-000000000000",
@@ -40,10 +40,7 @@ test("a cut is drawn by its rings", () => {
 });
 
 test("a section of the simulation is drawn by its contours", () => {
-  const ring = (side: number) => {
-    const points = square(side);
-    return { ids: new Uint32Array(4), x: Float32Array.from(points, ([x]) => x!), y: Float32Array.from(points, ([, y]) => y!) };
-  };
+  const ring = (side: number) => ({ ids: [0, 1, 2, 3], points: square(side) });
   const section = ofSection({ inner: ring(8), outer: ring(10) });
   assert.deepEqual([section.source, section.tissue, section.lumen], ["simulation", 36, 64]);
   assert.deepEqual(names(section), ["outer wall", "mucosa"]);
@@ -83,6 +80,9 @@ test("what is passed by is not loaded, what was loaded is kept, what is no longe
     answers.get(key)!(key.toUpperCase());
     await new Promise(setImmediate);
   };
+  want("first");
+  context.mock.timers.tick(0);
+  assert.deepEqual(asked.splice(0), ["first"], "the first request waits for nothing");
   want("a");
   context.mock.timers.tick(60);
   want("b");

@@ -1,7 +1,7 @@
 // The flight through the lumen, without a picture.
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { effect } from "@preact/signals";
+import { effect, signal } from "@preact/signals";
 
 const query = Object.assign(new EventTarget(), { matches: false });
 Object.assign(globalThis, { matchMedia: () => query, document: { documentElement: { dataset: {} } } });
@@ -10,7 +10,7 @@ const { View } = await import("../src/explore/view.ts");
 
 test("a flight has the speed that it states, and tells its position now and then", () => {
   const view = new View({ begin: 0, length: 20, radius: 1, x: 0, y: 0 });
-  const flight = new Flight(view, 20);
+  const flight = new Flight(view, 20, signal(true));
   let told = -1;
   const stop = effect(() => {
     void flight.shown.value;
@@ -44,5 +44,27 @@ test("a flight has the speed that it states, and tells its position now and then
   flight.leave();
   assert.equal(flight.playing.value, false);
   stop();
+  flight.dispose();
+});
+
+test("a flight moves when nothing is in its way any more, and the section follows it", () => {
+  const view = new View({ begin: 0, length: 20, radius: 1, x: 0, y: 0 });
+  const ready = signal(false);
+  const flight = new Flight(view, 20, ready);
+  flight.start();
+  for (let now = 1000; now < 3000; now += 50) assert(!flight.advance(now));
+  ready.value = true;
+  assert(flight.advance(9000) && flight.advance(9050));
+  assert(Math.abs(view.flown - 0.0025) < 1e-9, `${view.flown}`);
+  flight.toggle();
+  assert(Math.abs(view.section.value - 0.0025) < 1e-9, `${view.section.value}`);
+  flight.move(5);
+  assert.equal(view.section.value, view.flight.value);
+  view.goTo(0.2525);
+  assert.deepEqual([view.flown, view.section.value], [0.2525, 0.2525], "the camera goes where a section is chosen");
+  flight.toggle();
+  for (const now of [9100, 9150]) assert(flight.advance(now));
+  flight.leave();
+  assert(Math.abs(view.section.value - 0.255) < 1e-9, "it stays where the flight was left");
   flight.dispose();
 });

@@ -38,6 +38,7 @@ import type {
   Slide,
   Table,
   Validation,
+  Way,
   Worker,
   WorkerList,
 } from "./types.js";
@@ -602,6 +603,15 @@ export class Oviduct {
   /** Returns a cut as PNG: stained, or as tissue labels. */
   cutPicture(id: string, plane: CutPlane, options: SlideOptions = {}): Promise<Slide> {
     return this.#slide(`models/${segment(id)}/cut`, planeQuery(plane), options);
+  }
+
+  /**
+   * Returns a way through the lumen from one end of a model to the other, in millimetres.
+   *
+   * The service certifies its distance from the mucosa.
+   */
+  way(id: string, options: CallOptions = {}): Promise<Way> {
+    return this.#get(`models/${segment(id)}/way`, options);
   }
 
   /** Returns a picture of a model as PNG. */

@@ -315,6 +315,19 @@ test("the surface is cut across and along the tube, as points and as pictures", 
   assert.equal((await problemOf(client.cut(model.id, { origin_um: [0, 0, 0], normal: [0, 0, 0] }))).errors[0]?.parameter, "normal");
 });
 
+test("a way leads through the lumen from end to end", async () => {
+  const { model: own, clearance_um, length_mm, points } = await client.way(model.id);
+  assert.equal(own, model.id);
+  assert(clearance_um > 0 && points.every((point) => point.clearance_um >= clearance_um));
+  assert(points.every(({ s_mm }, k) => k === 0 || s_mm > points[k - 1]!.s_mm));
+  assert(points.every(({ tangent }) => Math.abs(Math.hypot(...tangent) - 1) < 1e-6));
+  const steps = points.slice(1).map(({ position_mm }, k) => {
+    return Math.hypot(...position_mm.map((value, axis) => value - points[k]!.position_mm[axis]!));
+  });
+  assert(Math.abs(steps.reduce((sum, step) => sum + step, 0) / length_mm - 1) < 1e-3);
+  assert((await problemOf(client.way("00000000-0000-7000-8000-000000000000"))).is("model-not-found"));
+});
+
 test("a leaning surface has islands in planar cuts", async () => {
   const { id } = await client.submit({
     preset: "paper",

@@ -1,5 +1,6 @@
 // Two models side by side with the same camera and the same cuts. Bent models have separate
 // cameras.
+import { computed } from "@preact/signals";
 import type { Model } from "oviduct-client";
 import { useEffect, useMemo, useState } from "preact/hooks";
 import { state } from "../models.ts";
@@ -75,11 +76,12 @@ function Comparison({ models, courses }: { models: readonly [Model, Model]; cour
     const radius = Math.max(...explorations.map(({ tube }) => tube.radius));
     // Bent tubes point in different directions, so each one is framed separately.
     const view = courses.some(Boolean) ? new View(explorations[0]!.tube, explorations[1]!.tube) : new View({ ...longest, radius });
-    return { explorations, view, flight: new Flight(view, longest.length) };
+    const ready = computed(() => explorations.every(({ obstacle }) => !obstacle.value));
+    return { explorations, view, flight: new Flight(view, longest.length, ready) };
   }, []);
   useEffect(() => {
-    for (const exploration of explorations) exploration.start();
     const leave = keepLink(view);
+    for (const exploration of explorations) exploration.start(view);
     return () => {
       leave();
       flight.dispose();
@@ -97,7 +99,13 @@ function Comparison({ models, courses }: { models: readonly [Model, Model]; cour
         {explorations.map((exploration, k) => (
           <section key={k} class="compare-model card" aria-label={ordinalName(exploration.model, k)}>
             <Head model={exploration.model} words={courses.some(Boolean) ? courseInWords(courses[k]) : undefined} />
-            <Picture name={ordinalName(exploration.model, k)} exploration={exploration} view={view} flight={flight} />
+            <Picture
+              name={ordinalName(exploration.model, k)}
+              exploration={exploration}
+              view={view}
+              flight={flight}
+              section={sectionId(k)}
+            />
           </section>
         ))}
         <div class="compare-controls card">
@@ -108,16 +116,25 @@ function Comparison({ models, courses }: { models: readonly [Model, Model]; cour
         {explorations.map((exploration, k) => {
           const { tube, model } = exploration;
           return (
-            <section key={k} class="compare-section card" aria-label={`Cross section of ${ordinalName(model, k)}`}>
+            <section
+              key={k}
+              id={sectionId(k)}
+              class="compare-section card"
+              aria-label={`Cross section of ${ordinalName(model, k)}`}
+            >
               <SectionView exploration={exploration} view={view} />
               <MeasurePanel measurement={exploration.measurement} middle={middleOf(tube)} />
-              <DetailPanel exploration={exploration} />
+              <DetailPanel exploration={exploration} view={view} />
             </section>
           );
         })}
       </div>
     </>
   );
+}
+
+function sectionId(k: number): string {
+  return `compare-section-${k}`;
 }
 
 function hasSucceeded({ status }: Model): boolean {

@@ -20,13 +20,6 @@ export function area({ x, y }: Outline): number {
   return twice / 2;
 }
 
-/** Length of the outline, micrometres. */
-export function perimeter({ x, y }: Outline): number {
-  let length = 0;
-  for (let i = 0, j = x.length - 1; i < x.length; j = i++) length += Math.hypot(x[i]! - x[j]!, y[i]! - y[j]!);
-  return length;
-}
-
 /** True if the point is inside, by the even-odd rule. */
 export function contains({ x, y }: Outline, px: number, py: number): boolean {
   let inside = false;
@@ -56,6 +49,17 @@ export function boundsOf({ x, y }: Outline): Box {
     box.y1 = Math.max(box.y1, y[i]!);
   }
   return box;
+}
+
+/** The outline without points that are closer than `step` to the last kept one, for small pictures. */
+export function thinned({ x, y }: Outline, step: number): Outline {
+  const [keptX, keptY]: [number[], number[]] = [[], []];
+  for (let i = 0; i < x.length; i++) {
+    if (i > 0 && Math.hypot(x[i]! - keptX.at(-1)!, y[i]! - keptY.at(-1)!) < step) continue;
+    keptX.push(x[i]!);
+    keptY.push(y[i]!);
+  }
+  return { x: keptX, y: keptY };
 }
 
 /** Data of an SVG path, rounded to hundredths of a micrometre. */

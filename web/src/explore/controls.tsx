@@ -70,7 +70,13 @@ export function PartsPanel({ view }: { view: View }) {
   );
 }
 
-export function DetailPanel({ exploration, contraction }: { exploration: Exploration; contraction?: Contraction }) {
+interface DetailProps {
+  exploration: Exploration;
+  view: View;
+  contraction?: Contraction;
+}
+
+export function DetailPanel({ exploration, view, contraction }: DetailProps) {
   const { levels, level, loading, surface } = exploration;
   if (levels.length === 0) return null;
   const difference = surface.value?.difference;
@@ -80,7 +86,14 @@ export function DetailPanel({ exploration, contraction }: { exploration: Explora
     <Panel title="Detail">
       <div class="levels" role="group" aria-label="Level of detail">
         {levels.map((one) => (
-          <button key={one.title} type="button" class="button" aria-pressed={one === chosen} disabled={moving} onClick={() => exploration.loadLevel(one)}>
+          <button
+            key={one.title}
+            type="button"
+            class="button"
+            aria-pressed={one === chosen}
+            disabled={moving || (view.flying.value && exploration.isTooCoarse(one))}
+            onClick={() => exploration.loadLevel(one)}
+          >
             {one.title} <span class="soft num">{bytes(one.file.bytes)}</span>
           </button>
         ))}
@@ -102,17 +115,16 @@ const ROUNDING = 1e-3;
 
 /** Flies through all tubes simultaneously. */
 export function FlightPanel({ explorations, view, flight }: { explorations: readonly Exploration[]; view: View; flight: Flight }) {
-  const ready = explorations.every(({ survey }) => survey.value);
-  const failed = explorations.some(({ sectionsFault }) => sectionsFault.value !== undefined);
+  const obstacle = explorations.map(({ passage }) => passage.obstacle.value).find(Boolean);
   const lengths = explorations.map(({ tube }) => tube.length);
   const speed = useId();
   if (!view.flying.value) {
     return (
       <Panel title="Fly through the lumen">
-        <button type="button" class="button" disabled={!ready} onClick={() => flight.start()}>
+        <button type="button" class="button" disabled={obstacle?.state === "none"} onClick={() => flight.start()}>
           <Icon name="plane" /> Fly from the isthmus
         </button>
-        {!ready && !failed && <p class="soft small">Looking for the way through the folds …</p>}
+        {obstacle && <p class="soft small">{obstacle.words}</p>}
       </Panel>
     );
   }

@@ -1,5 +1,5 @@
 // Shape at a position along the tube: a planar cut of the surface, or else the simulated section.
-import type { Cut, RingKind, Section } from "oviduct-client";
+import type { Cut, RingKind, SectionJson } from "oviduct-client";
 import { area, boundsOf, type Box, type Outline } from "./contours.ts";
 
 /** A closed contour, micrometres. */
@@ -20,16 +20,19 @@ export interface CrossSection {
 }
 
 export function ofCut({ rings, tissue_area_um2: tissue, lumen_area_um2: lumen }: Cut): CrossSection {
-  const contours = rings.map(({ kind, area_um2, points }) => ({
-    kind, area: area_um2, x: Float64Array.from(points, ([u]) => u!), y: Float64Array.from(points, ([, v]) => v!),
-  }));
+  const contours = rings.map(({ kind, area_um2, points }) => ({ kind, area: area_um2, ...outlineOf(points) }));
   return { source: "surface", contours, tissue, lumen };
 }
 
-export function ofSection({ inner, outer }: Pick<Section, "inner" | "outer">): CrossSection {
-  const [whole, lumen] = [area(outer), area(inner)];
-  const contours: Contour[] = [{ kind: "tissue", area: whole, x: outer.x, y: outer.y }, { kind: "lumen", area: lumen, x: inner.x, y: inner.y }];
+export function ofSection({ inner, outer }: Pick<SectionJson, "inner" | "outer">): CrossSection {
+  const [wall, mucosa] = [outlineOf(outer.points), outlineOf(inner.points)];
+  const [whole, lumen] = [area(wall), area(mucosa)];
+  const contours: Contour[] = [{ kind: "tissue", area: whole, ...wall }, { kind: "lumen", area: lumen, ...mucosa }];
   return { source: "simulation", contours, tissue: whole - lumen, lumen };
+}
+
+function outlineOf(points: readonly (readonly number[])[]): Outline {
+  return { x: Float64Array.from(points, ([x]) => x!), y: Float64Array.from(points, ([, y]) => y!) };
 }
 
 /** Bounding box of all tissue. */

@@ -4,6 +4,12 @@ import { OviductError, type Cut } from "oviduct-client";
 /** A cut, or the reason why there is none: in this plane, or in any plane (`ever`). */
 export type Answer = { cut: Cut } | { cut?: undefined; why: string; ever: boolean };
 
+/** Why there is no cut at a place; `fault` is an error after which a retry may succeed. */
+export interface Lack {
+  why: string;
+  fault: boolean;
+}
+
 const REASONS = {
   "file-not-found": { why: "the model has no surface that can be cut", ever: true },
   "surface-too-large": { why: "the surface is too large to be cut by the service", ever: true },

@@ -1,4 +1,5 @@
 // Explores a finished model: in 3D, section by section, by its measures and files.
+import { computed } from "@preact/signals";
 import type { Model } from "oviduct-client";
 import { useEffect, useMemo } from "preact/hooks";
 import { Notice } from "../ui/widgets.tsx";
@@ -44,14 +45,14 @@ function Explorer({ model, course }: { model: Model; course: Course | undefined 
     return {
       exploration,
       view,
-      flight: new Flight(view, exploration.tube.length),
+      flight: new Flight(view, exploration.tube.length, computed(() => !exploration.obstacle.value)),
       contraction: new Contraction(model, view, exploration.tube),
     };
   }, []);
   const { tube, measurement } = exploration;
   useEffect(() => {
-    exploration.start();
     const leave = keepLink(view, measurement);
+    exploration.start(view);
     return () => {
       leave();
       flight.dispose();
@@ -62,7 +63,14 @@ function Explorer({ model, course }: { model: Model; course: Course | undefined 
   return (
     <div class="explore">
       <section class="explore-model card" aria-label="Model in 3D">
-        <Picture name={`model ${model.seed}`} exploration={exploration} view={view} flight={flight} contraction={contraction} />
+        <Picture
+          name={`model ${model.seed}`}
+          exploration={exploration}
+          view={view}
+          flight={flight}
+          contraction={contraction}
+          section="explore-section"
+        />
         <div class="explore-bar">
           <ViewButtons view={view} />
           {course && <p class="soft small num">{courseInWords(course)}</p>}
@@ -74,7 +82,7 @@ function Explorer({ model, course }: { model: Model; course: Course | undefined 
         <FlightPanel explorations={[exploration]} view={view} flight={flight} />
         <ContractionPanel contraction={contraction} />
         <MeasurePanel measurement={measurement} middle={middleOf(tube)} />
-        <DetailPanel exploration={exploration} contraction={contraction} />
+        <DetailPanel exploration={exploration} view={view} contraction={contraction} />
       </div>
       <section class="explore-section card" aria-labelledby="explore-section">
         <h2 id="explore-section">Cross section</h2>

@@ -1,5 +1,5 @@
 // Flight through the lumen: play, pause, speed and keys.
-import { effect, signal } from "@preact/signals";
+import { effect, signal, type ReadonlySignal } from "@preact/signals";
 import { stillness } from "../ui/theme.ts";
 import type { View } from "./view.ts";
 
@@ -10,6 +10,8 @@ const STEP = 0.1;
 const BIG_STEP = 1;
 /** Milliseconds between updates of the controls and the link during the flight. */
 const TOLD = 100;
+/** Milliseconds between updates of the cross section and the charts. */
+const FOLLOWED = 250;
 
 export class Flight {
   readonly playing = signal(false);
@@ -19,18 +21,26 @@ export class Flight {
   readonly #view: View;
   /** Length of the tube, millimetres. */
   readonly #length: number;
+  readonly #ready: ReadonlySignal<boolean>;
   #last = 0;
   #told = 0;
+  /** Time of the last update of the cross section; undefined outside the flight. */
+  #followed: number | undefined;
   readonly #leave: (() => void)[];
 
-  constructor(view: View, length: number) {
+  /** The flight does not move until it is `ready`. */
+  constructor(view: View, length: number, ready: ReadonlySignal<boolean>) {
     this.#view = view;
     this.#length = length;
+    this.#ready = ready;
     const follow = effect(() => {
-      this.shown.value = view.flown = view.flight.value ?? 0;
+      const at = view.flight.value;
+      this.#follow(at);
+      this.shown.value = view.flown = at ?? 0;
     });
     const play = effect(() => {
       this.#last = 0;
+      void ready.value;
       if (this.playing.value && !view.flying.value) this.playing.value = false;
     });
     this.#leave = [follow, play];
@@ -77,9 +87,21 @@ export class Flight {
     for (const leave of this.#leave) leave();
   }
 
+  /** Moves the cross section with the flight; at the end, to the place where it was left. */
+  #follow(at: number | undefined): void {
+    const view = this.#view;
+    if (at === undefined) {
+      if (this.#followed !== undefined) view.section.value = view.flown;
+      this.#followed = undefined;
+    } else if (!this.playing.value || performance.now() - (this.#followed ?? -Infinity) >= FOLLOWED) {
+      this.#followed = performance.now();
+      view.section.value = at;
+    }
+  }
+
   /** Advances to the time of a frame, outside effects; returns true while the flight continues. */
   advance = (now: number): boolean => {
-    if (!this.playing.value) return false;
+    if (!this.playing.value || !this.#ready.value) return false;
     const view = this.#view;
     if (this.#last > 0) view.flown = Math.min(1, view.flown + (Math.min(100, now - this.#last) * this.speed.value) / (1000 * this.#length));
     this.#last = now;

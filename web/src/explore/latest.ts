@@ -30,11 +30,16 @@ export class Latest<T> {
     this.#drop = drop;
   }
 
-  /** Requests the value of a key, which `load` returns. Aborts the previous request. */
+  /**
+   * Requests the value of a key, which `load` returns. Aborts the previous request.
+   *
+   * The first request starts at once.
+   */
   want(key: string, load: Load<T>): void {
     if (this.#wanted?.key === key) return;
+    const pause = this.#wanted ? this.#pause : 0;
     this.#wanted = { key, load };
-    this.#start(this.#pause);
+    this.#start(pause);
   }
 
   /** Repeats the failed request. */

@@ -1,11 +1,12 @@
 // The 3D picture of a model with its overlays; a still picture if the browser cannot draw it.
-import { effect } from "@preact/signals";
+import { effect, untracked } from "@preact/signals";
 import { useEffect, useId, useRef, useState } from "preact/hooks";
 import { bytes } from "../ui/format.ts";
 import { Notice, ProgressBar } from "../ui/widgets.tsx";
 import type { Contraction } from "./contraction.ts";
 import type { Exploration } from "./exploration.ts";
 import type { Flight } from "./flight.ts";
+import { FlightInset, FlightNote } from "./flight-overlay.tsx";
 import { Ruler } from "./ruler.ts";
 import { Signs } from "./signs.ts";
 import { Still } from "./still.tsx";
@@ -20,6 +21,8 @@ interface Props {
   view: View;
   flight: Flight;
   contraction?: Contraction;
+  /** Id of the element that shows the cross section. */
+  section: string;
 }
 
 export function Picture(props: Props) {
@@ -32,7 +35,9 @@ export function Picture(props: Props) {
     const stage = newStage(canvas.current!, view, exploration);
     setStage(stage ?? "impossible");
     if (!stage) return;
-    const leave = connect(stage, props, new Ruler(ruler.current!), new Signs(names.current!, scale.current!, exploration.tube, view.viewpointOf(exploration.tube).pose));
+    const { pose } = view.viewpointOf(exploration.tube);
+    const signs = new Signs(names.current!, scale.current!, exploration.tube, pose);
+    const leave = connect(stage, props, new Ruler(ruler.current!), signs);
     return () => {
       leave();
       stage.dispose();
@@ -74,6 +79,8 @@ export function Picture(props: Props) {
         <span class="visually-hidden">Scale bar: </span><b />
       </p>
       <Loading exploration={exploration} />
+      <FlightNote exploration={exploration} view={view} />
+      <FlightInset exploration={exploration} view={view} section={props.section} />
       {stage?.lost.value && (
         <Still exploration={exploration}>
           The graphics processor is busy or was reset. The 3D view comes back by itself, or when you reload the page.
@@ -121,9 +128,17 @@ function connect(stage: Stage, { exploration, view, flight, contraction }: Props
       signs.show(surface);
     }),
     effect(() => {
-      stage.way = exploration.survey.value?.way;
+      // A link to a flight needs the way at once; otherwise the model is shown first.
+      if (view.flying.value || exploration.surface.value) untracked(() => exploration.passage.load());
     }),
     effect(() => {
+      if (view.flying.value && exploration.surface.value) untracked(() => exploration.loadFlightLevel());
+    }),
+    effect(() => {
+      stage.way = exploration.obstacle.value ? undefined : exploration.passage.way.value;
+    }),
+    effect(() => {
+      void exploration.obstacle.value;
       if (flight.playing.value || contraction?.playing.value) stage.invalidate();
     }),
     effect(() => {

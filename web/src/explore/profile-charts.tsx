@@ -7,36 +7,19 @@ import { nearestIndex } from "./ascending.ts";
 import type { Exploration } from "./exploration.ts";
 import type { Tube } from "./framing.ts";
 import { extent, published, seriesOf, type Series } from "./series.ts";
-import type { Profile } from "./survey.ts";
 import type { View } from "./view.ts";
 
-/**
- * The measures of the report, or the page's own measures of the sections if the report has none.
- */
 export function ProfileCharts({ exploration, view }: { exploration: Exploration; view: View }) {
-  const { survey, report, reportFault, sectionsFault } = exploration;
+  const { report, reportFault } = exploration;
   const { morphometry, comparison } = report.value ?? {};
-  const measured = useMemo(() => (morphometry ? seriesOf(morphometry, comparison) : []), [morphometry]);
-  const profile = survey.value?.profile;
-  const own = useMemo(() => (profile ? ownSeries(profile) : []), [profile]);
-  if (measured.length > 0) {
+  const all = useMemo(() => (morphometry ? seriesOf(morphometry, comparison) : []), [morphometry]);
+  if (all.length > 0) {
     const { from_mm, to_mm } = morphometry!.regions["junction"] ?? {};
     const junction = from_mm === undefined || to_mm === undefined ? undefined : ([from_mm, to_mm] as const);
-    return <Charts all={measured} junction={junction} exploration={exploration} view={view} />;
+    return <Charts all={all} junction={junction} exploration={exploration} view={view} />;
   }
-  if (!report.value && reportFault.value === undefined) return <p class="soft" aria-busy="true">Loading the measures …</p>;
-  if (sectionsFault.value !== undefined) return null;
-  if (own.length === 0) return <p class="soft" aria-busy="true">Measuring the sections …</p>;
-  return <Charts all={own} exploration={exploration} view={view} />;
-}
-
-function ownSeries({ z, lumen, tissue, mucosa }: Profile): Series[] {
-  const common = { z, starts: [0], bands: [] };
-  return [
-    { title: "Area of the lumen", unit: "mm²", values: lumen, ...common },
-    { title: "Area of the tissue", unit: "mm²", values: tissue, ...common },
-    { title: "Length of the mucosa in the section", unit: "mm", values: mucosa, ...common },
-  ];
+  if (report.value) return <p class="soft">The version that grew this model did not measure it along the tube.</p>;
+  return reportFault.value === undefined ? <p class="soft" aria-busy="true">Loading the measures …</p> : null;
 }
 
 interface ChartsProps {
@@ -47,13 +30,9 @@ interface ChartsProps {
   view: View;
 }
 
-function Charts({ all, junction, exploration: { model, fractions, tube }, view }: ChartsProps) {
+function Charts({ all, junction, exploration: { model, tube }, view }: ChartsProps) {
   // Pointing at one chart shows the values at that position in all charts.
   const hovered = useSignal<number | undefined>(undefined);
-  const section = (fraction: number) => {
-    const known = fractions.value;
-    return known.length > 0 ? known[nearestIndex(known, fraction)]! : fraction;
-  };
   const { begin, length } = tube;
   const isWhole = begin === 0 && Math.abs(length - (model.spec?.length_mm ?? length)) < 1e-3;
   const towards = isWhole ? "" : "towards the ";
@@ -68,9 +47,9 @@ function Charts({ all, junction, exploration: { model, fractions, tube }, view }
             series={one}
             junction={junction}
             tube={tube}
-            present={begin + section(view.section.value) * length}
+            present={begin + view.section.value * length}
             hovered={hovered}
-            onChoose={(z) => (view.section.value = section((z - begin) / length))}
+            onChoose={(z) => view.goTo((z - begin) / length)}
           />
         ))}
       </div>
@@ -91,7 +70,7 @@ interface ChartProps {
   series: Series;
   junction?: readonly [number, number] | undefined;
   tube: Tube;
-  /** Position of the shown section, millimetres. */
+  /** Position of the shown cross section, millimetres. */
   present: number;
   /** Position under the pointer, millimetres. */
   hovered: Signal<number | undefined>;
@@ -101,12 +80,12 @@ interface ChartProps {
 const [WIDTH, HEIGHT] = [600, 100];
 
 /**
- * A line over the length of the tube. Pointing at it shows a value, and clicking selects the
- * section.
+ * A line over the length of the tube. Pointing at it shows a value, and clicking shows the
+ * cross section.
  */
 function Chart({ series, junction, tube, present, hovered, onChoose }: ChartProps) {
-  const { title, unit, z, values, bands } = series;
-  const { line, area, marks, x, y } = useMemo(() => drawing(series, tube), [series, tube]);
+  const { title, unit, z, values } = series;
+  const { x, y, scale, drawn } = useMemo(() => drawing(series, tube, junction), [series, tube]);
   const at = nearestIndex(z, hovered.value ?? present);
   const placeAt = (event: MouseEvent) => {
     const box = (event.currentTarget as Element).getBoundingClientRect();
@@ -125,7 +104,7 @@ function Chart({ series, junction, tube, present, hovered, onChoose }: ChartProp
       </figcaption>
       <div class="chart-frame">
         <div class="chart-ticks num" aria-hidden="true">
-          {marks.map((mark) => <span key={mark} style={{ top: `${(100 * y(mark)) / HEIGHT}%` }}>{short(mark)}</span>)}
+          {scale}
         </div>
         <svg
           viewBox={`0 0 ${WIDTH} ${HEIGHT}`}
@@ -136,13 +115,7 @@ function Chart({ series, junction, tube, present, hovered, onChoose }: ChartProp
           onPointerLeave={() => (hovered.value = undefined)}
           onClick={(event) => onChoose(placeAt(event))}
         >
-          {marks.map((mark) => <line key={mark} class="chart-grid" x1={0} x2={WIDTH} y1={y(mark)} y2={y(mark)} />)}
-          {area && <path class="chart-area" d={area} />}
-          {bands.map(({ from, to, low, high }, k) => (
-            <rect key={k} class="chart-band" x={x(from)} width={x(to) - x(from)} y={y(high)} height={y(low) - y(high)} />
-          ))}
-          {junction?.map((at) => <line key={at} class="chart-rule" x1={x(at)} x2={x(at)} y1={0} y2={HEIGHT} />)}
-          <path class="chart-line" d={line} />
+          {drawn}
           <line class="chart-marker" x1={x(z[at]!)} x2={x(z[at]!)} y1={0} y2={HEIGHT} />
           <line class="chart-level" x1={0} x2={WIDTH} y1={y(values[at]!)} y2={y(values[at]!)} />
         </svg>
@@ -153,9 +126,13 @@ function Chart({ series, junction, tube, present, hovered, onChoose }: ChartProp
   );
 }
 
-/** Paths of a series, marks of its axis, and functions from length and value to the picture. */
-function drawing(series: Series, { begin, length }: Tube) {
-  const { z, values, starts } = series;
+/**
+ * The constant parts of a chart, and functions from length and value to the picture.
+ *
+ * In a flight, charts are rendered several times per second; constant parts are then skipped.
+ */
+function drawing(series: Series, { begin, length }: Tube, junction: ChartProps["junction"]) {
+  const { z, values, starts, bands } = series;
   const { bottom, top } = extent(series);
   const x = (at: number) => ((at - begin) / length) * WIDTH;
   const y = (value: number) => HEIGHT * (1 - (value - bottom) / (top - bottom));
@@ -166,12 +143,22 @@ function drawing(series: Series, { begin, length }: Tube) {
     const line = `M${points.length > 1 ? points.join("L") : `${points[0]}L${points[0]}`}`;
     return { line, area: `${line}V${HEIGHT}H${x(z[start]!).toFixed(1)}Z` };
   });
-  return {
-    line: runs.map((run) => run.line).join(""),
-    // An area means that the axis begins at 0, and it would hide ranges.
-    area: bottom === 0 && series.bands.length === 0 ? runs.map((run) => run.area).join("") : undefined,
-    marks: ticks(bottom, top, 5),
-    x,
-    y,
-  };
+  // An area means that the axis begins at 0, and it would hide ranges.
+  const area = bottom === 0 && bands.length === 0 ? runs.map((run) => run.area).join("") : undefined;
+  const marks = ticks(bottom, top, 5);
+  const scale = (
+    <>{marks.map((mark) => <span key={mark} style={{ top: `${(100 * y(mark)) / HEIGHT}%` }}>{short(mark)}</span>)}</>
+  );
+  const drawn = (
+    <>
+      {marks.map((mark) => <line key={mark} class="chart-grid" x1={0} x2={WIDTH} y1={y(mark)} y2={y(mark)} />)}
+      {area && <path class="chart-area" d={area} />}
+      {bands.map(({ from, to, low, high }, k) => (
+        <rect key={k} class="chart-band" x={x(from)} width={x(to) - x(from)} y={y(high)} height={y(low) - y(high)} />
+      ))}
+      {junction?.map((at) => <line key={at} class="chart-rule" x1={x(at)} x2={x(at)} y1={0} y2={HEIGHT} />)}
+      <path class="chart-line" d={runs.map((run) => run.line).join("")} />
+    </>
+  );
+  return { x, y, scale, drawn };
 }

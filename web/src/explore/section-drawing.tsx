@@ -75,7 +75,7 @@ export function Drawing({ section, z, look, name, waiting, picture, note, onPixe
   const [a, b] = ends;
   const distance = points.value.length === 2 ? distanceOf(section.contours, points.value[0]!, points.value[1]!) : undefined;
   return (
-    <figure class="drawing">
+    <figure class="drawing contours">
       <div class={`drawing-sheet${look === "stained" ? " drawing-glass" : ""}`}>
         <svg
           ref={svg}

@@ -1,12 +1,11 @@
 // A position along the tube: the cut of the surface or the simulated section, with its controls.
-import { OviductError, type Section, type Sections, type SlideUrlOptions } from "oviduct-client";
-import { useEffect, useMemo } from "preact/hooks";
+import { OviductError, type RingKind, type SlideUrlOptions } from "oviduct-client";
+import { useMemo } from "preact/hooks";
 import { ask, explain } from "../service.ts";
-import { bytes, short } from "../ui/format.ts";
+import { short } from "../ui/format.ts";
 import { Icon, Notice, toast } from "../ui/widgets.tsx";
-import { nearestIndex } from "./ascending.ts";
-import { areas, ofCut, ofSection, type CrossSection } from "./cross-section.ts";
-import { answered, planeAt } from "./cuts.ts";
+import { areas, ofCut, type CrossSection } from "./cross-section.ts";
+import type { Lack } from "./cuts.ts";
 import type { Exploration } from "./exploration.ts";
 import { Drawing } from "./section-drawing.tsx";
 import { LOOKS, TISSUES, pictureOf, sizeFor, slideOptions, type Look, type Picture } from "./slides.ts";
@@ -19,106 +18,55 @@ interface Props {
 }
 
 export function SectionView({ exploration, view }: Props) {
-  const { sections, sectionsFault, fractions, model } = exploration;
-  if (sectionsFault.value !== undefined) {
-    return (
-      <Notice title="The sections could not be loaded" kind="error">
-        <p>{sectionsFault.value}</p>
-        <button type="button" class="button" onClick={() => exploration.loadSections()}>Try again</button>
-      </Notice>
-    );
-  }
-  if (!sections.value) {
-    const size = model.files.find((file) => file.name === "sections.bin")?.bytes;
-    return <p class="soft" aria-busy="true">Loading the sections{size === undefined ? "" : ` (${bytes(size)})`} …</p>;
-  }
-  const index = nearestIndex(fractions.value, view.section.value);
-  return <Loaded exploration={exploration} view={view} sections={sections.value} index={index} />;
-}
-
-/** The content at a position. */
-interface Shown {
-  section: CrossSection;
-  /** True while the surface is being cut. */
-  waiting: boolean;
-  /** Reason why the simulated section is shown. */
-  why?: string | undefined;
-  /** The reason, if a retry may succeed. */
-  fault?: string | undefined;
-}
-
-/**
- * The cut at a section's position; the section itself until the cut arrives or if there is none.
- */
-function useShown({ model, cuts, uncut }: Exploration, section: Section, z_um: number): Shown {
-  const key = String(section.index);
-  useEffect(() => {
-    if (uncut.peek() !== undefined) return;
-    cuts.want(key, async (signal) => {
-      const answer = await answered(ask((service) => service.cut(model.id, { z_um }, { signal })));
-      if (answer.cut === undefined && answer.ever) uncut.value = answer.why;
-      return answer;
-    });
-  }, [key]);
-  const { value: outcome } = cuts.outcome;
-  const { value, fault } = outcome?.key === key ? outcome : {};
-  const shown = useMemo(() => (value?.cut ? ofCut(value.cut) : ofSection(section)), [section, value]);
-  const why = uncut.value ?? (value && !value.cut ? value.why : undefined);
-  return { section: shown, waiting: why === undefined && outcome?.key !== key, why, fault: fault === undefined ? undefined : explain(fault) };
-}
-
-function Loaded({ exploration, view, sections, index }: Props & { sections: Sections; index: number }) {
-  const stored = useMemo(() => sections.section(index), [sections, index]);
-  const { begin, length } = exploration.tube;
-  const z_um = planeAt(stored.z_um, begin * 1000, (begin + length) * 1000);
-  const shown = useShown(exploration, stored, z_um);
+  const { places: { value: places }, fractions } = exploration;
+  const at = view.section.value;
+  const z_um = exploration.planeOf(at);
+  const z = `${short(z_um / 1000)} mm`;
+  const index = exploration.indexAt(at);
+  const shown = useShown(exploration, z_um, index);
   const { section, waiting } = shown;
-  const choose = (k: number) => (view.section.value = exploration.fractions.peek()[Math.max(0, Math.min(sections.length - 1, k))]!);
-  const z = `${short(stored.z_um / 1000)} mm`;
-  const cutHere = () => {
-    view.flight.value = undefined;
-    // The position of the nearest section, which is shown, instead of the requested position.
-    view.position.value = exploration.fractions.peek()[index]!;
-    view.across.value = true;
-  };
-  const place: Place = { id: exploration.model.id, source: section.source, index, z_um };
-  const points = section.contours.reduce((sum, { x }) => sum + x.length, 0);
+  const look = view.look.value;
+  const place: Place = { id: exploration.model.id, index, z_um };
+  const step = index === undefined ? undefined : places!.step[index]!;
   return (
     <>
-      <div class="section-slider">
-        <button type="button" class="button-icon" aria-label="Previous section" disabled={index === 0} onClick={() => choose(index - 1)}>‹</button>
-        <input
-          type="range"
-          min={0}
-          max={sections.length - 1}
-          value={index}
-          aria-label="Section"
-          aria-valuetext={`${index + 1} of ${sections.length}, ${z} from the isthmus`}
-          onInput={(event) => choose(Number(event.currentTarget.value))}
-        />
-        <button type="button" class="button-icon" aria-label="Next section" disabled={index === sections.length - 1} onClick={() => choose(index + 1)}>›</button>
-      </div>
-      <div class="section-ends small soft"><span>isthmus</span><span>ampulla</span></div>
+      <SectionSlider fractions={fractions.value} index={index} z={z} onChoose={(next) => view.goTo(next)} />
+      <PlacesFault exploration={exploration} />
       <div class="looks" role="group" aria-label="Look of the cross section">
-        {LOOKS.map((look) => (
-          <button key={look} type="button" class="button" aria-pressed={view.look.value === look} onClick={() => (view.look.value = look)}>{LOOK_NAMES[look]}</button>
+        {LOOKS.map((one) => (
+          <button
+            key={one}
+            type="button"
+            class="button"
+            aria-pressed={one === look}
+            onClick={() => (view.look.value = one)}
+          >
+            {LOOK_NAMES[one]}
+          </button>
         ))}
       </div>
-      <Pictured exploration={exploration} place={place} look={view.look.value} waiting={waiting} section={section} z={z} />
-      <Caption {...shown} again={() => exploration.cuts.again()} />
+      {section
+        ? <Pictured exploration={exploration} place={place} look={look} waiting={waiting} section={section} z={z} />
+        : <div class="drawing"><div class="drawing-sheet drawing-empty" aria-busy={waiting} /></div>}
+      <Caption {...shown} />
       <dl class="figures num">
-        <div><dt>Section</dt><dd>{index + 1} of {sections.length}{stored.added ? ", added" : ""}</dd></div>
+        {index !== undefined && (
+          <div>
+            <dt>Section</dt>
+            <dd>{index + 1} of {places!.z_mm.length}{Number.isInteger(step) ? "" : ", added"}</dd>
+          </div>
+        )}
         <div><dt>z</dt><dd>{z}</dd></div>
-        <div><dt>Step</dt><dd>{short(stored.step)}</dd></div>
-        <div><dt>Tissue</dt><dd>{short(section.tissue / 1e6)} mm²</dd></div>
-        <div><dt>Lumen</dt><dd>{short(section.lumen / 1e6)} mm²</dd></div>
-        <div><dt>Points of the contours</dt><dd>{short(points)}</dd></div>
+        {step !== undefined && <div><dt>Step</dt><dd>{short(step)}</dd></div>}
+        {section && <Figures section={section} />}
       </dl>
       <div class="row">
-        <button type="button" class="button" onClick={cutHere}><Icon name="cut" /> Cut the model here</button>
+        <button type="button" class="button" onClick={() => cutHere(view)}>
+          <Icon name="cut" /> Cut the model here
+        </button>
         <div class="row">
           {(["svg", "png", "json"] as const).map((kind) => (
-            <button key={kind} type="button" class="button" onClick={() => save(exploration, place, kind, view.look.peek())}>
+            <button key={kind} type="button" class="button" onClick={() => save(exploration, place, kind, look)}>
               <Icon name="download" /> {kind.toUpperCase()}
             </button>
           ))}
@@ -128,20 +76,136 @@ function Loaded({ exploration, view, sections, index }: Props & { sections: Sect
   );
 }
 
+function cutHere(view: View): void {
+  view.flight.value = undefined;
+  view.position.value = view.section.peek();
+  view.across.value = true;
+}
+
+interface SliderProps {
+  /** Places of the sections; empty while they are unknown. */
+  fractions: readonly number[];
+  /** The section that is nearest to the shown place. */
+  index: number | undefined;
+  z: string;
+  onChoose: (fraction: number) => void;
+}
+
+/** Moves from section to section. */
+function SectionSlider({ fractions, index, z, onChoose }: SliderProps) {
+  const last = fractions.length - 1;
+  const choose = (k: number) => onChoose(fractions[Math.max(0, Math.min(last, k))]!);
+  const known = index !== undefined;
+  return (
+    <>
+      <div class="section-slider">
+        <button
+          type="button"
+          class="button-icon"
+          aria-label="Previous section"
+          disabled={!known || index === 0}
+          onClick={() => choose(index! - 1)}
+        >
+          ‹
+        </button>
+        <input
+          type="range"
+          min={0}
+          max={Math.max(1, last)}
+          value={index ?? 0}
+          disabled={!known}
+          aria-label="Section"
+          aria-valuetext={known ? `${index + 1} of ${fractions.length}, ${z} from the isthmus` : z}
+          onInput={(event) => choose(Number(event.currentTarget.value))}
+        />
+        <button
+          type="button"
+          class="button-icon"
+          aria-label="Next section"
+          disabled={!known || index === last}
+          onClick={() => choose(index! + 1)}
+        >
+          ›
+        </button>
+      </div>
+      <div class="section-ends small soft"><span>isthmus</span><span>ampulla</span></div>
+    </>
+  );
+}
+
+function PlacesFault({ exploration }: { exploration: Exploration }) {
+  const { placesFault } = exploration;
+  if (placesFault.value === undefined) return null;
+  return (
+    <Notice title="The places of the sections could not be loaded" kind="error">
+      <p>{placesFault.value}</p>
+      <button type="button" class="button" onClick={() => exploration.loadPlaces()}>Try again</button>
+    </Notice>
+  );
+}
+
+function Figures({ section }: { section: CrossSection }) {
+  const points = section.contours.reduce((sum, { x }) => sum + x.length, 0);
+  return (
+    <>
+      <div><dt>Tissue</dt><dd>{short(section.tissue / 1e6)} mm²</dd></div>
+      <div><dt>Lumen</dt><dd>{short(section.lumen / 1e6)} mm²</dd></div>
+      <div><dt>Points of the contours</dt><dd>{short(points)}</dd></div>
+    </>
+  );
+}
+
+/** The content at a place. */
+interface Shown {
+  /** Undefined until the first one has arrived. */
+  section: CrossSection | undefined;
+  /** True until the section is that of the place. */
+  waiting: boolean;
+  /** Reason why the simulated section is shown. */
+  lack: Lack | undefined;
+  /** Reason why the simulated section could not be loaded. */
+  fault: string | undefined;
+  again: () => void;
+}
+
+/** The cut at a place, or the nearest section if there is none; until it arrives, the last one. */
+function useShown(exploration: Exploration, z_um: number, index: number | undefined): Shown {
+  const { cuts, simulated } = exploration;
+  const lack = exploration.lackAt(z_um);
+  const outcome = cuts.outcome.value;
+  const cut = lack ? undefined : outcome?.value?.cut;
+  const drawn = useMemo(() => cut && ofCut(cut), [cut]);
+  const instead = simulated.outcome.value;
+  const isInstead = lack !== undefined && instead?.key === String(index);
+  return {
+    section: drawn ?? instead?.value,
+    waiting: lack ? !isInstead : outcome?.key !== String(z_um),
+    lack,
+    fault: isInstead && instead.fault !== undefined ? explain(instead.fault) : undefined,
+    again: () => {
+      cuts.again();
+      simulated.again();
+    },
+  };
+}
+
 const LOOK_NAMES: Record<Look, string> = { contours: "Contours", stained: "Stained", labels: "Tissues" };
 
-function Caption({ section, waiting, why, fault, again }: Shown & { again: () => void }) {
-  if (section.source === "surface") {
+function Caption({ section, waiting, lack, fault, again }: Shown) {
+  if (!lack) {
+    const kinds = ["island", "pocket"] satisfies RingKind[];
+    const counts = section && kinds.map((kind) => census(areas(section, kind), kind)).join(", ");
     return (
-      <p class="section-caption small" role="status">
-        Planar cut of the surface: {census(areas(section, "island"), "island")}, {census(areas(section, "pocket"), "pocket")}.
+      <p class="section-caption small" role="status" aria-busy={waiting}>
+        {waiting ? "The surface is being cut …" : `Planar cut of the surface: ${counts}.`}
       </p>
     );
   }
+  const failed = fault !== undefined;
   return (
     <p class="section-caption small" role="status" aria-busy={waiting}>
-      Section of the simulation{waiting ? "; the surface is being cut …" : `: ${why ?? fault ?? ""}${why === undefined ? "" : "."}`}
-      {fault !== undefined && <> <button type="button" class="button" onClick={again}>Try again</button></>}
+      Section of the simulation: {lack.why}{lack.fault ? "" : "."}{failed && ` It could not be loaded. ${fault}`}
+      {(lack.fault || failed) && <> <button type="button" class="button" onClick={again}>Try again</button></>}
     </p>
   );
 }
@@ -149,8 +213,8 @@ function Caption({ section, waiting, why, fault, again }: Shown & { again: () =>
 /** The shown cross section. */
 interface Place {
   id: string;
-  source: CrossSection["source"];
-  index: number;
+  /** Index of the nearest section, if it is known. */
+  index: number | undefined;
   z_um: number;
 }
 
@@ -165,8 +229,9 @@ interface PicturedProps {
 
 /** The drawing, with a picture over it after the picture has loaded. */
 function Pictured({ exploration: { pictures }, place, look, waiting, section, z }: PicturedProps) {
-  const { id, source, index, z_um } = place;
-  const name = `${source} ${index} ${look}`;
+  const { id, index, z_um } = place;
+  const { source } = section;
+  const name = `${source} ${source === "surface" ? z_um : index} ${look}`;
   const want = (pixels: number) => {
     if (look === "contours" || waiting) {
       pictures.stop();
@@ -175,7 +240,10 @@ function Pictured({ exploration: { pictures }, place, look, waiting, section, z 
     const size = sizeFor(pixels);
     pictures.want(`${name} ${size}`, async (signal) => {
       const options = { ...slideOptions(look, size), signal };
-      const slide = await ask((service) => (source === "surface" ? service.cutPicture(id, { z_um }, options) : service.sectionPicture(id, index, options)));
+      const slide = await ask((service) => {
+        if (source === "surface") return service.cutPicture(id, { z_um }, options);
+        return service.sectionPicture(id, index!, options);
+      });
       return pictureOf(slide, look);
     });
   };
@@ -232,9 +300,12 @@ async function save({ cuts }: Exploration, { id, index, z_um }: Place, kind: "sv
   // Save the content that will be shown.
   await cuts.settled();
   const outcome = cuts.outcome.peek();
-  const isCut = outcome?.key === String(index) && outcome.value?.cut !== undefined;
+  const isCut = outcome?.key === String(z_um) && outcome.value?.cut !== undefined;
+  if (!isCut && index === undefined) return;
   try {
-    const url = await ask((service) => (isCut ? service.cutUrl(id, { z_um }, options) : service.sectionUrl(id, index, options)));
+    const url = await ask((service) => {
+      return isCut ? service.cutUrl(id, { z_um }, options) : service.sectionUrl(id, index!, options);
+    });
     const link = document.createElement("a");
     link.href = isDrawn ? await pngOf(url) : url;
     const name = isCut ? `cut-${Math.round(z_um)}um` : `section-${index}`;

@@ -93,6 +93,11 @@ export class View {
     else pose.glide(placement, standard, now);
   }
 
+  /** Shows the cross section at a place; in a flight, the camera goes there. */
+  goTo(place: number): void {
+    (this.flying.peek() ? this.flight : this.section).value = place;
+  }
+
   orbit(azimuth: number, elevation: number): void {
     for (const { pose } of this.viewpoints) pose.orbit(azimuth, elevation);
   }
@@ -161,10 +166,11 @@ export function readView(view: View, query: URLSearchParams): void {
   const hidden = query.get("hide")?.split("_") ?? [];
   for (const patch of PATCHES) view.shown[patch].value = !hidden.includes(patch);
   view.translucent.value = query.get("glass") === "1";
-  view.section.value = number(query, "at", 0, 1) ?? view.section.value;
   view.look.value = LOOKS.find((look) => look === query.get("look")) ?? "contours";
   view.plane.value = query.get("plane") === "1";
   view.flight.value = number(query, "fly", 0, 1);
+  // In a flight, the section is at its place.
+  if (view.flight.value === undefined) view.section.value = number(query, "at", 0, 1) ?? view.section.value;
   view.phase.value = number(query, "phase", 0, 1);
   view.viewpoints.forEach((viewpoint, k) => readCamera(view, viewpoint, query.get(CAMERAS[k]!)));
 }

@@ -98,6 +98,7 @@ export const canvasOf = (page: Page): Locator => page.getByRole("application", {
 
 /** Waits until the picture is drawn and no longer changes. */
 export async function settled(page: Page): Promise<void> {
+  await page.locator(".picture-flight[aria-busy=true]").first().waitFor({ state: "detached" });
   const frames = () => canvasOf(page).first().getAttribute("data-frames");
   for (let [last, same] = ["", 0]; same < 4; ) {
     await page.waitForTimeout(150);

@@ -1,28 +1,26 @@
 // The picture of one model: scene, camera and renderer. It draws only after changes.
-import { effect, signal, untracked } from "@preact/signals";
+import { computed, effect, signal, untracked } from "@preact/signals";
 import { PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
-import { positionAt, type Centreline } from "../centreline.ts";
 import { FIELD, type Tube } from "../framing.ts";
 import type { Spot } from "../measure.ts";
 import type { StandardView } from "../pose.ts";
 import type { View, Viewpoint } from "../view.ts";
+import type { Way } from "../way.ts";
 import { dark } from "../../ui/theme.ts";
 import { glideFrom } from "../motion.ts";
 import { control } from "./controls.ts";
 import { Cuts } from "./cuts.ts";
+import { OUTSIDE_DARK } from "./dark.ts";
 import type { Device } from "./device.ts";
+import { FLIGHT_FIELD, FlightCamera, nearPlane } from "./flight-camera.ts";
 import { firstHit, firstHitBent } from "./ray.ts";
 import { Resolution } from "./resolution.ts";
 import { SectionPlane } from "./section-plane.ts";
 import { around, seenThroughEnds, type Stretch } from "./sight.ts";
 import type { Patch, Surface } from "./surface.ts";
 import { Tissue } from "./tissue.ts";
-import { FLIGHT_FOG, LUMEN_DARK } from "./tissue-material.ts";
+import { FLIGHT_FOG } from "./tissue-material.ts";
 
-/** Vertical angle of view during the flight, degrees. */
-const FLIGHT_FIELD = 85;
-/** Distance ahead at which the flight looks, millimetres. */
-const AHEAD = 0.7;
 /** Turn of the picture per key press and per pixel of a drag, degrees. */
 const KEY_TURN = 6;
 const DRAG_TURN = 0.35;
@@ -54,16 +52,18 @@ export class Stage {
   readonly #resolution: Resolution;
   readonly #scene = new Scene();
   readonly #camera = new PerspectiveCamera(FIELD, 1, 0.1, 1000);
+  readonly #flight: FlightCamera;
   readonly #tissue: Tissue;
   readonly #cuts: Cuts;
   readonly #plane: SectionPlane;
   readonly #surface = signal<Surface | undefined>(undefined);
-  readonly #way = signal<Centreline | undefined>(undefined);
+  readonly #way = signal<Way | undefined>(undefined);
+  /** True while the camera is in the lumen: the flight begins when there is a way. */
+  readonly #flying = computed(() => this.#view.flying.value && this.#way.value !== undefined);
   readonly #abort = new AbortController();
   readonly #leave: (() => void)[] = [];
   readonly #target = new Vector3();
   readonly #inside: Stretch = { from: 0, to: 0 };
-  #look = { yaw: 0, pitch: 0 };
   #pending = 0;
   #frames = 0;
   #coarse = false;
@@ -79,6 +79,7 @@ export class Stage {
     this.#renderer = new WebGLRenderer({ canvas, antialias: !software, alpha: true, stencil: true, powerPreference: "high-performance" });
     this.#resolution = new Resolution(software, this.#request);
     this.#renderer.localClippingEnabled = true;
+    this.#flight = new FlightCamera(tube);
     this.#tissue = new Tissue(tube.course !== undefined);
     this.#cuts = new Cuts(tube);
     this.#plane = new SectionPlane(tube);
@@ -103,8 +104,8 @@ export class Stage {
     this.#surface.value = { ...surface };
   }
 
-  /** Sets the path through the lumen. */
-  set way(way: Centreline | undefined) {
+  /** Sets the way through the lumen; without one, a flight shows the model from outside. */
+  set way(way: Way | undefined) {
     this.#way.value = way;
   }
 
@@ -189,10 +190,10 @@ export class Stage {
         untracked(() => view.reframe());
       }),
       effect(() => {
-        const flying = view.flying.value && this.#way.value !== undefined;
+        const flying = this.#flying.value;
         this.#tissue.flight = flying;
-        this.#renderer.setClearColor(LUMEN_DARK, flying ? 1 : 0);
-        if (!flying) this.#look = { yaw: 0, pitch: 0 };
+        this.#renderer.setClearColor(OUTSIDE_DARK, flying ? 1 : 0);
+        if (!flying) this.#flight.straighten();
         this.invalidate();
       }),
       effect(() => {
@@ -236,9 +237,8 @@ export class Stage {
       this.#coarse = this.#resolution.coarse;
       this.#apply();
     }
-    const way = this.#way.value;
-    const flying = this.#view.flying.value && way !== undefined;
-    if (flying) this.#fly(way);
+    const flying = this.#flying.value;
+    if (flying) this.#fly(this.#way.value!);
     else this.#orbit();
     this.#limit(flying);
     this.#renderer.render(this.#scene, this.#camera);
@@ -277,25 +277,14 @@ export class Stage {
     this.#project(FIELD, Math.max(pose.distance / 100, 0.01), pose.distance + 2 * length + 4 * radius);
   }
 
-  #fly(way: Centreline): void {
-    const { position } = this.#camera;
-    const { length, course } = this.#tube;
-    const z = this.#view.flown * length;
-    positionAt(way, z, position);
-    positionAt(way, z + AHEAD, this.#target);
-    // At the end of the path, look along the tube.
-    this.#target.z = position.z + AHEAD;
-    if (course) {
-      // The vertical of the picture is y of the cross section.
-      course.turn(0, 1, 0, z, this.#camera.up);
-      course.bend(position.x, position.y, position.z, position);
-      course.bend(this.#target.x, this.#target.y, this.#target.z, this.#target);
-    }
-    this.#camera.lookAt(this.#target);
-    this.#camera.up.set(0, 1, 0);
-    this.#camera.rotateY((this.#look.yaw * Math.PI) / 180);
-    this.#camera.rotateX((this.#look.pitch * Math.PI) / 180);
-    this.#project(FLIGHT_FIELD, 0.004, 2 * FLIGHT_FOG[1]);
+  #fly(way: Way): void {
+    const { length, radius } = this.#tube;
+    const place = this.#view.flown * length;
+    this.#flight.place(this.#camera, way, place);
+    const difference = (this.#surface.value?.difference?.distance ?? 0) / 1000;
+    const near = nearPlane(way.clearance(place), difference, this.#camera.aspect);
+    // The far plane is beyond the ends, so only they have nothing behind them.
+    this.#project(FLIGHT_FIELD, near, length + 4 * radius);
   }
 
   #project(fov: number, near: number, far: number): void {
@@ -310,24 +299,22 @@ export class Stage {
 
   /** Turns the picture by degrees, positive for movements of the hand to the right and down. */
   #turn(right: number, down: number): void {
-    if (!this.#view.flying.peek()) return this.#view.orbit(-right, down);
-    this.#look.yaw += right;
-    this.#look.pitch = Math.max(-85, Math.min(85, this.#look.pitch + down));
+    if (!this.#flying.peek()) return this.#view.orbit(-right, down);
+    this.#flight.turn(right, down);
     this.invalidate();
   }
 
   #pan(right: number, down: number): void {
-    if (this.#view.flying.peek()) return this.#turn(right * DRAG_TURN, down * DRAG_TURN);
+    if (this.#flying.peek()) return this.#turn(right * DRAG_TURN, down * DRAG_TURN);
     const { pose } = this.#viewpoint;
     const millimetres = (2 * pose.distance * Math.tan(((FIELD / 2) * Math.PI) / 180)) / this.#canvas.clientHeight;
     this.#view.pan(-right * millimetres, down * millimetres, this.#tube);
   }
 
   #zoom(factor: number): void {
-    const { flight } = this.#view;
+    if (!this.#flying.peek()) return this.#view.zoom(factor);
     // During the flight, zooming in moves forward.
-    if (flight.peek() !== undefined) flight.value = Math.max(0, Math.min(1, this.#view.flown - Math.log(factor) * 0.02));
-    else this.#view.zoom(factor);
+    this.#view.flight.value = Math.max(0, Math.min(1, this.#view.flown - Math.log(factor) * 0.02));
   }
 
   #key(key: string, shift: boolean): boolean {

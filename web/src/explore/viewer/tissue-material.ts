@@ -1,10 +1,12 @@
 // Shading of walls and caps, with little work per pixel because some browsers draw in software.
 import { Color, LinearSRGBColorSpace, ShaderMaterial, Vector3, type ColorRepresentation } from "three";
 import { BENT } from "./clipping.ts";
+import { LUMEN_DARK } from "./dark.ts";
 
 /** Distances between which the lumen fades into the dark during the flight, millimetres. */
 export const FLIGHT_FOG = [0.02, 1.8] as const;
-export const LUMEN_DARK = 0x2a0a14;
+/** Distance at which the lamp of the flight has half of its brightness, millimetres. */
+const LAMP_REACH = 0.4;
 
 /** Irradiance from a colour of light, for diffuse surfaces. */
 function light(color: ColorRepresentation, intensity: number): Color {
@@ -13,6 +15,8 @@ function light(color: ColorRepresentation, intensity: number): Color {
 
 /**
  * A lamp above and left of the camera, in camera coordinates, and soft light from sky and ground.
+ *
+ * In the flight, the lamp is at the camera and its light decreases with the distance.
  */
 const SHARED = {
   toLamp: { value: new Vector3(-0.5, 0.8, 1.7).normalize() },
@@ -33,7 +37,7 @@ varying vec2 cosines;
 #endif
 #ifdef FLIGHT
   varying float along;
-  varying float away;
+  varying vec3 seen;
 #endif
 void main() {
   vec4 mvPosition = modelViewMatrix * vec4(position, 1.0);
@@ -49,7 +53,8 @@ void main() {
     #else
       along = position.z;
     #endif
-    away = -mvPosition.z;
+    seen = mvPosition.xyz;
+    cosines.x = dot(normalize(normalMatrix * normal), -normalize(seen));
   #endif
 }`;
 
@@ -72,7 +77,7 @@ varying vec2 cosines;
 #endif
 #ifdef FLIGHT
   varying float along;
-  varying float away;
+  varying vec3 seen;
   float ring(float spacing, float width) {
     float blur = fwidth(along);
     float distance = abs(fract(along / spacing + 0.5) - 0.5) * spacing;
@@ -95,12 +100,24 @@ void main() {
     #endif
     vec3 scattered = color;
     #ifdef OCCLUDED
-      scattered *= open;
+      #ifdef FLIGHT
+        // In a cleft, the lamp of the flight lights walls that the sky does not reach.
+        scattered *= mix(open, 1.0, 0.6);
+      #else
+        scattered *= open;
+      #endif
       #ifdef FLIGHT
         scattered *= 1.0 - max(0.28 * ring(0.1, 0.0012), 0.6 * ring(1.0, 0.004));
       #endif
     #endif
-    vec3 shown = displayed(scattered * (lamp * max(facing.x, 0.0) + mix(ground, sky, 0.5 * facing.y + 0.5)));
+    vec3 soft = mix(ground, sky, 0.5 * facing.y + 0.5);
+    #ifdef FLIGHT
+      float steps = length(seen) / ${LAMP_REACH.toFixed(2)};
+      vec3 near = lamp * (0.5 + 1.6 * max(facing.x, 0.0)) + 0.5 * soft;
+      vec3 shown = displayed(scattered * near / (1.0 + steps * steps));
+    #else
+      vec3 shown = displayed(scattered * (lamp * max(facing.x, 0.0) + soft));
+    #endif
   #endif
   #if defined(CUT_OPEN) && NUM_CLIPPING_PLANES > 0
     if (!gl_FrontFacing) {
@@ -114,7 +131,7 @@ void main() {
     }
   #endif
   #ifdef FLIGHT
-    shown = mix(shown, dark, smoothstep(${FLIGHT_FOG[0].toFixed(2)}, ${FLIGHT_FOG[1].toFixed(2)}, away));
+    shown = mix(shown, dark, smoothstep(${FLIGHT_FOG[0].toFixed(2)}, ${FLIGHT_FOG[1].toFixed(2)}, length(seen)));
   #endif
   gl_FragColor = vec4(shown, opacity);
 }`;
