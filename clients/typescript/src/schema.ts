@@ -3,7 +3,7 @@
  * Do not make direct changes to the file.
  */
 
-// openapi.yaml: sha256 943a6e6e85e405aee66e876275fd6aa5b62e313169b38c587472100352e0cf0d
+// openapi.yaml: sha256 2784146f808ae3fac5a79a334665d87cd55a33f60a8fab04d07e5a792186ced1
 
 export interface paths {
     "/batches": {
@@ -756,6 +756,31 @@ export interface paths {
          *     Needs a key with the scope `read`.
          */
         get: operations["get_section"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/models/{id}/way": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Find a way through the lumen of a finished model.
+         * @description The way leads from the isthmus end to the ampulla end through the lumen of the stored surface
+         *     and touches nothing: every point of its straight lines keeps `clearance_um` from the surface.
+         *     It follows the wide parts of the lumen where it can. The service makes a way in one to a few
+         *     seconds and keeps recent ones. The same version of the service always makes the same way.
+         *
+         *     Needs a key with the scope `read`.
+         */
+        get: operations["get_way"];
         put?: never;
         post?: never;
         delete?: never;
@@ -3492,7 +3517,7 @@ export interface components {
              * @description `urn:oviduct:problem:` and a stable slug.
              * @enum {string}
              */
-            type: "urn:oviduct:problem:bad-request" | "urn:oviduct:problem:invalid-json" | "urn:oviduct:problem:unauthorized" | "urn:oviduct:problem:forbidden" | "urn:oviduct:problem:forbidden-origin" | "urn:oviduct:problem:unknown-host" | "urn:oviduct:problem:not-found" | "urn:oviduct:problem:model-not-found" | "urn:oviduct:problem:batch-not-found" | "urn:oviduct:problem:fit-not-found" | "urn:oviduct:problem:operation-not-found" | "urn:oviduct:problem:file-not-found" | "urn:oviduct:problem:section-not-found" | "urn:oviduct:problem:cut-not-found" | "urn:oviduct:problem:preset-not-found" | "urn:oviduct:problem:worker-not-found" | "urn:oviduct:problem:method-not-allowed" | "urn:oviduct:problem:not-acceptable" | "urn:oviduct:problem:not-failed" | "urn:oviduct:problem:request-timeout" | "urn:oviduct:problem:payload-too-large" | "urn:oviduct:problem:unsupported-media-type" | "urn:oviduct:problem:range-not-satisfiable" | "urn:oviduct:problem:invalid-request" | "urn:oviduct:problem:cost-limit" | "urn:oviduct:problem:surface-too-large" | "urn:oviduct:problem:gpu-unavailable" | "urn:oviduct:problem:idempotency-key-reused" | "urn:oviduct:problem:queue-full" | "urn:oviduct:problem:quota-exceeded" | "urn:oviduct:problem:rate-limited" | "urn:oviduct:problem:internal" | "urn:oviduct:problem:transfer-coding-unsupported" | "urn:oviduct:problem:store-unavailable" | "urn:oviduct:problem:storage-unavailable" | "urn:oviduct:problem:too-many-bodies" | "urn:oviduct:problem:too-many-streams" | "urn:oviduct:problem:too-many-downloads" | "urn:oviduct:problem:too-many-pictures" | "urn:oviduct:problem:not-ready" | "urn:oviduct:problem:workers-stuck";
+            type: "urn:oviduct:problem:bad-request" | "urn:oviduct:problem:invalid-json" | "urn:oviduct:problem:unauthorized" | "urn:oviduct:problem:forbidden" | "urn:oviduct:problem:forbidden-origin" | "urn:oviduct:problem:unknown-host" | "urn:oviduct:problem:not-found" | "urn:oviduct:problem:model-not-found" | "urn:oviduct:problem:batch-not-found" | "urn:oviduct:problem:fit-not-found" | "urn:oviduct:problem:operation-not-found" | "urn:oviduct:problem:file-not-found" | "urn:oviduct:problem:section-not-found" | "urn:oviduct:problem:cut-not-found" | "urn:oviduct:problem:way-not-found" | "urn:oviduct:problem:preset-not-found" | "urn:oviduct:problem:worker-not-found" | "urn:oviduct:problem:method-not-allowed" | "urn:oviduct:problem:not-acceptable" | "urn:oviduct:problem:not-failed" | "urn:oviduct:problem:request-timeout" | "urn:oviduct:problem:payload-too-large" | "urn:oviduct:problem:unsupported-media-type" | "urn:oviduct:problem:range-not-satisfiable" | "urn:oviduct:problem:invalid-request" | "urn:oviduct:problem:cost-limit" | "urn:oviduct:problem:surface-too-large" | "urn:oviduct:problem:gpu-unavailable" | "urn:oviduct:problem:idempotency-key-reused" | "urn:oviduct:problem:queue-full" | "urn:oviduct:problem:quota-exceeded" | "urn:oviduct:problem:rate-limited" | "urn:oviduct:problem:internal" | "urn:oviduct:problem:transfer-coding-unsupported" | "urn:oviduct:problem:store-unavailable" | "urn:oviduct:problem:storage-unavailable" | "urn:oviduct:problem:too-many-bodies" | "urn:oviduct:problem:too-many-streams" | "urn:oviduct:problem:too-many-downloads" | "urn:oviduct:problem:too-many-pictures" | "urn:oviduct:problem:not-ready" | "urn:oviduct:problem:workers-stuck";
             /** @description workers-stuck: a sentence about each worker */
             workers?: string[];
         };
@@ -4610,6 +4635,45 @@ export interface components {
              * @description Amplitude of the lobes as a fraction of the radius.
              */
             lobing?: number | components["schemas"]["Schedule"] | null;
+        };
+        /** @description A way through the lumen of a model. */
+        WayAnswer: {
+            /**
+             * Format: double
+             * @description Distance that every point of the way keeps from this surface, micrometres.
+             */
+            clearance_um: number;
+            /** @description Name of the file whose surface the way does not touch. */
+            file: string;
+            /**
+             * Format: double
+             * @description Length of the way, millimetres.
+             */
+            length_mm: number;
+            /**
+             * Format: uuid
+             * @description Id of the model.
+             */
+            model: string;
+            /** @description Points, from the isthmus end to the ampulla end. The way consists of the straight lines between them. */
+            points: components["schemas"]["WayPointAnswer"][];
+        };
+        /** @description A point of a way. */
+        WayPointAnswer: {
+            /**
+             * Format: double
+             * @description Distance from the surface, micrometres.
+             */
+            clearance_um: number;
+            /** @description Position in the files of the model, millimetres. */
+            position_mm: number[];
+            /**
+             * Format: double
+             * @description Place along the tube or, if it is bent, along its centre line, millimetres. Places ascend, except where the way has to go back.
+             */
+            s_mm: number;
+            /** @description Direction of the way, a unit vector. */
+            tangent: number[];
         };
         /**
          * @description Reason why a target is not met.
@@ -9062,6 +9126,134 @@ export interface operations {
                 };
             };
             /** @description The request is not valid (`invalid-request`) */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests (`rate-limited`) */
+            429: {
+                headers: {
+                    /** @description Remaining part of the limit. Absent if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit. Absent if the queue is full */
+                    "ratelimit-policy"?: string;
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service failed (`internal`) */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`); Too many downloads are running (`too-many-downloads`); Too many pictures are being drawn (`too-many-pictures`) */
+            503: {
+                headers: {
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    get_way: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Entity tags that the client has */
+                "if-none-match"?: string;
+            };
+            path: {
+                /** @description Id of the model */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The way */
+            200: {
+                headers: {
+                    /** @description Entity tag of the way */
+                    etag?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["WayAnswer"];
+                };
+            };
+            /** @description The client has this way */
+            304: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description The request is malformed (`bad-request`) */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A key is required (`unauthorized`) */
+            401: {
+                headers: {
+                    /** @description `Bearer`, and the reason why the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key does not allow this (`forbidden`) */
+            403: {
+                headers: {
+                    /** @description `Bearer` and the missing scope. Only if the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description There is no such model (`model-not-found`); The model has no such file (`file-not-found`); No way through the lumen was found (`way-not-found`) */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is not valid (`invalid-request`); The surface is too large to be cut by the service (`surface-too-large`) */
             422: {
                 headers: {
                     [name: string]: unknown;

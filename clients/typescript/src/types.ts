@@ -67,30 +67,10 @@ export type Plane = Schemas["PlaneAnswer"];
 export type CutPlane =
   | { z_um: number; origin_um?: undefined; normal?: undefined }
   | { z_um?: undefined; origin_um: readonly [x: number, y: number, z: number]; normal: readonly [x: number, y: number, z: number] };
-/** A way through the lumen of a model; lengths in the units of their names. */
-export interface Way {
-  /** Id of the model. */
-  model: string;
-  /** File of the surface. */
-  file: string;
-  /** Smallest distance of the polyline through `points` from the mucosa. */
-  clearance_um: number;
-  /** Length of the polyline. */
-  length_mm: number;
-  /** Points from the isthmus end to the ampulla end. */
-  points: WayPoint[];
-}
+/** A way through the lumen that touches nothing. */
+export type Way = Answer<"get_way">;
 /** A point of a way. */
-export interface WayPoint {
-  /** Place along the tube, or along its centre line if it is bent; ascending. */
-  s_mm: number;
-  /** Position in the coordinates of the model's files. */
-  position_mm: [x: number, y: number, z: number];
-  /** Unit vector along the way. */
-  tangent: [x: number, y: number, z: number];
-  /** Distance of the point from the mucosa. */
-  clearance_um: number;
-}
+export type WayPoint = Way["points"][number];
 /** A picture of a section or a cut. */
 export interface Slide {
   /** Bytes of a PNG file. */
@@ -122,7 +102,7 @@ export type ProblemType = Problem["type"];
 export type Fault = NonNullable<Problem["errors"]>[number];
 type Slug<T> = T extends `urn:oviduct:problem:${infer S}` ? S : never;
 /** Last part of a {@link ProblemType}, such as `unauthorized`. */
-export type ProblemSlug = Slug<ProblemType> | "way-not-found";
+export type ProblemSlug = Slug<ProblemType>;
 
 /**
  * The state of a model in an event.

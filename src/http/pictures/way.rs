@@ -10,7 +10,7 @@ use crate::http::wire::conditional::ETag;
 use crate::http::wire::extract::{ModelId, Parameters};
 use crate::http::wire::problem::{Kind, Problem};
 use crate::http::wire::responses::{CutProblems, PictureUnavailable, WayMissing};
-use crate::measure::way::Way;
+use crate::measure::way::{NoWay, Way};
 use crate::spec::ModelSpec;
 use crate::way::{WayError, way as find_way};
 use axum::extract::State;
@@ -111,7 +111,10 @@ pub(in crate::http) async fn way(
     };
     let made = blocking("Making the way", turn, move || find_way(sections, &body, &spec, job.seed)).await?;
     let way = made.map_err(|error| match error {
-        WayError::NoWay(no_way) => Problem::new(Kind::WayNotFound, format!("{no_way}.")),
+        WayError::NoWay(NoWay { place_um }) => {
+            let detail = format!("No way through the lumen was found beyond {place_um:.1} µm along the tube.");
+            Problem::new(Kind::WayNotFound, detail)
+        }
         WayError::Loft(error) => {
             tracing::error!(%error, "stored sections cannot be lofted");
             Problem::new(Kind::Internal, "The sections of the model cannot be lofted.")

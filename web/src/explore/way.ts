@@ -10,6 +10,8 @@ interface Target {
 
 type Ends = Pick<Tube, "begin" | "course">;
 
+/** Smallest step between places of points, millimetres. */
+const STEP = 1e-6;
 /** Part of the way ahead whose mean direction the flight looks in, millimetres along the tube. */
 const AHEAD = 0.7;
 
@@ -27,10 +29,12 @@ export class Way {
   readonly #headings: Float64Array;
 
   constructor({ points, clearance_um }: Pick<WayDocument, "points" | "clearance_um">, { begin, course }: Ends) {
-    this.#places = Float64Array.from(points, ({ s_mm }) => s_mm - begin);
+    let last = -Infinity;
+    // Where the way has to go back, it moves on within a nanometre along the tube.
+    this.#places = Float64Array.from(points, ({ s_mm }) => (last = Math.max(s_mm - begin, last + STEP)));
     // Files of bent tubes, and so the picture, keep the coordinates of the whole tube.
     const shift = course ? 0 : begin;
-    this.#positions = Float64Array.from(points.flatMap(({ position_mm: [x, y, z] }) => [x, y, z - shift]));
+    this.#positions = Float64Array.from(points.flatMap(({ position_mm: [x, y, z] }) => [x!, y!, z! - shift]));
     this.#clearances = Float64Array.from(points, (point) => point.clearance_um / 1000);
     this.#least = clearance_um / 1000;
     this.#headings = headings(this.#places, this.#positions);

@@ -262,6 +262,10 @@ def course(ref: ModelRef) -> Call[Json]:
     return Request("GET", f"models/{key(ref)}/course"), _object
 
 
+def way(ref: ModelRef) -> Call[Json]:
+    return Request("GET", f"models/{key(ref)}/way"), _object
+
+
 def manifest(ref: ModelRef) -> Call[Json]:
     return Request("GET", f"models/{key(ref)}/manifest.json"), _object
 

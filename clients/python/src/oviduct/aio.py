@@ -162,6 +162,9 @@ class AsyncClient(AsyncDriver):
     async def course(self, model: ModelRef) -> Json:
         return await self._call(_calls.course(model))
 
+    async def way(self, model: ModelRef) -> Json:
+        return await self._call(_calls.way(model))
+
     async def manifest(self, model: ModelRef) -> Json:
         return await self._call(_calls.manifest(model))
 

@@ -280,6 +280,18 @@ class Client(Driver):
         """
         return self._call(_calls.course(model))
 
+    def way(self, model: ModelRef) -> Json:
+        """Read a way through the lumen that touches nothing, such as for a camera.
+
+        `points` have `s_mm`, `position_mm`, `tangent` and `clearance_um`; every point of the
+        straight lines between them keeps `clearance_um` from the surface.
+
+        Raises:
+            NotFound: No way was found (`way-not-found`), or the model has no surface
+                (`file-not-found`).
+        """
+        return self._call(_calls.way(model))
+
     def manifest(self, model: ModelRef) -> Json:
         """Returns the manifest: bodies, units, patches, hashes, origin, licence and citation."""
         return self._call(_calls.manifest(model))

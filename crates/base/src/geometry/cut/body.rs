@@ -331,8 +331,10 @@ mod tests {
             let origin =
                 if k % 2 == 0 { [600.0 * a, 700.0 * b, 2000.0 + 2100.0 * c] } else { body.position_um(17 * k) };
             let plane = Plane::through(origin, [b, c, a]).unwrap();
-            let crossed =
-                |t: &&[u32; 3]| Crossing::new(t, corners(t).map(|p| plane.height_of(p)), plane.height_um()).is_some();
+            let crossed = |t: &&[u32; 3]| {
+                let heights = t.map(|v| plane.height_of(body.position_um(v)));
+                Crossing::new(t, heights, plane.height_um()).is_some()
+            };
             let expected = mesh.triangles.iter().filter(crossed).count();
             assert_eq!(body.crossings(0..mesh.triangles.len(), &plane).len(), expected, "{plane:?}");
         }
