@@ -8,9 +8,12 @@ Object.assign(globalThis, { matchMedia: () => query, document: { documentElement
 const { Flight } = await import("../src/explore/flight.ts");
 const { View } = await import("../src/explore/view.ts");
 
+/** A way along the tube. */
+const straight = (place: number, millimetres: number): number => place + millimetres;
+
 test("a flight has the speed that it states, and tells its position now and then", () => {
   const view = new View({ begin: 0, length: 20, radius: 1, x: 0, y: 0 });
-  const flight = new Flight(view, 20, signal(true));
+  const flight = new Flight(view, 20, signal(true), straight);
   let told = -1;
   const stop = effect(() => {
     void flight.shown.value;
@@ -50,7 +53,7 @@ test("a flight has the speed that it states, and tells its position now and then
 test("a flight moves when nothing is in its way any more, and the section follows it", () => {
   const view = new View({ begin: 0, length: 20, radius: 1, x: 0, y: 0 });
   const ready = signal(false);
-  const flight = new Flight(view, 20, ready);
+  const flight = new Flight(view, 20, ready, straight);
   flight.start();
   for (let now = 1000; now < 3000; now += 50) assert(!flight.advance(now));
   ready.value = true;

@@ -41,6 +41,19 @@ test("positions lie on the polyline, in the coordinates of the picture, and end 
   assert.deepEqual(written((out) => way.ahead(10, out)), [0, 0, 0.7]);
 });
 
+test("a flight goes as fast sideways as along the tube", () => {
+  // Sideways by 3 mm at 2 mm along the tube, where the way also goes back a little.
+  const all = points([0.002, 0, 0, 0.002, 50], [2, 0, 0, 2, 50], [1.999, 3, 0, 1.999, 50], [5, 3, 0, 5, 50]);
+  const way = new Way({ clearance_um: 20, points: all }, { begin: 0, course: undefined });
+  const after = (place: number, millimetres: number) => Math.round(way.onward(place, millimetres) * 1e3) / 1e3;
+  assert.deepEqual([after(0, 0.5), after(0.5, 1), after(1.5, 2), after(1.5, 4)], [0.502, 1.5, 2, 2.5]);
+  let place = way.onward(1, 1);
+  const seen: number[][] = [];
+  for (let k = 0; k < 3; k++) seen.push(written((out) => way.at((place = way.onward(place, 0.75)), out)));
+  assert.deepEqual(seen.map(([x]) => Math.round(x! * 100) / 100), [0.75, 1.5, 2.25]);
+  assert(way.onward(4.9, 0.2) > 5, "it leaves the end");
+});
+
 test("the clearance between points is never overstated", () => {
   const all = points([0, 0, 0, 0, 100], [0.1, 0, 0, 0.1, 30], [1, 0, 0, 1, 40]);
   const way = new Way({ clearance_um: 20, points: all }, { begin: 0, course: undefined });

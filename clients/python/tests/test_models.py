@@ -34,6 +34,8 @@ def test_a_model_is_submitted_waited_for_and_saved(client, tmp_path):
     assert (model.bodies, model.units) == (("tissue",), None)
     course = client.course(model)
     assert (course["shape"], len(course["points"]), course["points"][0]["u"]) == ("straight", 2, [1, 0, 0])
+    way = client.way(model)
+    assert way["clearance_um"] > 0 and len(way["points"]) > 2
     assert sorted(path.name for path in tmp_path.iterdir()) == ["new", "report.json"]
 
 

@@ -2,7 +2,7 @@
 
 use crate::generate::lean_of;
 use crate::geometry::cut::Body;
-use crate::measure::way::{NoWay, Source, Way};
+use crate::measure::way::{Bend, NoWay, Source, Way};
 use crate::mesh::lean::lean;
 use crate::mesh::{LoftError, Lofter};
 use crate::model::{Mesh, Rows, Section};
@@ -26,11 +26,14 @@ pub enum WayError {
 pub fn way(sections: Vec<Section>, body: &Body<'_>, spec: &ModelSpec, seed: u64) -> Result<Way, WayError> {
     let (loft, rows) = lofted(sections)?;
     let across = Across::of(spec);
+    let course = spec.centre_line().map(|course| move |point: [f64; 3]| course.place(point).into());
     Ok(Source {
         body,
         rows: &rows.walls[0].expanded(),
         straight: &loft.positions,
         positions_um: &positions_um(&loft, body, spec, seed),
+        bend: course.as_ref().map(|course| course as Bend<'_>),
+        ends_um: across.ends_um(),
         plane_at: &|place_um| across.at(place_um),
     }
     .way()?)
@@ -45,13 +48,12 @@ fn lofted(sections: Vec<Section>) -> Result<(Mesh, Rows), LoftError> {
     lofter.finish_with_rows()
 }
 
-/// Positions of the vertices of a loft in the model.
+/// Positions of the vertices of a loft after it leans, µm.
 ///
-/// A surface has the triangles of its loft unless bending or the requested resolution changed them.
-/// The vertices of such a surface are made anew, and may be somewhat off it.
+/// A straight surface has the triangles of its loft unless the requested resolution changed them.
+/// Otherwise the loft leans anew, and its vertices may be somewhat off the surface.
 fn positions_um(loft: &Mesh, body: &Body<'_>, spec: &ModelSpec, seed: u64) -> Vec<[f64; 3]> {
-    let micrometres = |p: &[f32; 3]| p.map(|x| 1e6 * f64::from(x));
-    if loft.triangles.len() == body.triangle_count() {
+    if !spec.bends() && loft.triangles.len() == body.triangle_count() {
         let mut positions = vec![[0.0; 3]; loft.positions.len()];
         for (k, triangle) in loft.triangles.iter().enumerate() {
             for (&vertex, corner) in triangle.iter().zip(body.corners_um(k)) {
@@ -64,11 +66,7 @@ fn positions_um(loft: &Mesh, body: &Body<'_>, spec: &ModelSpec, seed: u64) -> Ve
     if let Some(by) = lean_of(spec, seed) {
         lean(&mut leaning, &by, &|| false);
     }
-    let straight = leaning.positions.iter().map(micrometres);
-    match spec.centre_line() {
-        Some(course) => straight.map(|p| course.place(p).into()).collect(),
-        None => straight.collect(),
-    }
+    leaning.positions.iter().map(|p| p.map(|x| 1e6 * f64::from(x))).collect()
 }
 
 #[cfg(test)]
@@ -115,9 +113,9 @@ mod tests {
             squares.fold(f64::INFINITY, f64::min).sqrt()
         };
         assert!(found.clearance_um >= 0.5);
-        for pair in found.points.windows(2).step_by(7) {
+        for pair in found.points.windows(2).step_by(found.points.len() / 12) {
             let [a, b] = [pair[0].position_um, pair[1].position_um];
-            for t in [0.0, 0.31, 0.5, 0.83] {
+            for t in [0.0, 0.4] {
                 let distance = nearest([0, 1, 2].map(|k| a[k] + t * (b[k] - a[k])));
                 assert!(distance >= found.clearance_um, "{distance} {}", found.clearance_um);
                 assert!(t > 0.0 || (distance - pair[0].clearance_um).abs() < 1e-6);
@@ -134,6 +132,11 @@ mod tests {
 
     #[test]
     fn ways_of_bent_tubes_touch_nothing() {
+        // Few rows, between which the tube turns and folds change.
+        check(&json!({
+            "length_mm": 20, "course": { "shape": "arc", "turn_deg": 120 }, "lean": { "strength_um": 0 },
+            "particles": { "total": { "keys": [[0, 300], [1, 600]] }, "outer": null }, "steps": 120, "burn_in": null,
+        }));
         check(&json!({
             "course": { "shape": "sigmoid", "turn_deg": 80 }, "containment": { "wall_um": 500 },
             "lean": { "strength_um": 0 },

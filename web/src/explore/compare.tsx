@@ -72,12 +72,12 @@ function WithCourses({ models }: { models: readonly [Model, Model] }) {
 function Comparison({ models, courses }: { models: readonly [Model, Model]; courses: readonly (Course | undefined)[] }) {
   const { explorations, view, flight } = useMemo(() => {
     const explorations = models.map((model, k) => new Exploration(model, courses[k]));
-    const longest = explorations.reduce((a, b) => (b.tube.length > a.tube.length ? b : a)).tube;
+    const { tube: longest, passage } = explorations.reduce((a, b) => (b.tube.length > a.tube.length ? b : a));
     const radius = Math.max(...explorations.map(({ tube }) => tube.radius));
     // Bent tubes point in different directions, so each one is framed separately.
     const view = courses.some(Boolean) ? new View(explorations[0]!.tube, explorations[1]!.tube) : new View({ ...longest, radius });
     const ready = computed(() => explorations.every(({ obstacle }) => !obstacle.value));
-    return { explorations, view, flight: new Flight(view, longest.length, ready) };
+    return { explorations, view, flight: new Flight(view, longest.length, ready, passage.onward) };
   }, []);
   useEffect(() => {
     const leave = keepLink(view);

@@ -45,7 +45,9 @@ function Explorer({ model, course }: { model: Model; course: Course | undefined 
     return {
       exploration,
       view,
-      flight: new Flight(view, exploration.tube.length, computed(() => !exploration.obstacle.value)),
+      flight: new Flight(
+        view, exploration.tube.length, computed(() => !exploration.obstacle.value), exploration.passage.onward,
+      ),
       contraction: new Contraction(model, view, exploration.tube),
     };
   }, []);

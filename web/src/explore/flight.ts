@@ -22,17 +22,27 @@ export class Flight {
   /** Length of the tube, millimetres. */
   readonly #length: number;
   readonly #ready: ReadonlySignal<boolean>;
+  readonly #onward: (place: number, millimetres: number) => number;
   #last = 0;
   #told = 0;
   /** Time of the last update of the cross section; undefined outside the flight. */
   #followed: number | undefined;
   readonly #leave: (() => void)[];
 
-  /** The flight does not move until it is `ready`. */
-  constructor(view: View, length: number, ready: ReadonlySignal<boolean>) {
+  /**
+   * The flight does not move until it is `ready`. `onward` is the place after a piece of the way,
+   * both in millimetres.
+   */
+  constructor(
+    view: View,
+    length: number,
+    ready: ReadonlySignal<boolean>,
+    onward: (place: number, millimetres: number) => number,
+  ) {
     this.#view = view;
     this.#length = length;
     this.#ready = ready;
+    this.#onward = onward;
     const follow = effect(() => {
       const at = view.flight.value;
       this.#follow(at);
@@ -103,7 +113,10 @@ export class Flight {
   advance = (now: number): boolean => {
     if (!this.playing.value || !this.#ready.value) return false;
     const view = this.#view;
-    if (this.#last > 0) view.flown = Math.min(1, view.flown + (Math.min(100, now - this.#last) * this.speed.value) / (1000 * this.#length));
+    if (this.#last > 0) {
+      const millimetres = (Math.min(100, now - this.#last) * this.speed.value) / 1000;
+      view.flown = Math.min(1, this.#onward(view.flown * this.#length, millimetres) / this.#length);
+    }
     this.#last = now;
     const ended = view.flown === 1;
     if (ended || now - this.#told > TOLD) {

@@ -64,6 +64,10 @@ export class Passage {
     }
   }
 
+  /** The place after a piece of the way, millimetres; see {@link Way.onward}. */
+  readonly onward = (place: number, millimetres: number): number =>
+    this.way.peek()?.onward(place, millimetres) ?? place + millimetres;
+
   /** Repeats a request that failed. */
   async again(): Promise<void> {
     if (this.obstacle.peek()?.state === "failed") await this.load();

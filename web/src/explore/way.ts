@@ -25,6 +25,8 @@ export class Way {
   readonly #positions: Float64Array;
   readonly #clearances: Float64Array;
   readonly #least: number;
+  /** Length of the way up to each point. */
+  readonly #lengths: Float64Array;
   /** Integral of the unit direction of the way over the place, so that means are differences. */
   readonly #headings: Float64Array;
 
@@ -37,6 +39,7 @@ export class Way {
     this.#positions = Float64Array.from(points.flatMap(({ position_mm: [x, y, z] }) => [x!, y!, z! - shift]));
     this.#clearances = Float64Array.from(points, (point) => point.clearance_um / 1000);
     this.#least = clearance_um / 1000;
+    this.#lengths = lengths(this.#positions);
     this.#headings = headings(this.#places, this.#positions);
   }
 
@@ -70,6 +73,15 @@ export class Way {
     return Math.max(this.#least, this.#clearances[k]! - t * length, this.#clearances[k + 1]! - (1 - t) * length);
   }
 
+  /** The place after a piece of the way. Where the way leads sideways, places change little. */
+  onward(place: number, millimetres: number): number {
+    const k = this.#interval(place);
+    const at = this.#lengths;
+    const length = mix(at, k, Math.max(0, Math.min(1, this.#fraction(k, place))), 1) + millimetres;
+    const to = Math.min(intervalAt(at, length), at.length - 2);
+    return mix(this.#places, to, (length - at[to]!) / (at[to + 1]! - at[to]!), 1);
+  }
+
   #interval(place: number): number {
     return Math.min(intervalAt(this.#places, place), this.#places.length - 2);
   }
@@ -79,6 +91,14 @@ export class Way {
     const at = this.#places;
     return (place - at[k]!) / (at[k + 1]! - at[k]!);
   }
+}
+
+function lengths(positions: Float64Array): Float64Array {
+  const sums = new Float64Array(positions.length / 3);
+  for (let k = 1; k < sums.length; k++) {
+    sums[k] = sums[k - 1]! + Math.hypot(...[0, 1, 2].map((axis) => positions[3 * k + axis]! - positions[3 * k + axis - 3]!));
+  }
+  return sums;
 }
 
 function headings(places: Float64Array, positions: Float64Array): Float64Array {
@@ -93,8 +113,8 @@ function headings(places: Float64Array, positions: Float64Array): Float64Array {
 }
 
 /** Interpolates between the values of a point and the next one. */
-function mix(positions: Float64Array, i: number, t: number): number {
-  return positions[i]! + (positions[i + 3]! - positions[i]!) * t;
+function mix(values: Float64Array, i: number, t: number, stride = 3): number {
+  return values[i]! + (values[i + stride]! - values[i]!) * t;
 }
 
 /** The camera in the plane of a cut: its position in micrometres, and the direction up. */

@@ -20,6 +20,9 @@ use search::Lumen;
 
 type P3 = [f64; 3];
 
+/// Maps a point of the straight tube to its image in the bent one, µm.
+pub type Bend<'a> = &'a (dyn Fn([f64; 3]) -> [f64; 3] + Sync);
+
 /// Distance of the ends of a way from the ends of the tube, µm.
 const FROM_ENDS_UM: f64 = 2.0;
 /// Accuracy of places, µm, and the number of steps to reach it.
@@ -72,9 +75,13 @@ pub struct Source<'a> {
     pub rows: &'a WallRows,
     /// Vertices of the loft: of the straight tube before it leans, m.
     pub straight: &'a [[f32; 3]],
-    /// The same vertices on the surface, or near it, µm.
+    /// The same vertices after it leans, µm.
     pub positions_um: &'a [[f64; 3]],
-    /// Plane across the tube at a place along it, µm.
+    /// How the tube is bent after that; `None` if it is straight.
+    pub bend: Option<Bend<'a>>,
+    /// Places of the ends of the tube, µm.
+    pub ends_um: [f64; 2],
+    /// Plane across the tube at a place between its ends, µm.
     pub plane_at: &'a (dyn Fn(f64) -> Option<Plane> + Sync),
 }
 
@@ -85,7 +92,8 @@ impl Source<'_> {
     /// Returns [`NoWay`] if the search finds no way.
     pub fn way(&self) -> Result<Way, NoWay> {
         let walls = Walls::new(self.body);
-        let lumen = Lumen { rows: self.rows, straight: self.straight, positions_um: self.positions_um };
+        let lumen =
+            Lumen { rows: self.rows, straight: self.straight, positions_um: self.positions_um, bend: self.bend };
         let found = search::points(&lumen, &walls).map_err(|row| NoWay { place_um: self.place_of_row(row) })?;
         let mut positions = smooth::smooth(&found, &walls);
         move_inside(&mut positions);
@@ -116,16 +124,20 @@ impl Source<'_> {
     }
 
     /// Places of points. Leaves out points that are not ahead of the one before, where the way
-    /// without them is free.
+    /// without them is as wide.
     fn ascending(&self, positions: &mut Vec<P3>, walls: &Walls<'_>) -> Option<Vec<f64>> {
         let (mut places, mut kept): (Vec<f64>, Vec<P3>) = (Vec::new(), Vec::new());
-        for (k, &position) in positions.iter().enumerate() {
-            let place = self.place(position, places.last().copied().unwrap_or_else(|| self.place_of_row(0)))?;
+        for (k, &here) in positions.iter().enumerate() {
+            let place = self.place(here, places.last().copied().unwrap_or(self.ends_um[0]))?;
             let goes_back = places.last().is_some_and(|&last| place <= last);
-            let is_bridged = |next: &P3| goes_back && walls.is_free(kept[kept.len() - 1], *next);
+            let last = kept.last().copied().unwrap_or(here);
+            let is_bridged = |&next: &P3| {
+                let around = || walls.certified(last, here).min(walls.certified(here, next));
+                goes_back && walls.certified(last, next) >= around()
+            };
             if !positions.get(k + 1).is_some_and(is_bridged) {
                 places.push(place);
-                kept.push(position);
+                kept.push(here);
             }
         }
         *positions = kept;
@@ -141,7 +153,7 @@ impl Source<'_> {
             if ahead.abs() < PLACE_ACCURACY_UM {
                 return Some(place);
             }
-            place += ahead;
+            place = (place + ahead).clamp(self.ends_um[0], self.ends_um[1]);
         }
         None
     }

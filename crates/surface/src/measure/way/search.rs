@@ -2,7 +2,7 @@
 
 use super::clearance::Walls;
 use super::gates::{Gate, Gates};
-use super::{P3, length, minus};
+use super::{Bend, P3, length, minus};
 use crate::model::WallRows;
 use rayon::prelude::*;
 use std::cmp::Reverse;
@@ -10,15 +10,17 @@ use std::collections::{BinaryHeap, HashSet};
 
 /// Half width of a gate at which a way costs twice its length, µm.
 const NARROW_UM: f64 = 30.0;
+/// Length of the pieces of lines that are bent, µm.
+const PIECE_UM: f64 = 100.0;
 const LEAST_HALF_WIDTH_UM: f64 = 0.1;
-/// Maximum number of intervals between rows with gates.
+/// Number of intervals between heights with gates.
 const LEVELS: usize = 80;
 /// Maximum number of searches. Each leaves out the steps that were blocked in those before.
 const SEARCHES: usize = 100;
 
-/// A row with its gates, and how each gate continues up to the next such row.
+/// A height with its gates, and how each gate continues up to the next such height.
 struct Level {
-    row: usize,
+    at: Height,
     gates: Gates,
     middles: Vec<P3>,
     half_widths: Vec<f64>,
@@ -26,6 +28,14 @@ struct Level {
     tops: Vec<P3>,
     /// Cost of the way of each gate up to the next level, and the gate there.
     climbs: Vec<(f64, Gate)>,
+}
+
+/// A row, or a place between it and the next one.
+#[derive(Clone, Copy, Debug)]
+struct Height {
+    row: usize,
+    /// From 0 at the row to 1 at the next one.
+    t: f64,
 }
 
 /// A way between neighbouring gates of a level, or up to a gate of the next level.
@@ -42,28 +52,57 @@ pub(super) struct Lumen<'a> {
     pub(super) rows: &'a WallRows,
     pub(super) straight: &'a [[f32; 3]],
     pub(super) positions_um: &'a [P3],
+    pub(super) bend: Option<Bend<'a>>,
 }
 
 impl Lumen<'_> {
-    fn middle(&self, row: usize, gate: Gate) -> P3 {
-        let [a, b] = self.ends(row, gate);
+    fn middle(&self, at: Height, gate: Gate) -> P3 {
+        let [a, b] = self.ends(at, gate);
         [0, 1, 2].map(|k| 0.5 * (a[k] + b[k]))
     }
 
-    fn half_width(&self, row: usize, gate: Gate) -> f64 {
-        let [a, b] = self.ends(row, gate);
+    fn half_width(&self, at: Height, gate: Gate) -> f64 {
+        let [a, b] = self.ends(at, gate);
         0.5 * length(minus(b, a))
     }
 
-    fn ends(&self, row: usize, gate: Gate) -> [P3; 2] {
-        let vertices = self.rows.row(row).vertices;
-        gate.map(|i| self.positions_um[vertices[i as usize] as usize])
+    fn ends(&self, at: Height, gate: Gate) -> [P3; 2] {
+        gate.map(|i| self.between(at, i, |vertex| self.positions_um[vertex as usize]))
     }
 
-    /// The gate of the same columns in the next row.
-    fn above(&self, row: usize, gate: Gate) -> Gate {
+    /// Value of a column at a height, from its values at vertices.
+    fn between<const N: usize>(&self, at: Height, i: u32, value: impl Fn(u32) -> [f64; N]) -> [f64; N] {
+        let here = value(self.rows.row(at.row).vertices[i as usize]);
+        if at.t == 0.0 {
+            return here;
+        }
+        let [next] = self.above(at.row, [i]);
+        let next = value(self.rows.row(at.row + 1).vertices[next as usize]);
+        std::array::from_fn(|k| here[k] + at.t * (next[k] - here[k]))
+    }
+
+    /// Heights after one up to another one, at which lines may turn, with a gate at each.
+    fn upwards(&self, from: Height, to: Height, gate: Gate) -> Vec<(Height, Gate)> {
+        let mut found = Vec::with_capacity(to.row - from.row + 1);
+        let mut gate = gate;
+        for row in from.row..to.row {
+            gate = self.above(row, gate);
+            found.push((Height { row: row + 1, t: 0.0 }, gate));
+        }
+        if to.t > 0.0 {
+            found.push((to, gate));
+        }
+        found
+    }
+
+    fn bent(&self, point: P3) -> P3 {
+        self.bend.map_or(point, |bend| bend(point))
+    }
+
+    /// Indices of the same columns in the next row.
+    fn above<const N: usize>(&self, row: usize, indices: [u32; N]) -> [u32; N] {
         let (here, next) = (self.rows.row(row).columns, self.rows.row(row + 1).columns);
-        gate.map(|i| next.partition_point(|&column| column < here[i as usize]) as u32)
+        indices.map(|i| next.partition_point(|&column| column < here[i as usize]) as u32)
     }
 }
 
@@ -75,56 +114,70 @@ fn narrowness(half_width: f64) -> f64 {
 /// Points of a way from the first row to the last one. If there is none, the row up to which ways
 /// lead.
 pub(super) fn points(lumen: &Lumen<'_>, walls: &Walls<'_>) -> Result<Vec<P3>, usize> {
-    let levels = levels(lumen)?;
+    let levels = levels(lumen);
+    if levels.iter().any(|level| level.middles.is_empty()) || levels.len() < 2 {
+        return Err(0);
+    }
     let mut blocked: HashSet<Step> = HashSet::new();
+    let mut last = 0;
     for _ in 0..SEARCHES {
-        let (first, steps) = cheapest(&levels, &blocked).map_err(|level| levels[level].row)?;
+        let (first, steps) = cheapest(&levels, &blocked).map_err(|level| levels[level].at.row)?;
         let tested: Vec<Step> = (steps.par_iter().copied())
             .filter(|step| !line(lumen, &levels, step).windows(2).all(|pair| walls.is_free(pair[0], pair[1])))
             .collect();
         if tested.is_empty() {
-            let mut points = vec![levels[0].middles[first as usize]];
+            let mut points = vec![lumen.bent(levels[0].middles[first as usize])];
             for step in steps {
                 points.extend(&line(lumen, &levels, &step)[1..]);
             }
             return Ok(points);
         }
+        last = levels[tested[0].level as usize].at.row;
         blocked.extend(tested);
     }
-    Err(0)
+    Err(last)
 }
 
-fn levels(lumen: &Lumen<'_>) -> Result<Vec<Level>, usize> {
+fn levels(lumen: &Lumen<'_>) -> Vec<Level> {
     let last = lumen.rows.len() - 1;
-    let count = LEVELS.min(last);
-    let rows: Vec<usize> = (0..=count).map(|k| k * last / count).collect();
-    let level = |k: usize| {
-        let row = rows[k];
-        let in_section = |&v: &u32| [0, 1].map(|axis| lumen.straight[v as usize][axis]);
-        let contour: Vec<[f32; 2]> = lumen.rows.row(row).vertices.iter().map(in_section).collect();
-        let gates = Gates::of(&contour).map_err(|_| row)?;
+    let heights: Vec<Height> = (0..=LEVELS)
+        .map(|k| {
+            let (row, rest) = (k * last / LEVELS, k * last % LEVELS);
+            // Between rows only if there are fewer rows than levels.
+            Height { row, t: if last < LEVELS { rest as f64 / LEVELS as f64 } else { 0.0 } }
+        })
+        .collect();
+    let gates_at = |&at: &Height| {
+        let count = lumen.rows.row(at.row).len() as u32;
+        let straight = |vertex: u32| lumen.straight[vertex as usize].map(f64::from);
+        let contour: Vec<[f32; 2]> =
+            (0..count).map(|i| lumen.between(at, i, straight)).map(|[x, y, _]| [x as f32, y as f32]).collect();
+        // Rounding between rows may spoil a contour; its level is left out.
+        Some((at, Gates::of(&contour).ok()?))
+    };
+    let found: Vec<(Height, Gates)> = heights.par_iter().filter_map(gates_at).collect();
+    let tops: Vec<Height> = found.iter().skip(1).chain(found.last()).map(|(at, _)| *at).collect();
+    let level = |((at, gates), top): ((Height, Gates), Height)| {
         let climb = |&gate: &Gate| {
-            let (mut cost, mut gate, mut at) = (0.0, gate, lumen.middle(row, gate));
-            for row in row..*rows.get(k + 1).unwrap_or(&row) {
-                gate = lumen.above(row, gate);
-                let next = lumen.middle(row + 1, gate);
-                cost += length(minus(next, at)) * narrowness(lumen.half_width(row + 1, gate));
-                at = next;
+            let (mut cost, mut from, mut last) = (0.0, lumen.middle(at, gate), gate);
+            for (height, gate) in lumen.upwards(at, top, gate) {
+                let next = lumen.middle(height, gate);
+                cost += length(minus(next, from)) * narrowness(lumen.half_width(height, gate));
+                (from, last) = (next, gate);
             }
-            (cost, gate)
+            (cost, last)
         };
         let climbs: Vec<(f64, Gate)> = gates.gates.iter().map(climb).collect();
-        let top = *rows.get(k + 1).unwrap_or(&row);
-        Ok(Level {
-            row,
+        Level {
+            at,
             tops: climbs.iter().map(|&(_, gate)| lumen.middle(top, gate)).collect(),
-            middles: gates.gates.iter().map(|&gate| lumen.middle(row, gate)).collect(),
-            half_widths: gates.gates.iter().map(|&gate| lumen.half_width(row, gate)).collect(),
+            middles: gates.gates.iter().map(|&gate| lumen.middle(at, gate)).collect(),
+            half_widths: gates.gates.iter().map(|&gate| lumen.half_width(at, gate)).collect(),
             climbs,
             gates,
-        })
+        }
     };
-    (0..rows.len()).into_par_iter().map(level).collect()
+    found.into_par_iter().zip(tops).map(level).collect()
 }
 
 /// The first gate and the steps of the way of least cost. If there is none, the last level that can
@@ -191,8 +244,23 @@ fn spread(k: usize, level: &Level, blocked: &HashSet<Step>, costs: &mut [f64], b
     }
 }
 
-/// Points of a step, with both ends.
+/// Points of a step in the model, with both ends.
 fn line(lumen: &Lumen<'_>, levels: &[Level], step: &Step) -> Vec<P3> {
+    let points = straight_line(lumen, levels, step);
+    if lumen.bend.is_none() {
+        return points;
+    }
+    let mut bent = vec![lumen.bent(points[0])];
+    for pair in points.windows(2) {
+        let along = minus(pair[1], pair[0]);
+        let count = (length(along) / PIECE_UM).ceil().max(1.0);
+        let piece = |k: usize| lumen.bent([0, 1, 2].map(|axis| pair[0][axis] + along[axis] * k as f64 / count));
+        bent.extend((1..=count as usize).map(piece));
+    }
+    bent
+}
+
+fn straight_line(lumen: &Lumen<'_>, levels: &[Level], step: &Step) -> Vec<P3> {
     let level = &levels[step.level as usize];
     let mut points = vec![level.middles[step.from as usize]];
     if !step.is_up {
@@ -200,11 +268,8 @@ fn line(lumen: &Lumen<'_>, levels: &[Level], step: &Step) -> Vec<P3> {
         return points;
     }
     let next = &levels[step.level as usize + 1];
-    let mut gate = level.gates.gates[step.from as usize];
-    for row in level.row..next.row {
-        gate = lumen.above(row, gate);
-        points.push(lumen.middle(row + 1, gate));
-    }
+    let gate = level.gates.gates[step.from as usize];
+    points.extend(lumen.upwards(level.at, next.at, gate).into_iter().map(|(height, gate)| lumen.middle(height, gate)));
     points.push(next.middles[step.to as usize]);
     points
 }
