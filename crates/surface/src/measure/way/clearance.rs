@@ -1,6 +1,6 @@
 //! Exact distances of points and of straight lines from the surface.
 
-use super::{P3, length, minus};
+use super::point::{P3, length, minus};
 use crate::geometry::cut::Body;
 use crate::geometry::distance::Triangles;
 

@@ -8,20 +8,19 @@
 
 mod clearance;
 mod gates;
+mod point;
 mod search;
 mod smooth;
+
+pub use point::Bend;
 
 use crate::geometry::cut::Body;
 use crate::geometry::polygon::{Containment, locate_wide};
 use crate::model::{Cut, Plane, WallRows};
 use clearance::Walls;
+use point::{P3, length, minus};
 use rayon::prelude::*;
 use search::Lumen;
-
-type P3 = [f64; 3];
-
-/// Maps a point of the straight tube to its image in the bent one, µm.
-pub type Bend<'a> = &'a (dyn Fn([f64; 3]) -> [f64; 3] + Sync);
 
 /// Distance of the ends of a way from the ends of the tube, µm.
 const FROM_ENDS_UM: f64 = 2.0;
@@ -173,12 +172,4 @@ fn move_inside(positions: &mut [P3]) {
 fn is_in_lumen(cut: &Cut, uv: [f64; 2]) -> bool {
     let within = cut.rings.iter().filter(|ring| ring.parent.is_some());
     within.filter(|ring| locate_wide(&ring.points, uv) == Containment::Inside).count() % 2 == 1
-}
-
-fn minus(a: P3, b: P3) -> P3 {
-    [0, 1, 2].map(|k| a[k] - b[k])
-}
-
-fn length(a: P3) -> f64 {
-    a.iter().map(|x| x * x).sum::<f64>().sqrt()
 }

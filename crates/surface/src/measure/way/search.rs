@@ -2,7 +2,7 @@
 
 use super::clearance::Walls;
 use super::gates::{Gate, Gates};
-use super::{Bend, P3, length, minus};
+use super::point::{Bend, P3, length, minus};
 use crate::model::WallRows;
 use rayon::prelude::*;
 use std::cmp::Reverse;

@@ -1,7 +1,7 @@
 //! Moves the points of a way to the middle of the lumen, and straightens it.
 
 use super::clearance::Walls;
-use super::{P3, length, minus};
+use super::point::{P3, length, minus};
 use rayon::prelude::*;
 
 /// Maximum length of a line, relative to the median clearance, and its range, µm.
