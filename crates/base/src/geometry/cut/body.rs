@@ -322,7 +322,7 @@ mod tests {
 
     #[test]
     fn boxes_leave_out_no_triangle_that_a_plane_crosses() {
-        let mesh = tube(700, 5, 0.2);
+        let mesh = tube(1500, 5, 0.2);
         let body = Body::from(&mesh);
         assert!(body.boxes.len() > 20);
         for k in 0..200 {
