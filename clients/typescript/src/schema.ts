@@ -3,7 +3,7 @@
  * Do not make direct changes to the file.
  */
 
-// openapi.yaml: sha256 2784146f808ae3fac5a79a334665d87cd55a33f60a8fab04d07e5a792186ced1
+// openapi.yaml: sha256 a5ace604ea4bec46138407d441cd921d2a2c71ba40e863c12d7fd34224080e0a
 
 export interface paths {
     "/batches": {
@@ -4655,7 +4655,7 @@ export interface components {
              * @description Id of the model.
              */
             model: string;
-            /** @description Points, from the isthmus end to the ampulla end. The way consists of the straight lines between them. */
+            /** @description Points from the isthmus end to the ampulla end, which straight lines join. */
             points: components["schemas"]["WayPointAnswer"][];
         };
         /** @description A point of a way. */
@@ -4669,7 +4669,7 @@ export interface components {
             position_mm: number[];
             /**
              * Format: double
-             * @description Place along the tube or, if it is bent, along its centre line, millimetres. Places ascend, except where the way has to go back.
+             * @description Place along the tube or its centre line, millimetres. Ascends unless the way has to go back.
              */
             s_mm: number;
             /** @description Direction of the way, a unit vector. */

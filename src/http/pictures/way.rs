@@ -32,14 +32,14 @@ pub(super) struct WayAnswer {
     clearance_um: f64,
     /// Length of the way, millimetres.
     length_mm: f64,
-    /// Points, from the isthmus end to the ampulla end. The way consists of the straight lines between them.
+    /// Points from the isthmus end to the ampulla end, which straight lines join.
     points: Vec<WayPointAnswer>,
 }
 
 /// A point of a way.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct WayPointAnswer {
-    /// Place along the tube or, if it is bent, along its centre line, millimetres. Places ascend, except where the way has to go back.
+    /// Place along the tube or its centre line, millimetres. Ascends unless the way has to go back.
     s_mm: f64,
     /// Position in the files of the model, millimetres.
     position_mm: [f64; 3],
