@@ -2,7 +2,7 @@
 
 use super::clearance::Walls;
 use super::gates::{Gate, Gates};
-use super::point::{Bend, P3, length, minus};
+use super::point::{Bend, P3, divided, length, minus};
 use crate::model::WallRows;
 use rayon::prelude::*;
 use std::cmp::Reverse;
@@ -247,17 +247,10 @@ fn spread(k: usize, level: &Level, blocked: &HashSet<Step>, costs: &mut [f64], b
 /// Points of a step in the model, with both ends.
 fn line(lumen: &Lumen<'_>, levels: &[Level], step: &Step) -> Vec<P3> {
     let points = straight_line(lumen, levels, step);
-    if lumen.bend.is_none() {
-        return points;
+    match lumen.bend {
+        Some(bend) => divided(&points, PIECE_UM).into_iter().map(bend).collect(),
+        None => points,
     }
-    let mut bent = vec![lumen.bent(points[0])];
-    for pair in points.windows(2) {
-        let along = minus(pair[1], pair[0]);
-        let count = (length(along) / PIECE_UM).ceil().max(1.0);
-        let piece = |k: usize| lumen.bent([0, 1, 2].map(|axis| pair[0][axis] + along[axis] * k as f64 / count));
-        bent.extend((1..=count as usize).map(piece));
-    }
-    bent
 }
 
 fn straight_line(lumen: &Lumen<'_>, levels: &[Level], step: &Step) -> Vec<P3> {

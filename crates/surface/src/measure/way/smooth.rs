@@ -1,7 +1,7 @@
 //! Moves the points of a way to the middle of the lumen, and straightens it.
 
 use super::clearance::Walls;
-use super::point::{P3, length, minus};
+use super::point::{P3, divided, length, minus};
 use rayon::prelude::*;
 
 /// Maximum length of a line, relative to the median clearance, and its range, µm.
@@ -48,18 +48,6 @@ fn merged(way: &[P3], spacing: f64, walls: &Walls<'_>) -> Vec<P3> {
         if !(is_short && walls.is_free(last, next)) {
             points.push(point);
         }
-    }
-    points
-}
-
-/// Divides lines that are longer than `spacing`.
-fn divided(way: &[P3], spacing: f64) -> Vec<P3> {
-    let mut points = vec![way[0]];
-    for pair in way.windows(2) {
-        let along = minus(pair[1], pair[0]);
-        let count = (length(along) / spacing).ceil().max(1.0);
-        points
-            .extend((1..=count as usize).map(|k| [0, 1, 2].map(|axis| pair[0][axis] + along[axis] * k as f64 / count)));
     }
     points
 }
