@@ -107,7 +107,7 @@ mod tests {
         let across = Across::of(&request.spec);
         let [first, last] = across.ends_um();
         let places = || found.points.iter().map(|point| point.place_um);
-        assert!(places().next().unwrap() < first + 3.0 && places().last().unwrap() > last - 3.0);
+        assert!(places().next().unwrap() < first + 3.0 && places().next_back().unwrap() > last - 3.0);
         let nearest = |p: [f64; 3]| {
             let squares = (0..body.triangle_count()).map(|k| squared_distance(p, body.corners_um(k)));
             squares.fold(f64::INFINITY, f64::min).sqrt()

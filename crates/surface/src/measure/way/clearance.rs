@@ -10,9 +10,12 @@ const FINE_STEP: f64 = 0.1;
 /// Clearance below which a line counts as blocked, µm.
 const LEAST_UM: f64 = 0.5;
 
+/// Distance of a point from a surface; see [`Triangles::distance`].
+type Distance<'a> = Box<dyn Fn(P3, &mut Option<usize>) -> f64 + Sync + 'a>;
+
 /// The surface that a way must not touch.
 pub(super) struct Walls<'a> {
-    distance: Box<dyn Fn(P3, &mut Option<usize>) -> f64 + Sync + 'a>,
+    distance: Distance<'a>,
 }
 
 impl<'a> Walls<'a> {
